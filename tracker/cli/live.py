@@ -131,18 +131,19 @@ def _track(
     """Follow the source of a name to its end, or that of the time, or a signal."""
     from tracker.live import Live
 
-    statistics = Statistics()
     with contextlib.ExitStack() as stack:
         unused = stack.enter_context(contextlib.ExitStack())
         unused.callback(given.close)
         finder = make_tracker()
         outputs = LiveOutputs(requested, given, finder, stack)
         _draw(given, quiet)
+        other = make_tracker()
+        statistics = Statistics()
         listeners = [statistics.hear, *outputs.listeners]
-        follower = stack.enter_context(Live(given, make_tracker(), listeners=listeners))
+        follower = stack.enter_context(Live(given, other, listeners=listeners))
         unused.pop_all()  # it is closed by Live from here on
-        outputs.know(follower)
-        statistics.begin()
+        if outputs.page is not None:
+            outputs.page.faults = lambda: follower.faults
         lookout = Lookout(make_tracker, finder.rig.names)
         stopped = _follow(follower, seconds, outputs, lookout, None if quiet else statistics)
     outputs.tell()

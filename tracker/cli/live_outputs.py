@@ -20,7 +20,7 @@ from tracker.cli.outputs import file_option
 from tracker.cli.terminal import listing, table
 
 if TYPE_CHECKING:
-    from tracker.live import ImageSource, Live, Moment
+    from tracker.live import ImageSource, Moment
     from tracker.live.listeners import Listener, Recorder
     from tracker.live.publishers import Publisher
     from tracker.live.web_page import WebPage
@@ -84,7 +84,7 @@ class LiveOutputs:
         rig, model = finder.rig, finder.model
         self.recorder: Recorder | None = None
         self.listeners: list[Callable[[Moment], None]] = []
-        self._page: WebPage | None = None
+        self.page: WebPage | None = None
         self._fallible: dict[Listener | Publisher, str] = {}
         self._told: set[Listener | Publisher] = set()
 
@@ -101,16 +101,11 @@ class LiveOutputs:
         if requested.view or requested.rrd:
             add(RerunView(requested.rrd, rig, model), "the view has ended: ")
         if requested.page is not None:
-            self._page = WebPage(requested.page, finder)
-            add(self._page, "the page has ended: ")
-            click.echo(f"page: {self._page.address}", err=True)
+            self.page = WebPage(requested.page, finder)
+            add(self.page, "the page has ended: ")
+            click.echo(f"page: {self.page.address}", err=True)
         if requested.as_json:
             self.listeners.append(lambda moment: click.echo(message_of(moment).decode()))
-
-    def know(self, follower: Live) -> None:
-        """Take the faults of the follower, for the page."""
-        if self._page is not None:
-            self._page.faults = lambda: follower.faults
 
     def faults(self) -> list[str]:
         """Messages of those that ended or failed, except the recorder."""
@@ -126,7 +121,7 @@ class LiveOutputs:
 
 
 _LATENCIES = 100_000  # latencies that are kept for percentiles
-_SILENT = 10.0  # after so long without images nothing is printed until the next [s]
+_SILENT = 10  # after so many lines, one a second, without images there is none until the next
 
 _NEVER = "never found: check the object, its colours and the calibration; --check measures the cameras"
 _NO_IMAGE = "no camera ever gave an image"
@@ -136,7 +131,7 @@ _STAMPS = ""
 
 
 class Statistics:
-    """Counts moments in the tracking thread; another thread prints the counts."""
+    """Counts moments, from now on, in the tracking thread; another thread prints the counts."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -147,11 +142,8 @@ class Statistics:
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._newest: Moment | None = None
         self._told_count, self._told_faults = 0, Counter[str]()
-        self.begin()
-
-    def begin(self) -> None:
-        """Count the time from now."""
-        self._told_at = self._begin = self._lately = time.monotonic()
+        self._told_at = self._begin = time.monotonic()
+        self._silent = 0  # lines in a row without images
 
     def hear(self, moment: Moment) -> None:
         """A listener of `Live`."""
@@ -181,10 +173,11 @@ class Statistics:
             faults, reasons = self._faults.copy(), dict(self._reasons)
         sets, lately = count - self._told_count, faults - self._told_faults
         self._told_at, self._told_count, self._told_faults = now, count, faults
-        silent, self._lately = now - self._lately, now if sets else self._lately
-        if not sets and silent >= _SILENT:
-            waits = "no images for ten seconds; waiting for the next"
-            return f"{now - self._begin:7.1f} s  {waits}" if silent - passed < _SILENT else None
+        self._silent = 0 if sets else self._silent + 1
+        if self._silent > _SILENT:
+            return None
+        if self._silent == _SILENT:
+            return f"{now - self._begin:7.1f} s  no images for ten seconds; waiting for the next"
         parts = [f"{now - self._begin:7.1f} s", f"{sets / passed:5.1f} Hz"]
         if moment is None:
             return "  ".join([*parts, "no images yet"])
