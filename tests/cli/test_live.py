@@ -88,36 +88,6 @@ def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
         assert log.fault is None
 
 
-@pytest.mark.parametrize(
-    ("source", "arguments", "words"),
-    [
-        (None, ["--rate", "5"], ["--rate", "has no effect"]),
-        (None, ["--settings", "x.toml"], ["--settings", "has no effect"]),
-        (None, ["--public"], ["--public", "--publish"]),
-        (None, ["--publish", "tcp://0.0.0.0:5555"], ["other machines could connect"]),
-        (None, ["--publish", "udpm://239.255.76.67:7667?ttl=1"], ["other machines could receive it"]),
-        (None, ["--publish", "tcp://127.0.0.1:5555", "--body", "box"], ["--body", "lcm://"]),
-        (None, ["--page", "70000"], ["--page", "70000", "65535"]),
-        (None, ["--view", "--rrd", "a.rrd"], ["--view", "--rrd"]),
-        (None, ["--record", "log.dat"], [".dat", ".h5"]),
-        (None, ["--record", "nowhere/log.h5"], ["no folder nowhere"]),
-        (None, ["--rrd", "nowhere/a.rrd"], ["no folder nowhere"]),
-        (None, ["--check", "--record", "log.h5"], ["--check", "does not track"]),
-        (None, ["--pattern", "x"], ["--pattern"]),
-        ("nowhere", [], ["nowhere", "no such file"]),
-        ("webcam:0", [], ["webcam:0", "opencv:0,1,2"]),
-        ("opencv:0,1,2", [], ["opencv:0,1,2", "--calibration"]),
-        ("simulation", ["--calibration", "x"], ["--calibration", "its own"]),
-        ("simulation", ["--speed", "2"], ["--speed", "has no effect"]),
-        ("simulation:2", [], ["simulation:2", "without a name"]),
-    ],
-)
-def test_a_faulty_option_or_source_is_named(source, arguments, words, recording, tmp_path, run_here):
-    result = run_here("live", source or recording, "--object", "cube_v2", *arguments, folder=tmp_path)
-    assert_one_line_error(result, *words)
-    assert not list(tmp_path.iterdir())
-
-
 def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, run_here, monkeypatch):
     absent = ",".join(f"{tmp_path}/absent{number}.mp4" for number in range(3))
     arguments = (f"opencv:{absent}", "--object", "cube_v2", "--calibration", recording)

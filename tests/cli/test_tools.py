@@ -1,4 +1,3 @@
-import dataclasses
 import json
 
 import numpy as np
@@ -106,9 +105,6 @@ def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
     other = ["--keypoints", "--object", "cuboid_2x2x8_v2"]
     run_here("export", "poses.h5", "--csv", "b.csv", *other, folder=tmp_path).check_returncode()
     assert (tmp_path / "a.csv").read_bytes() != (tmp_path / "b.csv").read_bytes()
-    refused = run_here("export", "poses.h5", "--tum", "a.tum", "--keypoints", folder=tmp_path)
-    assert refused.returncode == 2
-    assert "--keypoints: found no table" in refused.stderr
     with pytest.raises(LogError, match="keypoints: found 'cube_v2', expected CuboidModel"):
         poses.table("cube_v2")
 
@@ -128,6 +124,18 @@ def test_an_xarray_holds_whole_arrays_along_the_frames(poses):
     used = found["cameras"].sel(camera="camera180").values
     assert used.tolist() == poses.cameras[:, poses.about.rig.names.index("camera180")].tolist()
     assert found.attrs["object_name"] == poses.about.object_name
+
+
+def test_a_log_becomes_a_film_also_with_its_poses(tmp_path, run_here):
+    av = pytest.importorskip("av", reason="video: no module av")
+    write_log(tmp_path / "job", FRAMES)
+    run(make_job(tmp_path / "job", tmp_path / "own.h5"))
+    run_here("convert", "job", "-o", "new.mp4", folder=tmp_path).check_returncode()
+    with av.open(str(tmp_path / "new.mp4")) as film:
+        pictures = [frame.to_ndarray(format="bgr24") for frame in film.decode(video=0)]
+    assert [picture.shape for picture in pictures] == [(24, 84, 3)] * FRAMES
+    run_here("export", "own.h5", "--video", "film.mp4", "--log", "job", folder=tmp_path).check_returncode()
+    assert (tmp_path / "film.mp4").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("kind", ["native", "hdf5"])
@@ -160,69 +168,6 @@ def test_a_log_becomes_a_folder_and_a_part_of_one(tmp_path, run_here):
         for old, new in zip(one[2:6], two, strict=True):
             assert (np.array(old.images) == np.array(new.images)).all()
             np.testing.assert_allclose(old.camera_timestamps, new.camera_timestamps, atol=1e-6)
-
-
-@pytest.fixture
-def others(poses, tmp_path):
-    """Beside poses.h5: recordings of which it is none, goals, and poses of one of them at other times."""
-    log = write_log(tmp_path / "job", FRAMES)
-    own = run(make_job(log, tmp_path / "own.h5")).poses
-    write_poses(tmp_path / "other.h5", dataclasses.replace(own, timestamp=own.timestamp + 1.0))
-    write_log(tmp_path / "cut", FRAMES)
-    (tmp_path / "cut" / "camera_data.dat").write_bytes(log.read_bytes()[:-100])
-    (tmp_path / "job" / "goal.json").write_text(json.dumps([[0, [0.1, 0, 0.05]]]))
-    (tmp_path / "dice.json").write_text(json.dumps([[0.0, 0.0, 0.011]] * 25))
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "poses.csv").symlink_to("poses.h5")
-    return tmp_path
-
-
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        ("export poses.h5", "--csv"),
-        ("export poses.h5 --csv poses.csv", "that is an input"),
-        ("export poses.h5 --csv a.txt", ".csv"),
-        ("export poses.h5 --parquet a.csv", ".parquet"),
-        ("export poses.h5 --bop a.csv", "--camera"),
-        ("export poses.h5 --video a.mp4", "--log"),
-        ("export poses.h5 --plot a.pdf", ".png"),
-        ("convert job -o no/folder", "there is no folder no"),
-        ("export poses.h5 --csv no/a.csv", "no folder"),
-        ("export job --csv x.csv", "job: found a folder, expected a file of poses"),
-        ("export none --csv x.csv", "none: found no such file, expected a file of poses"),
-        ("export other.h5 --video film.mp4 --log job", "poses of another recording"),
-        ("convert job -o folder", "exists, expected a new name"),
-        ("convert job -o new.zip", ".zip"),
-        ("convert job -o job/camera_data.dat", "that is the recording"),
-        ("convert cut -o new.h5", "camera_data.dat"),
-        ("convert job -o new.h5 --from 8", "`--from 8`: the recording has frames 0 to 7"),
-        ("convert job -o new.h5 --from 2 --to 2", "expected --to beyond --from"),
-        ("convert poses.h5 -o new.h5", "poses.h5: found a file of 'trifinger-object-tracker poses'"),
-        ("track a b --object cube_v2 -o poses.h5", "found a file, expected a folder"),
-        ("batch run a --object cube_v2 -o poses.h5", "found a file, expected a folder"),
-        ("score job --poses poses.h5", "poses of another recording"),
-        ("score job --poses poses.h5 --object cuboid_2x2x8_v2", "poses of cube_v2"),
-        ("score job --poses poses.h5 --goal dice.json", "a goal of dice"),
-        ("score job", "--object"),
-    ],
-)
-def test_what_cannot_be_done_is_one_line_and_leaves_nothing(command, message, others, run_here):
-    if "--video" in command:
-        pytest.importorskip("av", reason="video: no module av")
-    before = sorted(others.rglob("*"))
-    assert_one_line_error(run_here(*command.split(), folder=others), message)
-    assert sorted(others.rglob("*")) == before
-
-
-def test_a_log_becomes_a_film_also_with_its_poses(others, run_here):
-    av = pytest.importorskip("av", reason="video: no module av")
-    run_here("convert", "job", "-o", "new.mp4", folder=others).check_returncode()
-    with av.open(str(others / "new.mp4")) as film:
-        pictures = [frame.to_ndarray(format="bgr24") for frame in film.decode(video=0)]
-    assert [picture.shape for picture in pictures] == [(24, 84, 3)] * FRAMES
-    run_here("export", "own.h5", "--video", "film.mp4", "--log", "job", folder=others).check_returncode()
-    assert (others / "film.mp4").stat().st_size > 1000
 
 
 def test_the_score_is_the_sum_of_the_rewards(poses, tmp_path, run_here):

@@ -22,8 +22,7 @@ from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_health import film  # noqa: F401
 from tests.helpers import ROOT, contents, run_python
-from tests.helpers.command import assert_one_line_error, begin, until, well
-from tests.helpers.log_writers import make_content, write_hdf5, write_picture
+from tests.helpers.command import assert_one_line_error, assert_refused, begin, until, well
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
 from tests.helpers.stills import posed_scene, take
@@ -31,7 +30,6 @@ from tracker.cli.export import _of_height, observation
 from tracker.cli.track import CONTRADICTED, _calibration_rows
 from tracker.files import claimed
 from tracker.geometry import so3
-from tracker.objects.model import to_toml
 from tracker.pose.result import CameraUse, Status
 from tracker.poses.file import read_poses
 from tracker.viz import write_image
@@ -160,77 +158,13 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
     assert_same(dataclasses.replace(read_poses(tmp_path / "beside.h5"), about=poses.about), poses)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["-o", "no/poses.h5"], "there is no folder"),
-        (["-o", "poses.h5", "--from", "9"], "the recording has frames 0 to 4"),
-        (["-o", "poses.h5", "--from", "3", "--to", "3"], "beyond"),
-        (["-o", "poses.h5", "--jobs", "0"], "--jobs"),
-        (["-o", "poses.h5", "--health", "health.txt"], "expected .html"),
-        (["-o", "log/camera60.yml"], "that is the recording's calibration"),
-        (["-o", "log/new.yml"], ".h5"),
-        (["-o", "other/camera60.yml", "--calibration", "other"], "that is an input"),
-        (["-o", "poses"], "no suffix"),
-        (["-o", "poses.h5", "--csv", "calibration.csv"], "that is the recording's calibration"),
-        (["-o", "poses.h5", "--csv", "poses.yml"], ".csv"),
-        (["-o", "poses.h5", "--tum", "poses.dat"], ".tum"),
-        (["-o", "linked.h5"], "that is the recording"),
-        (["-o", "hard.h5"], "that is the recording's calibration"),
-        (["-o", "goal.h5"], "that is a file of the recording's folder"),
-        (["-o", "log.h5"], "holds no poses"),
-        (["-o", "poses.h5", "--csv", "mine.csv", "--object", "mine.toml"], "that is an input"),
-        (["-o", "poses.h5", "--plot", "imgs/camera60/000000.png", "imgs"], "that is the recording"),
-        (["-o", "poses.h5", "--plot", "imgs/camera60_overlay.png", "imgs"], "folder of images"),
-        (["-o", "poses.h5", "--video", "imgs/camera60.mp4", "imgs"], "folder of images"),
-        (["-o", "poses.h5", "--video", "film.avi"], ".mp4"),
-        (["-o", "poses.h5", "--plot", "plot.pdf"], ".png"),
-        (["-o", "poses.h5", "--bop", "bop.csv"], "--camera"),
-        (["-o", "poses.h5", "--bop", "bop.csv", "--camera", "camera7"], "camera60, camera180, camera300"),
-        (["-o", "poses.h5", "--csv", "a.csv", "--bop", "./a.csv", "--camera", "camera60"], "same file"),
-        (["-o", "poses.h5", "--csv", "nowhere/a.csv"], "there is no folder nowhere"),
-        (["-o", "poses.h5", "--csv", "log.csv"], "found a folder"),
-        (["-o", "log/camera_data.dat"], "that is the recording"),
-        (["-o", "poses.h5", "--pattern", "*.yml"], "--calibration"),
-        (["-o", "poses.h5", "--calibration", "other"], "28×24"),
-        (["-o", "poses.h5", "--object", "cube_v9"], "cube_v9"),
-        (["bare/camera_data.dat", "-o", "poses.h5"], "expected --calibration"),
-        (["log", "log/camera_data.dat", "-o", "all", "--csv", "all.csv"], "expected one"),
-        (["nothing.dat", "-o", "poses.h5"], "nothing.dat"),
-    ],
-)
-def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, message, tmp_path, run_here):
-    write_log(tmp_path / "log", 5)
-    for name in ("bare", "other"):
-        (tmp_path / name).mkdir()
-    shutil.copy(tmp_path / "log" / "camera_data.dat", tmp_path / "bare")
-    tracker.CameraRig(default_cameras()).save(tmp_path / "other")
-    (tmp_path / "linked.h5").symlink_to(tmp_path / "log" / "camera_data.dat")
-    os.link(tmp_path / "log" / "camera60.yml", tmp_path / "hard.h5")
-    os.link(tmp_path / "log" / "camera60.yml", tmp_path / "calibration.csv")
-    (tmp_path / "log.csv").mkdir()
-    (tmp_path / "log" / "goal.json").write_text("{}")
-    os.link(tmp_path / "log" / "goal.json", tmp_path / "goal.h5")
-    write_hdf5(tmp_path / "log.h5", make_content(1))
-    (tmp_path / "mine.toml").write_text(to_toml(tracker.load_object("cube_v2")))
-    os.link(tmp_path / "mine.toml", tmp_path / "mine.csv")
-    write_picture(tmp_path / "imgs" / "camera60" / "000000.png", np.zeros((24, 28, 3), np.uint8))
-    before = contents(tmp_path)
-    first = ("bare/camera_data.dat", "log", "nothing.dat")
-    log = [] if arguments[0] in first or arguments[-1] == "imgs" else ["log"]
-    chosen = [] if "--object" in arguments else ["--object", "cube_v2"]
-    assert_one_line_error(run_here(*log, *chosen, *arguments, folder=tmp_path), message)
-    assert contents(tmp_path) == before
-
-
 def test_poses_of_another_object_are_replaced_only_where_that_is_asked_for(tmp_path, run_here):
     write_log(tmp_path / "log", 2)
     base = ["log", "-o", "poses.h5", "--object"]
     run_here(*base, "cube_v2", folder=tmp_path).check_returncode()
     before = (tmp_path / "poses.h5").read_bytes()
-    result = run_here(*base, "cuboid_2x2x8_v2", folder=tmp_path)
-    assert_one_line_error(result, "poses.h5: found poses of cube_v2", "cuboid_2x2x8_v2", "--overwrite")
-    assert (tmp_path / "poses.h5").read_bytes() == before
+    words = ("poses.h5: found poses of cube_v2", "cuboid_2x2x8_v2", "--overwrite")
+    assert_refused(run_here, tmp_path, [*base, "cuboid_2x2x8_v2"], *words)
     run_here(*base, "cuboid_2x2x8_v2", "--overwrite", folder=tmp_path).check_returncode()
     assert read_poses(tmp_path / "poses.h5").about.object_name == "cuboid_2x2x8_v2"
     (tmp_path / "poses.h5").write_bytes(before[: len(before) // 2])  # of a damaged file nothing is lost

@@ -5,10 +5,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tests.helpers import ROOT, run_python
+from tests.helpers import ROOT, contents, run_python
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 """Gives what a command, or a script, printed and its exit code; `folder` is where it runs."""
@@ -32,6 +32,13 @@ def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str,
     assert len(result.stderr.splitlines()) == 1, result.stderr
     for word in words:
         assert word in result.stderr
+
+
+def assert_refused(run: Run, folder: Path, arguments: Sequence[object], *words: str, code: int = 2) -> None:
+    """A command that runs in a folder fails with one line, and changes nothing there."""
+    before = contents(folder)
+    assert_one_line_error(run(*arguments, folder=folder), *words, code=code)
+    assert contents(folder) == before
 
 
 def begin(*arguments: object) -> subprocess.Popen[bytes]:

@@ -1,0 +1,209 @@
+"""What commands refuse before they do anything; each case in the same folder, which stays as it is."""
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.camera.rigs import default_cameras
+from tests.helpers.command import assert_refused
+from tests.helpers.log_writers import make_content, write_hdf5, write_picture
+from tests.helpers.pose_logs import random_poses
+from tests.helpers.recording_stubs import make_job, write_log
+from tracker.objects.model import to_toml
+from tracker.poses.file import write_poses
+from tracker.recordings import run
+
+FACES = "+x=red,-x=magenta,+y=green,-y=yellow,+z=blue,-z=cyan"
+
+REFUSED = {
+    "": [
+        ("find", "No such command|find"),
+        ("colors", "Missing command|colors --help"),
+        ("detect", "IMAGE|detect --help"),
+        ("detect x.png", "--object"),
+        ("detect x.png --object cube_v2", "--calibration|folder|camera60.yml"),
+        ("detect x.png --objet cube_v2", "--objet"),
+        ("colors fit .", "--name|-o"),
+        ("colors adapt . --object cube_v2", "-o"),
+        ("colors fit nowhere -o x.npz", "nowhere|no such folder"),
+        ("colors fit nowhere -o nowhere/x.npz", "no folder nowhere"),
+        ("colors fit nowhere -o x.dat", ".dat|.npz"),
+        ("colors fit nowhere -o x.npz --seed -1", "--seed|-1"),
+        ("colors check .", "--colors|--cross-validate"),
+        ("colors check . --colors pink", "pink|cube_v2"),
+        ("colors check . --colors cube_v2", "none found|NN_mask_red.png"),
+    ],
+    "export": [
+        ("poses.h5", "--csv"),
+        ("poses.h5 --csv poses.csv", "that is an input"),
+        ("poses.h5 --csv a.txt", ".csv"),
+        ("poses.h5 --parquet a.csv", ".parquet"),
+        ("poses.h5 --bop a.csv", "--camera"),
+        ("poses.h5 --video a.mp4", "--log"),
+        ("poses.h5 --plot a.pdf", ".png"),
+        ("poses.h5 --csv no/a.csv", "no folder"),
+        ("poses.h5 --tum a.tum --keypoints", "--keypoints: found no table"),
+        ("job --csv x.csv", "job: found a folder, expected a file of poses"),
+        ("none --csv x.csv", "none: found no such file, expected a file of poses"),
+        ("other.h5 --video film.mp4 --log job", "poses of another recording"),
+    ],
+    "convert": [
+        ("job -o no/folder", "there is no folder no"),
+        ("job -o folder", "exists, expected a new name"),
+        ("job -o new.zip", ".zip"),
+        ("job -o job/camera_data.dat", "that is the recording"),
+        ("cut -o new.h5", "camera_data.dat"),
+        ("job -o new.h5 --from 8", "`--from 8`: the recording has frames 0 to 7"),
+        ("job -o new.h5 --from 2 --to 2", "expected --to beyond --from"),
+        ("poses.h5 -o new.h5", "poses.h5: found a file of 'trifinger-object-tracker poses'"),
+    ],
+    "score": [
+        (".", "goal.json|--goal"),
+        ("job --poses poses.h5", "poses of another recording"),
+        ("job --poses poses.h5 --object cuboid_2x2x8_v2", "poses of cube_v2"),
+        ("job --poses poses.h5 --goal dice.json", "a goal of dice"),
+        ("job", "--object"),
+    ],
+    "track --object cube_v2": [
+        ("job cut -o poses.h5", "found a file, expected a folder"),
+        ("bare/camera_data.dat -o new.h5", "expected --calibration"),
+        ("log log/camera_data.dat -o all --csv all.csv", "expected one"),
+        ("nothing.dat -o new.h5", "nothing.dat"),
+        ("imgs -o new.h5 --plot imgs/camera60/000000.png", "that is the recording"),
+        ("imgs -o new.h5 --plot imgs/camera60_overlay.png", "folder of images"),
+        ("imgs -o new.h5 --video imgs/camera60.mp4", "folder of images"),
+        ("log -o no/new.h5", "there is no folder"),
+        ("log -o log/camera60.yml", "that is the recording's calibration"),
+        ("log -o log/new.yml", ".h5"),
+        ("log -o log/camera_data.dat", "that is the recording"),
+        ("log -o other/camera60.yml --calibration other", "that is an input"),
+        ("log -o new", "no suffix"),
+        ("log -o linked.h5", "that is the recording"),
+        ("log -o hard.h5", "that is the recording's calibration"),
+        ("log -o goal.h5", "that is a file of the recording's folder"),
+        ("log -o log.h5", "holds no poses"),
+    ],
+    "track log -o new.h5 --object": [
+        ("cube_v9", "cube_v9"),
+        ("mine.toml --csv mine.csv", "that is an input"),
+        ("cube_v2 --from 9", "the recording has frames 0 to 4"),
+        ("cube_v2 --from 3 --to 3", "beyond"),
+        ("cube_v2 --jobs 0", "--jobs"),
+        ("cube_v2 --health health.txt", "expected .html"),
+        ("cube_v2 --csv calibration.csv", "that is the recording's calibration"),
+        ("cube_v2 --csv new.yml", ".csv"),
+        ("cube_v2 --csv nowhere/a.csv", "there is no folder nowhere"),
+        ("cube_v2 --csv log.csv", "found a folder"),
+        ("cube_v2 --tum new.dat", ".tum"),
+        ("cube_v2 --video film.avi", ".mp4"),
+        ("cube_v2 --plot plot.pdf", ".png"),
+        ("cube_v2 --bop bop.csv", "--camera"),
+        ("cube_v2 --bop bop.csv --camera camera7", "camera60, camera180, camera300"),
+        ("cube_v2 --csv a.csv --bop ./a.csv --camera camera60", "same file"),
+        ("cube_v2 --pattern *.yml", "--calibration"),
+        ("cube_v2 --calibration other", "28×24"),
+    ],
+    "batch": [
+        ("run job --object cube_v2 -o poses.h5", "found a file, expected a folder"),
+        ("run log --object cube_v2 -o out --slurm --htcondor", "one of them"),
+        ("run log --object cube_v2 -o out --jobs 2 --scheduler tcp://127.0.0.1:1", "one of them"),
+        ("run log --object cube_v2 -o out --dry-run", "--htcondor or --slurm"),
+        ("run log --object cube_v2 -o out --jobs 0", "--jobs"),
+        ("run log --object cube_v2 -o out --colors none.npz", "none.npz"),
+        ("run log --object cube_v2 -o out --from 3 --to 2", "beyond"),
+        ("run log --object cube_v2 -o out --workers 2", "No such option"),
+        ("run log --object cube_v9 -o out", "cube_v9"),
+        ("run none/* --object cube_v2 -o out", "fits this pattern"),
+        ("status log", "batch.json"),
+    ],
+    "live --object cube_v2": [
+        ("log --rate 5", "--rate|has no effect"),
+        ("log --settings x.toml", "--settings|has no effect"),
+        ("log --public", "--public|--publish"),
+        ("log --publish tcp://0.0.0.0:5555", "other machines could connect"),
+        ("log --publish udpm://239.255.76.67:7667?ttl=1", "other machines could receive it"),
+        ("log --publish tcp://127.0.0.1:5555 --body box", "--body|lcm://"),
+        ("log --page 70000", "--page|70000|65535"),
+        ("log --view --rrd a.rrd", "--view|--rrd"),
+        ("log --record new.dat", ".dat|.h5"),
+        ("log --record nowhere/log.h5", "no folder nowhere"),
+        ("log --rrd nowhere/a.rrd", "no folder nowhere"),
+        ("log --check --record new.h5", "--check|does not track"),
+        ("log --pattern x", "--pattern"),
+        ("nowhere", "nowhere|no such file"),
+        ("webcam:0", "webcam:0|opencv:0,1,2"),
+        ("opencv:0,1,2", "opencv:0,1,2|--calibration"),
+        ("simulation --calibration x", "--calibration|its own"),
+        ("simulation --speed 2", "--speed|has no effect"),
+        ("simulation:2", "simulation:2|without a name"),
+    ],
+    "colors adapt": [
+        ("log --object cube_v2 -o x.dat", ".dat|.npz"),
+        ("log --object cube_v2 -o nowhere/x.npz", "no folder nowhere"),
+        ("log --object cube_v9 -o x.npz", "cube_v9|cube_v2"),
+        ("log --object cube_v2 -o x.npz --colors pink", "pink|simulation"),
+        ("log --object cube_v2 -o mine.npz --colors mine.npz", "mine.npz|input"),
+        ("log --object cube_v2 -o x.npz --frames 2", "--frames|2"),
+        ("log --object cube_v2 -o x.npz --rounds 0", "--rounds|0"),
+        ("log --object cube_v2 -o x.npz --calibration nowhere", "nowhere"),
+        ("nothing --object cube_v2 -o x.npz", "no such file"),
+    ],
+    "colors new log -o x.npz": [
+        ("", "--size|--faces"),
+        ("--size 1,2,3", "--faces"),
+        (f"--size a,b,c --faces {FACES}", "--size|3 numbers, X,Y,Z"),
+        (f"--size 0.1,0.1 --faces {FACES}", "--size|3 numbers"),
+        (f"--size 0.1,0.1,nan --faces {FACES}", "--size|nan"),
+        (f"--size 65,65,65 --faces {FACES}", "65|0.5"),
+        (f"--size .1,.1,.1 --faces {FACES.replace('cyan', 'pink')}", "pink|cyan"),
+        (f"--size .1,.1,.1 --faces {FACES.replace('cyan', 'red')}", "red|twice"),
+        ("--size .1,.1,.1 --faces +x=red", "+x|-z"),
+        (f"--size .1,.1,.1 --faces {FACES},+x=red", "+x|twice"),
+        ("--size .1,.1,.1 --object cube_v2", "--object|--size"),
+        (f"--size .1,.1,.1 --faces {FACES} -o mine.npz", "mine.toml|--object"),
+    ],
+}
+"""By the beginning of commands: their ends, and words of the messages."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recordings log, job, cut (damaged), bare (without calibration), imgs, and what may be confused."""
+    root = tmp_path_factory.mktemp("refused")
+    for name in ("bare", "other", "folder", "log.csv"):
+        (root / name).mkdir()
+    log, job, cut = (write_log(root / name, count) for name, count in (("log", 5), ("job", 8), ("cut", 8)))
+    (root / "bare" / log.name).write_bytes(log.read_bytes())
+    cut.write_bytes(cut.read_bytes()[:-100])
+    write_hdf5(root / "log.h5", make_content(1))
+    write_picture(root / "imgs" / "camera60" / "000000.png", np.zeros((24, 28, 3), np.uint8))
+    tracker.CameraRig(default_cameras()).save(root / "other")
+    write_poses(root / "poses.h5", random_poses(np.random.default_rng(20240607), 20))
+    own = run(make_job(job, root / "own.h5")).poses
+    write_poses(root / "other.h5", dataclasses.replace(own, timestamp=own.timestamp + 1.0))
+    (root / "job" / "goal.json").write_text(json.dumps([[0, [0.1, 0, 0.05]]]))
+    (root / "dice.json").write_text(json.dumps([[0.0, 0.0, 0.011]] * 25))
+    (root / "log" / "goal.json").write_text("{}")
+    (root / "mine.toml").write_text(to_toml(tracker.load_object("cube_v2")))
+    tracker.load_colors("cube_v2").save(root / "mine.npz")
+    (root / "poses.csv").symlink_to("poses.h5")
+    (root / "linked.h5").symlink_to(log)
+    links = {"hard.h5": "log/camera60.yml", "calibration.csv": "log/camera60.yml", "goal.h5": "log/goal.json"}
+    for name, to in {**links, "mine.csv": "mine.toml"}.items():
+        os.link(root / to, root / name)
+    return root
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [(f"{begin} {end}", words) for begin, cases in REFUSED.items() for end, words in cases],
+)
+def test_what_cannot_be_done_is_one_line_and_changes_nothing(command, words, folder, run_here):
+    if ".mp4" in command:
+        pytest.importorskip("av", reason="video: no module av")
+    assert_refused(run_here, folder, command.split(), *words.split("|"))
