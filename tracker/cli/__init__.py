@@ -17,20 +17,7 @@ from typing import NoReturn
 import click
 from click.shell_completion import shell_complete
 
-from tracker.cli import (
-    batch,
-    calibrate,
-    colors,
-    demo,
-    doctor,
-    export,
-    info,
-    live,
-    score,
-    stills,
-    track,
-    view,
-)
+from tracker.cli import batch, calibrate, colors, demo, doctor, export, info, live, score, stills, track
 from tracker.cli.terminal import ended_by_signals, exit_code, say
 from tracker.errors import NotBetterError, TrackerError, reason
 from tracker.version import version
@@ -84,7 +71,7 @@ def commands() -> None:
 
 
 for _one in (
-    *(demo.demo, stills.detect, track.track, view.view, live.live, batch.batch, info.info, export.export),
+    *(demo.demo, stills.detect, track.track, export.view, live.live, batch.batch, info.info, export.export),
     *(export.convert, stills.dice, score.score, calibrate.calibrate, colors.colors, doctor.doctor),
 ):
     commands.add_command(_one)
