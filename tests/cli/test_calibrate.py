@@ -100,9 +100,6 @@ def test_a_board_is_printed(tmp_path, run_here):
         (["--squares", "7x5"], ["found in none of 10 photos", "do not lie as on a board of 7x5 squares"]),
         (["--squares", "5x9"], ["no more than 5x7 squares", "mirrored"]),
         (["--marker", "0.05"], ["markers of 0.05", "less than"]),
-        (["-o", "camera.txt"], [".txt", ".yml"]),
-        (["--plot", "nowhere/plot.png"], ["there is no folder nowhere"]),
-        (["--plot", "plot.gif"], [".gif", ".png"]),
         (["--crop", "540"], ["--crop", "540x540+88+0"]),
         (["--crop", "300x300+0+0"], ["300x300+0+0", "360x270"]),
     ],
@@ -275,9 +272,6 @@ def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("board {board} -o board.doc", [".doc", ".pdf"]),
-        ("board {board} -o nowhere/board.pdf", ["there is no folder nowhere"]),
-        ("check {resting} {cube} --plot nowhere/a.png", ["there is no folder nowhere"]),
         ("check {resting} {cube} --plot {one}/a.png", ["a folder of images"]),
         ("refine {resting} {cube} -o {used}/camera60.yml", ["found a file, expected a folder"]),
         ("board {board} --square 0.4 -o board.pdf", ["at most 1200 mm"]),

@@ -156,7 +156,6 @@ def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
     [
         (["--goal", "nowhere.json"], NAMES, ["nowhere.json", "cannot be read"]),
         (["--goal", "camera60.yml"], NAMES, ["camera60.yml", "row 1"]),
-        (["--overlay", "out.gif"], NAMES, [".gif", ".png"]),
         (["--masks", "goal.json"], NAMES, ["goal.json"]),
         (["--pattern", "*.yaml"], NAMES, ["*.yaml"]),
         (["--colors", "x"], NAMES, ["--colors"]),

@@ -4,7 +4,9 @@ import dataclasses
 import json
 import os
 from pathlib import Path
+from typing import Any
 
+import click
 import numpy as np
 import pytest
 
@@ -14,6 +16,8 @@ from tests.helpers.command import assert_refused
 from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
+from tracker.cli import commands
+from tracker.cli.outputs import OutFile
 from tracker.objects.model import to_toml
 from tracker.poses.file import write_poses
 from tracker.recordings import run
@@ -31,8 +35,6 @@ REFUSED = {
         ("colors fit .", "--name|-o"),
         ("colors adapt . --object cube_v2", "-o"),
         ("colors fit nowhere -o x.npz", "nowhere|no such folder"),
-        ("colors fit nowhere -o nowhere/x.npz", "no folder nowhere"),
-        ("colors fit nowhere -o x.dat", ".dat|.npz"),
         ("colors fit nowhere -o x.npz --seed -1", "--seed|-1"),
         ("colors check .", "--colors|--cross-validate"),
         ("colors check . --colors pink", "pink|cube_v2"),
@@ -41,12 +43,8 @@ REFUSED = {
     "export": [
         ("poses.h5", "--csv"),
         ("poses.h5 --csv poses.csv", "that is an input"),
-        ("poses.h5 --csv a.txt", ".csv"),
-        ("poses.h5 --parquet a.csv", ".parquet"),
         ("poses.h5 --bop a.csv", "--camera"),
         ("poses.h5 --video a.mp4", "--log"),
-        ("poses.h5 --plot a.pdf", ".png"),
-        ("poses.h5 --csv no/a.csv", "no folder"),
         ("poses.h5 --tum a.tum --keypoints", "--keypoints: found no table"),
         ("job --csv x.csv", "job: found a folder, expected a file of poses"),
         ("none --csv x.csv", "none: found no such file, expected a file of poses"),
@@ -94,14 +92,7 @@ REFUSED = {
         ("cube_v2 --from 9", "the recording has frames 0 to 4"),
         ("cube_v2 --from 3 --to 3", "beyond"),
         ("cube_v2 --jobs 0", "--jobs"),
-        ("cube_v2 --health health.txt", "expected .html"),
         ("cube_v2 --csv calibration.csv", "that is the recording's calibration"),
-        ("cube_v2 --csv new.yml", ".csv"),
-        ("cube_v2 --csv nowhere/a.csv", "there is no folder nowhere"),
-        ("cube_v2 --csv log.csv", "found a folder"),
-        ("cube_v2 --tum new.dat", ".tum"),
-        ("cube_v2 --video film.avi", ".mp4"),
-        ("cube_v2 --plot plot.pdf", ".png"),
         ("cube_v2 --bop bop.csv", "--camera"),
         ("cube_v2 --bop bop.csv --camera camera7", "camera60, camera180, camera300"),
         ("cube_v2 --csv a.csv --bop ./a.csv --camera camera60", "same file"),
@@ -130,9 +121,6 @@ REFUSED = {
         ("log --publish tcp://127.0.0.1:5555 --body box", "--body|lcm://"),
         ("log --page 70000", "--page|70000|65535"),
         ("log --view --rrd a.rrd", "--view|--rrd"),
-        ("log --record new.dat", ".dat|.h5"),
-        ("log --record nowhere/log.h5", "no folder nowhere"),
-        ("log --rrd nowhere/a.rrd", "no folder nowhere"),
         ("log --check --record new.h5", "--check|does not track"),
         ("log --pattern x", "--pattern"),
         ("nowhere", "nowhere|no such file"),
@@ -143,8 +131,6 @@ REFUSED = {
         ("simulation:2", "simulation:2|without a name"),
     ],
     "colors adapt": [
-        ("log --object cube_v2 -o x.dat", ".dat|.npz"),
-        ("log --object cube_v2 -o nowhere/x.npz", "no folder nowhere"),
         ("log --object cube_v9 -o x.npz", "cube_v9|cube_v2"),
         ("log --object cube_v2 -o x.npz --colors pink", "pink|simulation"),
         ("log --object cube_v2 -o mine.npz --colors mine.npz", "mine.npz|input"),
@@ -175,7 +161,7 @@ REFUSED = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Recordings log, job, cut (damaged), bare (without calibration), imgs, and what may be confused."""
     root = tmp_path_factory.mktemp("refused")
-    for name in ("bare", "other", "folder", "log.csv"):
+    for name in ("bare", "other", "folder"):
         (root / name).mkdir()
     log, job, cut = (write_log(root / name, count) for name, count in (("log", 5), ("job", 8), ("cut", 8)))
     (root / "bare" / log.name).write_bytes(log.read_bytes())
@@ -207,3 +193,26 @@ def test_what_cannot_be_done_is_one_line_and_changes_nothing(command, words, fol
     if ".mp4" in command:
         pytest.importorskip("av", reason="video: no module av")
     assert_refused(run_here, folder, command.split(), *words.split("|"))
+
+
+def files_written(group: click.Group = commands) -> list[Any]:
+    """The options of all commands that name a file to write."""
+    found = []
+    for name, command in group.commands.items():
+        own = [param for param in command.params if isinstance(param.type, OutFile)]
+        found += [pytest.param(param, id=f"{name} {param.opts[0]}") for param in own]
+        found += files_written(command) if isinstance(command, click.Group) else []
+    return found
+
+
+@pytest.mark.parametrize("option", files_written())
+def test_a_file_to_write_has_its_suffix_and_a_folder_to_be_in_and_is_none(option, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    last = option.type.suffixes[-1]
+    (tmp_path / f"folder{last}").mkdir()
+    faults = {"x.zip": f"found suffix '.zip', expected .*{last}", f"folder{last}": "found a folder, expected"}
+    if not option.type.new_folders:
+        faults[f"nowhere/x{last}"] = "there is no folder nowhere"
+    for path, fault in faults.items():
+        with pytest.raises(click.UsageError, match=f"{option.opts[0]} {path}: {fault}"):
+            option.type.convert(path, option, None)
