@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import ROOT
-from tests.helpers.command import assert_one_line_error, assert_refused, run, well
+from tests.helpers.command import assert_one_line_error, assert_refused, well
 from tracker import cli
 from tracker.cli.terminal import bar
 
@@ -82,12 +82,12 @@ def test_exit_codes_have_one_meaning_given_in_the_help_and_in_the_documentation(
         assert f"| {code} | {what} |\n" in page.replace("`", "")
 
 
-def test_the_version_is_printed():
-    assert well(run("--version")).stdout.startswith("tracker ")
+def test_the_version_is_printed(run_here):
+    assert well(run_here("--version")).stdout.startswith("tracker ")
 
 
-def test_detect_prints_the_pose_for_people(demo):
-    result = well(run(*detect_arguments(demo)))
+def test_detect_prints_the_pose_for_people(demo, run_here):
+    result = well(run_here(*detect_arguments(demo)))
     rows = {line[:21].strip(): line[21:].split() for line in result.stdout.splitlines()}
     assert rows["object"] == ["cube_v2"]
     assert rows["status"] == ["found"]

@@ -83,23 +83,18 @@ def test_an_error_of_the_process_is_one_line_too(scene):
 
 
 @pytest.mark.usefixtures("truth")
-def test_the_error_is_the_tasks(scene, run_here):
-    found = json.loads(run_here(*arguments(scene, "--goal", scene / "goal.json", "--json")).stdout)
+def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(scene, run_here):
+    found, pattern, exact = (
+        json.loads(run_here(*arguments(scene, "--goal", scene / goal, "--json", *more)).stdout)
+        for goal, more in (("goal.json", ()), ("goal.txt", ()), ("goal.json", ("--exact",)))
+    )
     masks = [rearrange_dice.segment_dice(cv2.imread(str(scene / f"{name}.png"))) for name in NAMES]
     expected = rearrange_dice.error_per_camera(rearrange_dice.goal_masks(RIG, GOAL), masks)
     assert list(found["error_per_camera"].values()) == list(expected)
     assert found["error"] == sum(expected)
-    pattern = json.loads(run_here(*arguments(scene, "--goal", scene / "goal.txt", "--json")).stdout)
     assert pattern["error_per_camera"] == found["error_per_camera"]
-    exact = json.loads(run_here(*arguments(scene, "--goal", scene / "goal.json", "--json", "--exact")).stdout)
     areas = rearrange_dice.goal_masks(RIG, GOAL, exact=True)
     assert exact["error"] == rearrange_dice.error(areas, masks) != found["error"]
-
-
-@pytest.mark.usefixtures("truth")
-def test_placed_dice_are_assigned_to_their_places(scene, run_here):
-    result = run_here(*arguments(scene, "--goal", scene / "goal.json", "--json"))
-    found = json.loads(result.stdout)
     placed = [pair for pair in found["assignment"] if pair["distance"] < 1e-6]
     assert sorted(pair["goal"] for pair in placed) == list(range(MISPLACED, 25))
     text = run_here(*arguments(scene, "--goal", scene / "goal.json")).stdout
@@ -114,18 +109,13 @@ def test_placed_dice_are_assigned_to_their_places(scene, run_here):
 
 
 @pytest.mark.usefixtures("truth")
-def test_a_camera_without_an_image_does_not_count(scene, run_here):
-    goal = ("--goal", scene / "goal.json", "--json")
-    everything = json.loads(run_here(*arguments(scene, *goal)).stdout)["error_per_camera"]
-    without = json.loads(run_here(*arguments(scene, *goal, camera180="none")).stdout)
+def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not_count(scene, run_here):
+    goal = ("--goal", scene / "goal.json")
+    everything = json.loads(run_here(*arguments(scene, *goal, "--json")).stdout)["error_per_camera"]
+    without = json.loads(run_here(*arguments(scene, *goal, "--json", camera180="none")).stdout)
     assert without["error_per_camera"] == {**everything, "camera180": None}
     assert without["error"] == everything["camera60"] + everything["camera300"]
-    text = run_here(*arguments(scene, *goal[:2], camera180="none"))
-    assert "camera180 none" in text.stdout
-
-
-@pytest.mark.usefixtures("truth")
-def test_without_a_goal_there_is_no_error(scene, run_here):
+    assert "camera180 none" in run_here(*arguments(scene, *goal, camera180="none")).stdout
     found = json.loads(run_here(*arguments(scene, "--json")).stdout)
     for key in ("error", "error_per_camera", "reward", "assignment"):
         assert found[key] is None

@@ -51,17 +51,6 @@ def test_pictures_are_those_of_their_cameras_however_they_are_given(given, detec
     assert detect(DEMO)[1]["pose"] != found["pose"]
 
 
-@pytest.fixture
-def two_sided(tmp_path):
-    """Calibrations of cameras that are called left and right, and pictures left.jpg and top.jpg."""
-    rig = tracker.CameraRig.load(DEMO)
-    cameras = [dataclasses.replace(rig[k], name=name) for k, name in enumerate(("left", "right"))]
-    tracker.CameraRig(tuple(cameras)).save(tmp_path / "sides")
-    for name, other in zip(("left", "top"), NAMES[:2], strict=True):
-        shutil.copy(PHOTOS / f"{other}.jpg", tmp_path / f"{name}.jpg")
-    return ["--calibration", tmp_path / "sides"]
-
-
 @pytest.mark.parametrize(
     ("pictures", "words"),
     [
@@ -90,8 +79,14 @@ def test_pictures_of_other_cameras_and_surplus_ones_are_refused(command, picture
 
 
 @pytest.mark.parametrize("pictures", [("top.jpg", "left.jpg"), ("left.jpg", "top.jpg")])
-def test_a_picture_is_not_taken_for_another_cameras_since_it_came_first(pictures, two_sided, detect):
-    assert_one_line_error(detect(*two_sided, *pictures)[0], "top.jpg: named after no camera", "left, right")
+def test_a_picture_is_not_taken_for_another_cameras_since_it_came_first(pictures, detect, tmp_path):
+    rig = tracker.CameraRig.load(DEMO)
+    sides = (dataclasses.replace(rig[0], name="left"), dataclasses.replace(rig[1], name="right"))
+    tracker.CameraRig(sides).save(tmp_path / "sides")
+    for name, other in zip(("left", "top"), NAMES[:2], strict=True):
+        shutil.copy(PHOTOS / f"{other}.jpg", tmp_path / f"{name}.jpg")
+    result, _ = detect("--calibration", "sides", *pictures)
+    assert_one_line_error(result, "top.jpg: named after no camera", "left, right")
 
 
 @pytest.mark.parametrize(

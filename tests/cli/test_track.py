@@ -217,34 +217,29 @@ def test_pictures_of_a_film_have_one_height():
     assert (_of_height(picture, 6)[3:] == picture[3]).all()
 
 
-def start_long(logs: list[Path], output: Path, jobs: int) -> subprocess.Popen[bytes]:
-    """A run that takes long enough to be ended; all its processes are at work, each on a recording."""
-    process = begin("track", *logs, "--object", "cube_v2", "-o", output, "--jobs", jobs)
-    until(lambda: len(list(output.parent.rglob(".*.lock"))) == jobs, process)
-    return process
-
-
 @pytest.fixture(scope="module")
 def long(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     root = tmp_path_factory.mktemp("long")
     return [write_log(root / name, 9000) for name in ("one", "two")]
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_ctrl_c_is_one_line(jobs, long, tmp_path):
-    process = start_long(long[:jobs], tmp_path / ("poses.h5" if jobs == 1 else "all"), jobs)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    out, err = process.communicate(timeout=60)
-    assert (process.returncode, out, err) == (130, b"", b"tracker: interrupted\n")
-    assert not list(tmp_path.rglob("*.h5"))
-
-
-def test_workers_end_with_a_killed_run(long, tmp_path):
-    process = start_long(long, tmp_path / "all", 2)
-    process.kill()
+@pytest.mark.parametrize(
+    ("jobs", "end", "number"),
+    # As a terminal ends all processes of a command, and as one of them is killed.
+    [(1, os.killpg, signal.SIGINT), (2, os.killpg, signal.SIGINT), (2, os.kill, signal.SIGKILL)],
+)
+def test_workers_end_with_an_interrupted_or_killed_run(jobs, end, number, long, tmp_path):
+    output = tmp_path / ("poses.h5" if jobs == 1 else "all")
+    process = begin("track", *long[:jobs], "--object", "cube_v2", "-o", output, "--jobs", jobs)
+    # All its processes are at work, each on a recording.
+    until(lambda: len(list(tmp_path.rglob(".*.lock"))) == jobs, process)
+    end(process.pid, number)
     # The pipe closes when the last process that holds it has ended.
-    process.communicate(timeout=120)
-    assert process.returncode == -signal.SIGKILL
+    out, err = process.communicate(timeout=120)
+    told = {signal.SIGINT: (130, b"tracker: interrupted\n"), signal.SIGKILL: (-signal.SIGKILL, b"")}
+    assert (process.returncode, err) == told[number]
+    assert out == b""
+    assert not list(tmp_path.rglob("*.h5"))
 
 
 def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):
