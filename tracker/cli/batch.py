@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli import options
-from tracker.cli.outputs import OutFolder, output_option
+from tracker.cli.outputs import InFile, OutFolder, output_option
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import LogError
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from tracker.batch.stores import Retracking
     from tracker.batch.tables import State
     from tracker.recordings import Options
-
-_FOLDER = click.Path(path_type=Path)
 
 
 @click.group(no_args_is_help=False)
@@ -203,7 +201,7 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
 
 
 @batch.command()
-@click.argument("folder", metavar="DIR", type=_FOLDER)
+@click.argument("folder", metavar="DIR", type=InFile())
 @click.option("--write", is_flag=True, help="Write the table and the failures as they are now.")
 @as_csv_option
 @options.as_json
@@ -220,15 +218,14 @@ def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
     if write or as_csv:
         write_tables(batch, found, as_csv=as_csv)
     if as_json:
-        numbers = {"recordings": found.total, "done": len(found.lines), "failed": len(found.failures)}
-        numbers |= {"missing": found.missing, "running": found.running}
-        click.echo(json.dumps({**numbers, "recordings_per_second": found.rate, "failures": found.failures}))
+        numbers = {**_counts(found), "recordings_per_second": found.rate, "failures": found.failures}
+        click.echo(json.dumps(numbers))
     else:
         click.echo(_text(found))
 
 
 @batch.command(hidden=True)
-@click.argument("list_path", metavar="LIST", type=_FOLDER)
+@click.argument("list_path", metavar="LIST", type=InFile())
 @click.argument("number", metavar="N", type=int)
 def share(list_path: Path, number: int) -> None:
     """Do the Nth job of a LIST: jobs of HTCondor and Slurm run this."""
@@ -257,15 +254,13 @@ def _of_robots(report: dict[str, Any]) -> str:
     return table(rows) if len(rows) > 1 else "the store has no poses to compare with"
 
 
+def _counts(found: State) -> dict[str, int]:
+    counts = {"recordings": found.total, "done": len(found.lines), "failed": len(found.failures)}
+    return {**counts, "missing": found.missing, "running": found.running}
+
+
 def _text(found: State) -> str:
-    rows = [
-        ["recordings", str(found.total)],
-        ["done", str(len(found.lines))],
-        ["failed", str(len(found.failures))],
-        ["missing", str(found.missing)],
-    ]
-    if found.running:
-        rows.append(["running", str(found.running)])
+    rows = [[what, str(count)] for what, count in _counts(found).items() if count or what != "running"]
     if found.rate is not None:
         rows.append(["pace", f"{60 * found.rate:.1f} a minute"])
         if found.missing:

@@ -192,7 +192,7 @@ def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
 
     cameras = []
     for one in found.cameras:
-        corners, focal = one.corners, one.focal
+        focal = one.focal
         numbers = {
             "name": one.name,
             "looks": one.looks,
@@ -202,10 +202,10 @@ def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
             "correction": one.correction.tolist(),
             "shift_mm": 1e3 * one.shift,
             "turn_deg": math.degrees(one.turn),
-            "corners_seen_px": corners.seen,
-            "corners_stated_px": corners.stated,
-            "corners_shift_px": corners.shift,
-            "corners_shape_px": corners.shape,
+            **{
+                f"corners_{name}_px": getattr(one.corners, name)
+                for name in ("seen", "stated", "shift", "shape")
+            },
             "distance_m": focal.distance,
             "focal_ratio": focal.ratio,
             "focal_off_percent": 100.0 * focal.off,

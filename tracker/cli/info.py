@@ -10,6 +10,7 @@ import click
 
 import tracker
 from tracker.cli import options
+from tracker.cli.outputs import InFile
 from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
 
@@ -17,7 +18,7 @@ _GAP = 1.5  # a gap is more than this times the usual time between two frames
 
 
 @click.command()
-@click.argument("source", metavar="LOG|POSES", type=click.Path(path_type=Path))
+@click.argument("source", metavar="LOG|POSES", type=InFile())
 @click.option("--recover", is_flag=True, help="Leave out damaged parts of a recording, and report them.")
 @options.as_json
 def info(source: Path, recover: bool, as_json: bool) -> None:

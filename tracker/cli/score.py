@@ -11,6 +11,7 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.export import poses_of
+from tracker.cli.outputs import InFile
 from tracker.cli.terminal import bar, listing
 from tracker.errors import LogError
 
@@ -18,13 +19,11 @@ if TYPE_CHECKING:
     from tracker.conventions import FloatArray
     from tracker.tasks.job_goal import JobGoal
 
-_FILE = click.Path(path_type=Path)
-
 
 @click.command(short_help="Compute the rewards of a job's folder for its task.")
-@click.argument("job", metavar="JOB", type=_FILE)
-@click.option("--goal", "goal_path", metavar="FILE", type=_FILE, help="Goal.  [default: JOB/goal.json]")
-@click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses, instead of tracking.")
+@click.argument("job", metavar="JOB", type=InFile())
+@click.option("--goal", "goal_path", metavar="FILE", type=InFile(), help="Goal.  [default: JOB/goal.json]")
+@click.option("--poses", "poses_path", metavar="POSES", type=InFile(), help="Poses, instead of tracking.")
 @options.object_name("that of the --poses")
 @options.cameras
 @options.whole("--every", "Look for dice in every Nth frame.", default=1)

@@ -7,19 +7,18 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 
 import click
 
 
-def table(rows: Sequence[Sequence[str]], gap: int = 2) -> str:
+def table(rows: Sequence[Sequence[str]]) -> str:
     """Lines of cells in columns as wide as their widest cell: the first flush left, the others right."""
-    count = max(len(row) for row in rows)
-    full = [[*row, *[""] * (count - len(row))] for row in rows]
-    widths = [max(len(cell) for cell in column) for column in zip(*full, strict=True)]
+    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
     lines = []
-    for first, *others in full:
-        cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
-        lines.append((" " * gap).join([first.ljust(widths[0]), *cells]).rstrip())
+    for first, *others in rows:
+        cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=False)]
+        lines.append("  ".join([first.ljust(widths[0]), *cells]).rstrip())
     return "\n".join(lines)
 
 
@@ -61,16 +60,12 @@ def bar(label: str, total: int, quiet: bool, unit: str = "frames") -> Iterator[C
 
 
 class Ended(KeyboardInterrupt):
-    """An interrupt by a signal other than SIGINT."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self.number = number
+    """An interrupt by a signal other than SIGINT, whose number it has."""
 
 
 def exit_code(stop: BaseException) -> int:
     """128 and the signal's number, as shells have it."""
-    return 128 + getattr(stop, "number", signal.SIGINT)
+    return 128 + (stop.args[0] if isinstance(stop, Ended) else signal.SIGINT)
 
 
 @contextmanager
@@ -92,10 +87,9 @@ def ended_by_signals() -> Iterator[None]:
         if not isinstance(dropped.exc_value, KeyboardInterrupt):
             hook(dropped)
             return
-        number = getattr(dropped.exc_value, "number", signal.SIGINT)
         # To that thread: it is to be woken where it waits.
         main = threading.main_thread().ident
-        threading.Timer(0.01, signal.pthread_kill, [main, number]).start()
+        threading.Timer(0.01, signal.pthread_kill, [main, exit_code(dropped.exc_value) - 128]).start()
 
     heeded = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is not signal.SIG_IGN]
     before, hook = {number: signal.signal(number, end) for number in heeded}, sys.unraisablehook
