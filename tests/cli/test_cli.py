@@ -127,51 +127,6 @@ def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
     assert run_here(*detect_arguments(demo), "--exit-code").returncode == 0
 
 
-@pytest.mark.parametrize(
-    ("replaced", "words"),
-    [
-        ({"--object": "cube_v9"}, ["cube_v9", "cube_v2"]),
-        ({"--object": "mine.toml"}, ["mine.toml"]),
-        ({"--colors": "pink"}, ["pink", "simulation"]),
-        ({"--colors": "pink.npz"}, ["pink.npz"]),
-        ({"--calibration": "nowhere"}, ["nowhere"]),
-        ({"--calibration": "empty"}, ["camera60.yml"]),
-        ({"--calibration": "broken"}, ["camera60.yml", "YAML"]),
-        ({"--pattern": "*.yaml"}, ["*.yaml"]),
-        ({"--overlay": "large/camera180.png", "camera180": "large/camera180.png"}, ["that is an input"]),
-        *[({"camera180": f"{image}/camera180.png"}, [image]) for image in ("void", "text")],
-        *[({"camera180": f"{image}/camera180.png"}, ["no such file"]) for image in ("missing", "folder")],
-        ({"camera180": "truncated/camera180.png"}, ["truncated"]),
-        ({"camera180": "large/camera180.png"}, ["270×270"]),
-    ],
-)
-def test_a_faulty_option_or_image_is_named_in_one_line(replaced, words, demo, tmp_path, run_here):
-    good = (demo / "camera60.png").read_bytes()
-    for name in ("empty", "broken", "void", "text", "truncated", "large", "folder/camera180.png"):
-        (tmp_path / name).mkdir(parents=True)
-    for name, content in (("void", b""), ("text", b"not an image"), ("truncated", good[: len(good) // 2])):
-        (tmp_path / name / "camera180.png").write_bytes(content)
-    cv2.imwrite(str(tmp_path / "large" / "camera180.png"), np.zeros((540, 540, 3), np.uint8))
-    (tmp_path / "broken" / "camera60.yml").write_text("camera_name: [")
-    named = {"--object": "cube_v2", "--calibration": demo, "--overlay": "out.png", **replaced}
-    options = [part for key, value in named.items() if key.startswith("--") for part in (key, value)]
-    images = [replaced.get(name, demo / f"{name}.png") for name in NAMES]
-    assert_refused(run_here, tmp_path, ["detect", *options, *images, "--json"], *words)
-
-
-@pytest.mark.parametrize(
-    ("images", "words"),
-    [
-        ([f"{{demo}}/{name}.png" for name in NAMES[:2]], ["found 2", "expected 3", *NAMES]),
-        ([f"{{demo}}/{name}.png" for name in (*NAMES, NAMES[2])], ["found 4", "expected 3"]),
-        (["none"] * 3, ["'none'", "at least one"]),
-    ],
-)
-def test_there_is_an_image_or_none_of_each_camera_and_at_least_one(images, words, demo, run_here):
-    given = [image.format(demo=demo) for image in images]
-    assert_one_line_error(run_here(*detect_arguments(demo)[:-3], *given), *words)
-
-
 def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_here):
     result = well(run_here("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz"))
     assert "no image shows green" in result.stdout

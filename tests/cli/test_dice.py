@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers.command import assert_one_line_error, assert_refused, run, well
+from tests.helpers.command import assert_one_line_error, run, well
 from tests.helpers.dice_scenes import EDGE, RIG, painted
 from tracker.calibration.rig import CameraRig
 from tracker.tasks import rearrange_dice
@@ -138,21 +138,3 @@ def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
         np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), expected)
     assert run_here(*arguments(scene, "--overlay", tmp_path / "plain.jpg")).returncode == 0
     assert (tmp_path / "plain.jpg").is_file()
-
-
-@pytest.mark.usefixtures("truth")
-@pytest.mark.parametrize(
-    ("options", "images", "words"),
-    [
-        (["--goal", "nowhere.json"], NAMES, ["nowhere.json", "cannot be read"]),
-        (["--goal", "camera60.yml"], NAMES, ["camera60.yml", "row 1"]),
-        (["--masks", "goal.json"], NAMES, ["goal.json"]),
-        (["--pattern", "*.yaml"], NAMES, ["*.yaml"]),
-        (["--colors", "x"], NAMES, ["--colors"]),
-        ([], NAMES[:2], ["found 2", "expected 3", *NAMES]),
-        ([], (), ["at least one"]),
-    ],
-)
-def test_a_fault_is_named_in_one_line(options, images, words, scene, run_here):
-    given = [f"{name}.png" for name in images] or ["none"] * 3
-    assert_refused(run_here, scene, ["dice", "--calibration", scene, *options, "--json", *given], *words)

@@ -52,44 +52,6 @@ def test_pictures_are_those_of_their_cameras_however_they_are_given(given, detec
 
 
 @pytest.mark.parametrize(
-    ("pictures", "words"),
-    [
-        (["camera60.jpg", "camera300.jpg"], ["camera300.jpg: named after camera300", "camera60, camera180"]),
-        (["camera300.jpg", "camera60.jpg"], ["named after camera300"]),
-        (["camera300.jpg", "a.jpg"], ["named after camera300"]),
-        (["camera60.jpg", "camera60.jpg"], ["named after camera60, as "]),
-        (["camera60.jpg", "a.jpg"], ["a.jpg: named after no camera"]),
-        (["a.jpg", "camera60.jpg"], ["a.jpg: named after no camera"]),
-        (["camera60-camera180.jpg", "camera180.jpg"], ["named after camera180 and camera60"]),
-        (["camera300/a.jpg", "camera60/a.jpg"], ["named after camera300"]),
-        (["camera60.jpg", "camera180.jpg", "a.jpg"], ["found 3", "expected 2"]),
-        (["camera60.jpg"], ["found 1", "expected 2"]),
-    ],
-)
-@pytest.mark.parametrize("command", ["detect --object cube_v2", "dice", "calibrate check --object cube_v2"])
-def test_pictures_of_other_cameras_and_surplus_ones_are_refused(command, pictures, words, tmp_path, run_here):
-    if "calibrate" in command and len(pictures) != 2:
-        words = ["multiple of 2"]
-    tracker.CameraRig(tracker.CameraRig.load(DEMO).cameras[:2]).save(tmp_path / "two")
-    for name in pictures:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        shutil.copy(PHOTOS / "camera60.jpg", tmp_path / name)
-    result = run_here(*command.split(), "--calibration", tmp_path / "two", *pictures, folder=tmp_path)
-    assert_one_line_error(result, *words)
-
-
-@pytest.mark.parametrize("pictures", [("top.jpg", "left.jpg"), ("left.jpg", "top.jpg")])
-def test_a_picture_is_not_taken_for_another_cameras_since_it_came_first(pictures, detect, tmp_path):
-    rig = tracker.CameraRig.load(DEMO)
-    sides = (dataclasses.replace(rig[0], name="left"), dataclasses.replace(rig[1], name="right"))
-    tracker.CameraRig(sides).save(tmp_path / "sides")
-    for name, other in zip(("left", "top"), NAMES[:2], strict=True):
-        shutil.copy(PHOTOS / f"{other}.jpg", tmp_path / f"{name}.jpg")
-    result, _ = detect("--calibration", "sides", *pictures)
-    assert_one_line_error(result, "top.jpg: named after no camera", "left, right")
-
-
-@pytest.mark.parametrize(
     ("paths", "expected"),
     [
         (["b/camera180.png", "b/camera60.png"], ["b/camera60.png", "b/camera180.png"]),
@@ -131,18 +93,6 @@ def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect,
     _, large = detect("--resize-calibration", *given)
     # A principal point that is off by the quarter pixel is off by 0.4 mm.
     np.testing.assert_allclose(large["pose"]["position"], small["pose"]["position"], atol=2e-4)
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        (photos(*NAMES), ["--calibration"]),
-        ([DEMO, "--frame", "20"], ["no frame 20", "from 0 to 19"]),
-        (["--calibration", DEMO, "--frame", "1", *photos(*NAMES)], ["--frame"]),
-    ],
-)
-def test_what_is_missing_is_named(given, words, detect):
-    assert_one_line_error(detect(*given)[0], *words)
 
 
 def test_the_likely_cause_is_printed_and_drawn(detect, tmp_path):

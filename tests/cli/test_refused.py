@@ -3,10 +3,12 @@
 import dataclasses
 import json
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
 import click
+import cv2
 import numpy as np
 import pytest
 
@@ -17,12 +19,40 @@ from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
 from tracker.cli import commands
+from tracker.cli.demo import DATA
 from tracker.cli.outputs import OutFile
 from tracker.objects.model import to_toml
 from tracker.poses.file import write_poses
 from tracker.recordings import run
 
 FACES = "+x=red,-x=magenta,+y=green,-y=yellow,+z=blue,-z=cyan"
+
+ONE, TWO, THREE = (f"demo/000003/camera{number}.jpg" for number in (60, 180, 300))
+FAULTY = (
+    *((image, image) for image in ("void", "text", "truncated")),
+    *((image, "no such file") for image in ("missing", "folder")),
+    ("large", "270×270"),
+)
+"""Folders of a faulty picture, and words of the message."""
+
+COUNTS = [
+    (f"{ONE} {TWO}", "found 2|expected 3|camera60|camera180|camera300"),
+    (f"{ONE} {TWO} {THREE} {THREE}", "found 4|expected 3"),
+    ("none none none", "'none'|at least one"),
+]
+
+NAMED = [
+    ("camera60.jpg camera300.jpg", "camera300.jpg: named after camera300|camera60, camera180"),
+    ("camera300.jpg camera60.jpg", "named after camera300"),
+    ("camera300.jpg a.jpg", "named after camera300"),
+    ("camera60.jpg camera60.jpg", "named after camera60, as "),
+    ("camera60.jpg a.jpg", "a.jpg: named after no camera"),
+    ("a.jpg camera60.jpg", "a.jpg: named after no camera"),
+    ("camera60-camera180.jpg camera180.jpg", "named after camera180 and camera60"),
+    ("camera300/a.jpg camera60/a.jpg", "named after camera300"),
+]
+SURPLUS = ("camera60.jpg camera180.jpg a.jpg", "found 3|expected 2"), ("camera60.jpg", "found 1|expected 2")
+"""Pictures of other cameras than the calibration's, which are two."""
 
 REFUSED = {
     "": [
@@ -39,6 +69,42 @@ REFUSED = {
         ("colors check .", "--colors|--cross-validate"),
         ("colors check . --colors pink", "pink|cube_v2"),
         ("colors check . --colors cube_v2", "none found|NN_mask_red.png"),
+    ],
+    f"detect {ONE} {TWO} {THREE} --json --overlay out.png --object": [
+        ("cube_v9 --calibration demo", "cube_v9|cube_v2"),
+        ("nothing.toml --calibration demo", "nothing.toml"),
+        ("cube_v2 --calibration demo --colors pink", "pink|simulation"),
+        ("cube_v2 --calibration demo --colors pink.npz", "pink.npz"),
+        ("cube_v2 --calibration demo --pattern *.yaml", "*.yaml"),
+        ("cube_v2 --calibration demo --frame 1", "--frame"),
+        ("cube_v2 --calibration nowhere", "nowhere"),
+        ("cube_v2 --calibration folder", "camera60.yml"),
+        ("cube_v2 --calibration broken", "camera60.yml|YAML"),
+        ("cube_v2", "--calibration"),
+    ],
+    "detect --object cube_v2 --json --calibration demo": [
+        *COUNTS,
+        *((f"{ONE} {image}/camera180.png {THREE} --overlay out.png", words) for image, words in FAULTY),
+        (f"{ONE} large/camera180.png {THREE} --overlay large/camera180.png", "that is an input"),
+    ],
+    "detect --object cube_v2 --calibration two": [*NAMED, *SURPLUS],
+    "dice --calibration two": [*NAMED, *SURPLUS],
+    "calibrate check --object cube_v2 --calibration two": [
+        *NAMED,
+        *((pictures, "multiple of 2") for pictures, _ in SURPLUS),
+    ],
+    "detect --object cube_v2 --calibration sides": [
+        ("top.jpg left.jpg", "top.jpg: named after no camera|left, right"),
+        ("left.jpg top.jpg", "top.jpg: named after no camera|left, right"),
+    ],
+    "detect --object cube_v2 --json": [("demo --frame 20", "no frame 20|from 0 to 19")],
+    "dice --json --calibration demo": [
+        *COUNTS,
+        (f"{ONE} {TWO} {THREE} --goal nowhere.json", "nowhere.json|cannot be read"),
+        (f"{ONE} {TWO} {THREE} --goal demo/camera60.yml", "camera60.yml|row 1"),
+        (f"{ONE} {TWO} {THREE} --masks dice.json", "dice.json"),
+        (f"{ONE} {TWO} {THREE} --pattern *.yaml", "*.yaml"),
+        (f"{ONE} {TWO} {THREE} --colors x", "--colors"),
     ],
     "export": [
         ("poses.h5", "--csv"),
@@ -159,13 +225,28 @@ REFUSED = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Recordings log, job, cut (damaged), bare (without calibration), imgs, and what may be confused."""
+    """Recordings demo, log, job, cut (damaged), bare (without calibration), imgs; what may be confused."""
     root = tmp_path_factory.mktemp("refused")
-    for name in ("bare", "other", "folder"):
-        (root / name).mkdir()
+    shutil.copytree(DATA, root / "demo")
+    whole = cv2.imencode(".png", cv2.imread(str(root / ONE)))[1].tobytes()
+    large = cv2.imencode(".png", np.zeros((540, 540, 3), np.uint8))[1].tobytes()
+    faulty = {"void": b"", "text": b"no image", "truncated": whole[: len(whole) // 2], "large": large}
+    for name in (*faulty, "bare", "other", "broken", "folder/camera180.png"):
+        (root / name).mkdir(parents=True)
+    for name, content in faulty.items():
+        (root / name / "camera180.png").write_bytes(content)
+    (root / "broken" / "camera60.yml").write_text("camera_name: [")
     log, job, cut = (write_log(root / name, count) for name, count in (("log", 5), ("job", 8), ("cut", 8)))
     (root / "bare" / log.name).write_bytes(log.read_bytes())
     cut.write_bytes(cut.read_bytes()[:-100])
+    rig = tracker.CameraRig.load(root / "demo")
+    tracker.CameraRig(rig.cameras[:2]).save(root / "two")
+    sides = (dataclasses.replace(rig[k], name=name) for k, name in enumerate(("left", "right")))
+    tracker.CameraRig(tuple(sides)).save(root / "sides")
+    for pictures in ("left.jpg top.jpg", *(pictures for pictures, _ in (*NAMED, *SURPLUS))):
+        for name in pictures.split():
+            (root / name).parent.mkdir(exist_ok=True)
+            shutil.copy(root / ONE, root / name)
     write_hdf5(root / "log.h5", make_content(1))
     write_picture(root / "imgs" / "camera60" / "000000.png", np.zeros((24, 28, 3), np.uint8))
     tracker.CameraRig(default_cameras()).save(root / "other")
