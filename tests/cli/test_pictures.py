@@ -9,7 +9,7 @@ import pytest
 import tracker
 from tests.helpers import ROOT
 from tests.helpers.command import assert_one_line_error
-from tracker.cli.pictures import of_cameras
+from tracker.cli.stills import of_cameras
 
 DEMO = ROOT / "tracker" / "demo"
 PHOTOS = DEMO / "000003"

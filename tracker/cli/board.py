@@ -24,7 +24,7 @@ from tracker.cli.outputs import (
     output_option,
     refuse_overwriting,
 )
-from tracker.cli.pictures import camera_in, silent_libraries
+from tracker.cli.stills import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError
 

@@ -17,7 +17,7 @@ from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
 from tracker.cli.options import argument, gathered, option
 from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option, output_option
-from tracker.cli.pictures import NO_IMAGE, read_images
+from tracker.cli.stills import NO_IMAGE, read_images
 from tracker.cli.terminal import bar, listing, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError
 

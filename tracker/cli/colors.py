@@ -13,7 +13,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.options import argument, gathered, option
 from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option
-from tracker.cli.pictures import silent_libraries
+from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import ColorModelError, ImageError
 from tracker.files import told_as, write_whole
