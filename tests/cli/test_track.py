@@ -21,7 +21,7 @@ import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_health import film  # noqa: F401
-from tests.helpers import ROOT, contents, run_python
+from tests.helpers import ROOT, contents
 from tests.helpers.command import assert_one_line_error, assert_refused, begin, until, well
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
@@ -37,8 +37,6 @@ from tracker.viz import write_image
 FRAMES = 6
 SPEED = np.array([0.05, 0.02, 0.0])
 """Of the cube [m/s]."""
-
-COMMAND = ("-m", "tracker", "track")
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +64,6 @@ def filmed(tmp_path_factory):
 @pytest.fixture
 def run_here(run_here):
     return functools.partial(run_here, "track")
-
-
-def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    return run_python([*COMMAND, *arguments], folder)
 
 
 def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path, run_here):
@@ -119,9 +113,8 @@ def film_length(path):
 def test_two_processes_change_nothing_and_tell_in_order(tmp_path, run_here):
     logs = [write_log(tmp_path / name, frames) for name, frames in (("a", 6), ("b", 2), ("c", 2))]
     base = [*(log.relative_to(tmp_path) for log in logs), "--object", "cube_v2", "--json"]
-    one = run_here(*base, "-o", "by1", folder=tmp_path)
-    results = [one, run(*base, "-o", "by2", "--jobs", 2, folder=tmp_path)]
-    for result in results:
+    for jobs in (1, 2):
+        result = run_here(*base, "-o", f"by{jobs}", "--jobs", jobs, folder=tmp_path)
         assert (result.returncode, result.stderr) == (0, "")
         assert [json.loads(line)["log"] for line in result.stdout.splitlines()] == list(map(str, base[:3]))
     one, two = (contents(tmp_path / folder) for folder in ("by1", "by2"))
@@ -251,7 +244,7 @@ def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
     process = subprocess.Popen(
-        [sys.executable, *COMMAND, log, "--object", "cube_v2", "-o", tmp_path / "poses.h5"],
+        [sys.executable, "-m", "tracker", "track", log, "--object", "cube_v2", "-o", tmp_path / "poses.h5"],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm"},
         stderr=theirs,
