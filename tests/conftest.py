@@ -75,6 +75,7 @@ def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 
     def run_it(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
         monkeypatch.chdir(folder)
+        capfd.readouterr()  # what a library printed before, as PyBullet does when it is imported
         with pytest.raises(SystemExit) as stop:
             cli.main([str(argument) for argument in arguments])
         printed = capfd.readouterr()

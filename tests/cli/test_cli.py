@@ -1,45 +1,15 @@
 import io
-import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from tests.helpers import ROOT
-from tests.helpers.command import assert_one_line_error, assert_refused, well
+from tests.helpers.command import well
 from tracker import cli
 from tracker.cli.terminal import bar
-
-NAMES = ("camera60", "camera180", "camera300")
-
-
-def detect_arguments(demo: Path, **replaced: object) -> list[object]:
-    """Arguments of a good `tracker detect`, with the images of some cameras replaced."""
-    images = [replaced.get(name, demo / f"{name}.png") for name in NAMES]
-    return ["detect", "--object", "cube_v2", "--calibration", demo, *images]
-
-
-@pytest.fixture
-def labelled(tmp_path: Path) -> Path:
-    """A folder of three labelled images of red and blue squares on grey."""
-    folder = tmp_path / "labelled"
-    folder.mkdir()
-    for number in range(3):
-        rng = np.random.default_rng(number)
-        image = rng.normal(110, 4, (120, 120, 3))
-        for color, bgr, left in (("red", (40, 50, 190), 10), ("blue", (150, 60, 20), 60)):
-            top = 20 + 10 * number
-            image[top : top + 40, left : left + 40] = rng.normal(bgr, 4, (40, 40, 3))
-            mask = np.zeros((120, 120), np.uint8)
-            mask[top : top + 40, left : left + 40] = 255
-            cv2.imwrite(str(folder / f"0{number}_mask_{color}.png"), mask)
-        cv2.imwrite(str(folder / f"0{number}_image.png"), np.clip(image, 0, 255).astype(np.uint8))
-    return folder
 
 
 @pytest.mark.parametrize(
@@ -84,86 +54,6 @@ def test_exit_codes_have_one_meaning_given_in_the_help_and_in_the_documentation(
 
 def test_the_version_is_printed(run_here):
     assert well(run_here("--version")).stdout.startswith("tracker ")
-
-
-def test_detect_prints_the_pose_for_people(demo, run_here):
-    result = well(run_here(*detect_arguments(demo)))
-    rows = {line[:21].strip(): line[21:].split() for line in result.stdout.splitlines()}
-    assert rows["object"] == ["cube_v2"]
-    assert rows["status"] == ["found"]
-    assert len(rows["position [mm]"]) == len(rows["std [mm]"]) == 3
-    assert np.linalg.norm([float(cell) for cell in rows["orientation"]]) == pytest.approx(1, abs=1e-5)
-
-
-def test_detect_prints_one_json_object_for_programs_and_draws_it(demo, tmp_path, run_here):
-    result = well(run_here(*detect_arguments(demo), "--json", "--overlay", tmp_path / "out.png"))
-    found = json.loads(result.stdout)
-    assert list(found) == ["object", "status", "pose", "timing_ms"]
-    assert found["object"] == "cube_v2"
-    assert found["status"] == "found"
-    assert set(found["pose"]) == {"position", "orientation", "covariance", "confidence"}
-    covariance = np.array(found["pose"]["covariance"])
-    assert covariance.shape == (6, 6)
-    assert np.linalg.eigvalsh(covariance).min() > 0
-    assert 0 < found["pose"]["confidence"] <= 1
-    assert found["timing_ms"]["total"] > 0
-    picture = cv2.imread(str(tmp_path / "out.png"))
-    assert picture.shape == cv2.imread(str(demo / "overlay.png")).shape
-    without = json.loads(run_here(*detect_arguments(demo, camera180="none"), "--json").stdout)
-    np.testing.assert_allclose(without["pose"]["position"], found["pose"]["position"], atol=2e-3)
-
-
-def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full((270, 270, 3), 90, np.uint8))
-    grey = dict.fromkeys(NAMES, tmp_path / "grey.png")
-    result = well(run_here(*detect_arguments(demo, **grey), "--json", "--overlay", tmp_path / "out.jpg"))
-    found = json.loads(result.stdout)
-    assert found["pose"] is None
-    assert found["status"] == "no_object_colors"
-    assert (tmp_path / "out.jpg").is_file()
-    shown = run_here(*detect_arguments(demo, **grey), "--exit-code")
-    assert "no_object_colors" in shown.stdout
-    assert shown.returncode == 1
-    assert run_here(*detect_arguments(demo), "--exit-code").returncode == 0
-
-
-def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_here):
-    result = well(run_here("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz"))
-    assert "no image shows green" in result.stdout
-    assert "no image shows red" not in result.stdout
-    checked = well(run_here("colors", "check", labelled, "--colors", tmp_path / "mine.npz"))
-    overlaps, confusions, *_ = checked.stdout.split("\n\n")
-    header, *_, mean = overlaps.splitlines()
-    values = dict(zip(header.split()[3:], mean.split()[1:], strict=True))
-    assert float(values["red"]) > 0.95
-    assert float(values["blue"]) > 0.95
-    assert values["green"] == "-"
-    assert confusions.startswith("found as")
-
-
-def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tmp_path, run_here):
-    arguments = ("colors", "check", labelled, "--cross-validate", "--plot", tmp_path / "plot.png")
-    result = well(run_here(*arguments))
-    assert float(result.stdout.split("\n\n")[0].split()[-1]) > 0.9  # of images that the fit did not see
-    for words in ("no colour is weak", "the light: red", "a better set of colours"):
-        assert words in result.stdout
-    assert cv2.imread(str(tmp_path / "plot.png")).std() > 10
-    for path in (*labelled.glob("01*"), *labelled.glob("02*")):
-        path.unlink()
-    assert_one_line_error(run_here(*arguments[:-2]), "found 1", "at least 2")
-
-
-def test_a_plot_among_the_images_that_are_read_is_refused(labelled, run_here):
-    arguments = ("colors", "check", labelled, "--colors", "cube_v2", "--plot", "labelled/x.png")
-    assert_refused(run_here, labelled.parent, arguments, "that are read")
-
-
-def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):
-    target = tmp_path / "mine.npz"
-    target.write_bytes(b"old")
-    shutil.copy(labelled / "00_image.png", labelled / "03_image.png")
-    (labelled / "03_mask_red.png").write_bytes(b"broken")
-    assert_refused(run_here, tmp_path, ["colors", "fit", labelled, "-o", target], "03_mask_red.png")
 
 
 def help_into(stdout) -> tuple[int, list[str]]:

@@ -1,0 +1,120 @@
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.command import assert_one_line_error, assert_refused, well
+from tests.helpers.filmed import shots, write_recording
+from tracker.segmentation.color_model import ColorModel
+
+QUICK = ("--rounds", "2")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("film") / "recording", shots("cube_v2", 6, seed=513))
+
+
+def test_adapted_colors_are_written_and_summarised(recording, tmp_path, run_here):
+    target = tmp_path / "mine.npz"
+    arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", target, *QUICK)
+    result = well(run_here("colors", "adapt", recording, *arguments))
+    assert "round 1: " in result.stdout
+    assert "3 frames that only check" in result.stdout
+    assert tracker.load_colors(target).normalise
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz"]
+
+
+def test_exchanged_faces_are_refused_and_nothing_is_written(recording, tmp_path, run_here):
+    log_posterior = tracker.load_colors("cube_v2").log_posterior.copy()
+    log_posterior[[2, 5]] = log_posterior[[5, 2]]
+    ColorModel("wrong", log_posterior).save(tmp_path / "wrong.npz")
+    arguments = ("--object", "cube_v2", "--colors", tmp_path / "wrong.npz", "-o", tmp_path / "mine.npz")
+    given = ("colors", "adapt", recording, *arguments)
+    assert_refused(run_here, tmp_path, given, "wrong: refused", "green has the hue of magenta")
+
+
+def test_colors_that_cannot_be_bettered_keep_the_old_file(tmp_path, run_here):
+    film = shots("cube_v2", 4, seed=514)
+    for shot in film:
+        shot.images[:] = [np.full_like(image, 100) for image in shot.images]
+    (tmp_path / "mine.npz").write_bytes(b"old")
+    write_recording(tmp_path / "empty", film)
+    arguments = ("empty", "--object", "cube_v2", "--colors", "cube_v2", "-o", "mine.npz", "-q")
+    given = ("colors", "adapt", *arguments)
+    assert_refused(run_here, tmp_path, given, "refused", "found 0 of 2 frames", code=1)
+
+
+FACES = "+x=red,-x=magenta,+y=green,-y=yellow,+z=blue,-z=cyan"
+
+
+def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
+    target = tmp_path / "mine.npz"
+    arguments = ("--size", "0.065,0.065,0.065", "--faces", FACES, "-o", target, *QUICK)
+    well(run_here("colors", "new", recording, *arguments))
+    model, cube = tracker.load_object(tmp_path / "mine.toml"), tracker.load_object("cube_v2")
+    assert model.name == "mine"
+    assert (model.face_labels == cube.face_labels).all()
+    assert (model.size == cube.size).all()
+    assert tracker.load_colors(model.colors).normalise
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz", "mine.toml"]
+
+
+@pytest.fixture
+def labelled(tmp_path: Path) -> Path:
+    """A folder of three labelled images of red and blue squares on grey."""
+    folder = tmp_path / "labelled"
+    folder.mkdir()
+    for number in range(3):
+        rng = np.random.default_rng(number)
+        image = rng.normal(110, 4, (120, 120, 3))
+        for color, bgr, left in (("red", (40, 50, 190), 10), ("blue", (150, 60, 20), 60)):
+            top = 20 + 10 * number
+            image[top : top + 40, left : left + 40] = rng.normal(bgr, 4, (40, 40, 3))
+            mask = np.zeros((120, 120), np.uint8)
+            mask[top : top + 40, left : left + 40] = 255
+            cv2.imwrite(str(folder / f"0{number}_mask_{color}.png"), mask)
+        cv2.imwrite(str(folder / f"0{number}_image.png"), np.clip(image, 0, 255).astype(np.uint8))
+    return folder
+
+
+def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_here):
+    result = well(run_here("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz"))
+    assert "no image shows green" in result.stdout
+    assert "no image shows red" not in result.stdout
+    checked = well(run_here("colors", "check", labelled, "--colors", tmp_path / "mine.npz"))
+    overlaps, confusions, *_ = checked.stdout.split("\n\n")
+    header, *_, mean = overlaps.splitlines()
+    values = dict(zip(header.split()[3:], mean.split()[1:], strict=True))
+    assert float(values["red"]) > 0.95
+    assert float(values["blue"]) > 0.95
+    assert values["green"] == "-"
+    assert confusions.startswith("found as")
+
+
+def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tmp_path, run_here):
+    arguments = ("colors", "check", labelled, "--cross-validate", "--plot", tmp_path / "plot.png")
+    result = well(run_here(*arguments))
+    assert float(result.stdout.split("\n\n")[0].split()[-1]) > 0.9  # of images that the fit did not see
+    for words in ("no colour is weak", "the light: red", "a better set of colours"):
+        assert words in result.stdout
+    assert cv2.imread(str(tmp_path / "plot.png")).std() > 10
+    for path in (*labelled.glob("01*"), *labelled.glob("02*")):
+        path.unlink()
+    assert_one_line_error(run_here(*arguments[:-2]), "found 1", "at least 2")
+
+
+def test_a_plot_among_the_images_that_are_read_is_refused(labelled, run_here):
+    arguments = ("colors", "check", labelled, "--colors", "cube_v2", "--plot", "labelled/x.png")
+    assert_refused(run_here, labelled.parent, arguments, "that are read")
+
+
+def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):
+    target = tmp_path / "mine.npz"
+    target.write_bytes(b"old")
+    shutil.copy(labelled / "00_image.png", labelled / "03_image.png")
+    (labelled / "03_mask_red.png").write_bytes(b"broken")
+    assert_refused(run_here, tmp_path, ["colors", "fit", labelled, "-o", target], "03_mask_red.png")
