@@ -65,19 +65,15 @@ seed = whole("--seed", "Seed of random choices.", least=0, default=0)
 as_json = option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
-class _NameOrFile(InFile):
-    """One of some names, or a file."""
+def _name_or_file(name: str, to: str, known: tuple[str, ...], text: str, *, required: bool = False) -> Any:
+    """An option that is a known name or a file; shells complete names that begin so, else files."""
 
-    def __init__(self, names: tuple[str, ...]) -> None:
-        super().__init__(str)
-        self.names = names
-
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        """The names that begin so, else files."""
-        found = [CompletionItem(name) for name in self.names if name.startswith(incomplete)]
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        found = [CompletionItem(one) for one in known if one.startswith(incomplete)]
         return found or [CompletionItem(incomplete, type="file")]
+
+    kind = {"metavar": "NAME", "type": InFile(str), "shell_complete": complete}
+    return option(name, to, required=required, help=text, **kind)
 
 
 def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
@@ -101,14 +97,13 @@ def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
 def object_name(default: str = "") -> Any:
     """`--object`, required unless `default` says which is taken without it."""
     text = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
-    kind = _NameOrFile(OBJECTS)
-    return option("--object", "object_name", required=not default, metavar="NAME", type=kind, help=text)
+    return _name_or_file("--object", "object_name", OBJECTS, text, required=not default)
 
 
 def colors(default: str = "the object's") -> Any:
     """`--colors`; `default` says which are taken without it."""
     text = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
-    return option("--colors", "colors_name", metavar="NAME", type=_NameOrFile(COLORS), help=text)
+    return _name_or_file("--colors", "colors_name", COLORS, text)
 
 
 @dataclass(frozen=True)
