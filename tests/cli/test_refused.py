@@ -196,6 +196,12 @@ REFUSED = {
         ("simulation --speed 2", "--speed|has no effect"),
         ("simulation:2", "simulation:2|without a name"),
     ],
+    "calibrate intrinsics void/camera180.png --squares 5x7 --square 0.04 --marker 0.03 -o new.yml": [
+        ("--name camera60 --crop 540", "--crop|'540'|540x540+88+0"),
+        ("--name ../x", "--name|'../x'|up to 100 letters"),
+        ("--name camera60 --squares 5by7", "--squares|5x7"),
+        ("--name camera60 --marker 0.05", "markers of 0.05|less than"),
+    ],
     "colors adapt": [
         ("log --object cube_v9 -o x.npz", "cube_v9|cube_v2"),
         ("log --object cube_v2 -o x.npz --colors pink", "pink|simulation"),
