@@ -20,7 +20,7 @@ from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
 from tracker.cli import commands
 from tracker.cli.demo import DATA
-from tracker.cli.outputs import OutFile
+from tracker.cli.outputs import OutFile, OutFolder
 from tracker.objects.model import to_toml
 from tracker.poses.file import write_poses
 from tracker.recordings import run
@@ -303,3 +303,11 @@ def test_a_file_to_write_has_its_suffix_and_a_folder_to_be_in_and_is_none(option
     for path, fault in faults.items():
         with pytest.raises(click.UsageError, match=f"{option.opts[0]} {path}: {fault}"):
             option.type.convert(path, option, None)
+
+
+def test_a_folder_of_results_that_exists_may_be_in_one_that_may_not_be_written(tmp_path, monkeypatch):
+    (tmp_path / "old").mkdir()
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != tmp_path)
+    assert OutFolder().convert(tmp_path / "old", None, None) == tmp_path / "old"
+    with pytest.raises(click.UsageError, match="may not be written"):
+        OutFolder().convert(tmp_path / "new", None, None)
