@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import astuple
 from pathlib import Path
@@ -126,16 +127,14 @@ def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> 
     from tracker.batch.run import track_task
     from tracker.batch.workers import engine
 
-    number = {task.output: k for k, task in enumerate(tasks)}
-    results: dict[int, dict[str, Any] | Exception] = {}
-    failed, reported = False, 0
+    waiting, failed = deque(task.output for task in tasks), False
+    results: dict[str, dict[str, Any] | Exception] = {}
     with engine(min(jobs, len(tasks))) as workers, bar("recordings", len(tasks), quiet, "recordings") as done:
         for task, result in workers(track_task, tasks):
-            results[number[task.output]] = result
+            results[task.output] = result
             done(1)
-            while reported in results:
-                outcome = results.pop(reported)
-                reported += 1
+            while waiting and waiting[0] in results:
+                outcome = results.pop(waiting.popleft())
                 if isinstance(outcome, (TrackerError, OSError)):
                     say(reason(outcome))  # others may well be whole; the exit code tells
                     failed = True
