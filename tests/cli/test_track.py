@@ -229,8 +229,8 @@ def test_workers_end_with_an_interrupted_or_killed_run(jobs, end, number, long, 
     end(process.pid, number)
     # The pipe closes when the last process that holds it has ended.
     out, err = process.communicate(timeout=120)
-    told = {signal.SIGINT: (130, b"tracker: interrupted\n"), signal.SIGKILL: (-signal.SIGKILL, b"")}
-    assert (process.returncode, err) == told[number]
+    printed = {signal.SIGINT: (130, b"tracker: interrupted\n"), signal.SIGKILL: (-signal.SIGKILL, b"")}
+    assert (process.returncode, err) == printed[number]
     assert out == b""
     assert not list(tmp_path.rglob("*.h5"))
 

@@ -1,4 +1,4 @@
-"""`tracker calibrate board`, `intrinsics`, `extrinsics`: a board, and what photos of it tell of cameras."""
+"""`tracker calibrate board`, `intrinsics`, `extrinsics`: a board to print, and cameras from photos of it."""
 
 from __future__ import annotations
 
@@ -360,21 +360,20 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
     for place, folder in enumerate(folders):
         if not folder.is_dir():
             raise CalibrationError(f"{folder}: no such folder; expected one with a photo of each camera")
-        images = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE)
-        called = {path: camera_in(path.stem, cameras) for path in images}
-        for path, camera in called.items():
-            if camera not in (None, *cameras):
-                raise CalibrationError(f"{path}: named after {camera}, expected {', '.join(cameras)} alone")
-        found = 0
-        for number, camera in enumerate(cameras):
-            own = [path for path in images if called[path] == camera]
+        found: dict[str, list[Path]] = {camera: [] for camera in cameras}
+        for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE):
+            named = camera_in(path.stem, cameras)
+            if named not in (None, *cameras):
+                raise CalibrationError(f"{path}: named after {named}, expected {', '.join(cameras)} alone")
+            if named is not None:
+                found[named].append(path)
+        for number, (camera, own) in enumerate(found.items()):
             if len(own) > 1:
                 names = ", ".join(path.name for path in own)
                 raise CalibrationError(f"{folder}: found {names}, expected one photo of {camera}")
-            for path in own:
-                photos[number, place] = path
-            found += len(own)
-        if not found:
+            if own:
+                photos[number, place] = own[0]
+        if not any(found.values()):
             raise CalibrationError(f"{folder}: found no photo of {', '.join(cameras)}, e.g. {cameras[0]}.png")
     return photos
 
