@@ -20,7 +20,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import described, float_array, naming, one_stamp, path_of
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files import hdf5, told_as, write_whole
+from tracker.files import hdf5, told_as, told_of, write_whole
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import KINDS, About, Kind, Poses
 
@@ -156,9 +156,10 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
             values. The message names the dataset, what was found and what would be valid.
     """
     path = path_of(path, "path of poses", LogError)
-    if not path.is_file():
-        there = "a folder" if path.is_dir() else "a pipe or a device"
-        found = there if path.exists() else "no such file"
+    with told_of(path):  # a name may be too long
+        is_file, is_folder, exists = path.is_file(), path.is_dir(), path.exists()
+    if not is_file:
+        found = "a folder" if is_folder else "a pipe or a device" if exists else "no such file"
         raise LogError(f"{path}: found {found}, expected a file of poses, as tracker track makes it")
     with hdf5.faults_as_log_errors(str(path)), hdf5.open_file(path) as file:
         return _poses(file)
