@@ -1,6 +1,8 @@
 """Fit the numbers of the evidence on scenes of the simulated platform, where the truth is known.
 
-    python scripts/fit_confidence.py [SCENES]
+    python scripts/fit_confidence.py [SCENES] [NUMBER …]
+
+Only the numbers that are named are fitted, all if none is.
 
 Right and wrong fits teach them: in a tidy world and in one with all imperfections of the real one, with all
 cameras, with two and with one, in odd light, in poor pictures, where there is no object, where another thing
@@ -28,7 +30,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
-from tracker.pose.evidence import NUMBERS, Numbers, weigh
+from tracker.pose.evidence import NUMBERS, Numbers, weighed
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.hypotheses import apart
 from tracker.pose.judge import NEARNESS, fits, probably_near
@@ -125,9 +127,10 @@ def collect(scenes: int) -> Cases:
 
 @compiled
 def weigh_all(seen, labels, stands, numbers, out):  # type: ignore[no-untyped-def]
-    """Evidence (N, 4) of N fits, see `weigh`."""
+    """Evidence (N, 5) of N fits, see `weighed`."""
     for i in range(len(seen)):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = weigh(seen[i], labels[i], stands[i], numbers)
+        here, body, shape, nothing, ahead = weighed(seen[i], labels[i], stands[i], numbers)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = here, body, shape, nothing, ahead
 
 
 class Model:
@@ -144,24 +147,24 @@ class Model:
     def confidence(self, values: dict[str, float]) -> FloatArray:
         """(N,) of all fits."""
         numbers = Numbers(**{name: values[name] for name in Numbers._fields})
-        out = np.empty((len(self.seen), 4))
+        out = np.empty((len(self.seen), 5))
         weigh_all(self.seen, self.labels, np.ascontiguousarray(self.stands), numbers, out)
-        here, body, shape, nothing = out.T
-        ahead = numbers.temper * (here - nothing)
+        here, body, shape, nothing, ahead = out.T
+        ahead = numbers.temper * ahead
         against = np.bincount(self.one, _exp(ahead[self.other] - ahead[self.one]), len(here))
         against += _exp(numbers.temper * (body - here) + numbers.body)
-        against += _exp(numbers.temper * (shape - here) + numbers.shape) + _exp(numbers.nothing - ahead)
+        against += _exp(numbers.temper * (shape - here) + numbers.shape)
+        against += _exp(numbers.temper * (nothing - here) + numbers.nothing)
         against += _exp(numbers.end * self.resized + numbers.resized)
         near = 1 / (1 + _exp(-values["offset"] - values["growth"] * self.near))
         return np.asarray(self.holds * near / (1 + against))
 
-    def fit(self, start: dict[str, float], use: Array) -> dict[str, float]:
-        """The likeliest numbers for some of the cases."""
-        names = list(start)
+    def fit(self, start: dict[str, float], names: list[str], use: Array) -> dict[str, float]:
+        """The likeliest of some numbers for some of the cases, with all others."""
         first = np.array([_searched(name, start[name]) for name in names])
 
         def loss(x: FloatArray) -> float:
-            values = {name: _meant(name, v) for name, v in zip(names, x, strict=True)}
+            values = start | {name: _meant(name, v) for name, v in zip(names, x, strict=True)}
             stated = np.clip(self.confidence(values), MISTAKES, 1 - MISTAKES)
             cost = -np.where(self.right > 0, np.log(stated), np.log1p(-stated))
             return (
@@ -172,7 +175,7 @@ class Model:
         found = minimize(
             loss, first, method="L-BFGS-B", options={"maxiter": 80, "eps": 1e-4, "maxfun": 10**6}
         ).x
-        return {name: _meant(name, v) for name, v in zip(names, found, strict=True)}
+        return start | {name: _meant(name, v) for name, v in zip(names, found, strict=True)}
 
 
 def _exp(x: FloatArray) -> FloatArray:
@@ -192,12 +195,13 @@ def _meant(name: str, value: float) -> float:
     return float(1 / (1 + np.exp(-value)) if name in PROBABILITIES else np.exp(value))
 
 
-def main(scenes: int) -> None:
+def main(scenes: int, names: list[str]) -> None:
     """Collect, fit, print; the reliability is that of the scenes held out."""
     model = Model(collect(scenes))
     start = dict(NUMBERS._asdict()) | dict(zip(("offset", "growth"), NEARNESS, strict=True))
+    names = names or list(start)
     held = model.scene % 3 == 0
-    tried = model.confidence(model.fit(start, ~held))
+    tried = model.confidence(model.fit(start, names, ~held))
     for group in dict.fromkeys(model.group):
         rows = held & (model.group == group)
         stated, right = tried[rows], model.right[rows]
@@ -205,9 +209,9 @@ def main(scenes: int) -> None:
             f"{group}: {rows.sum()} fits, stated {stated.mean():.3f}, right {right.mean():.3f}, "
             f"Brier score {np.mean((stated - right) ** 2):.4f}"
         )
-    found = model.fit(start, np.ones(len(held), bool))
+    found = model.fit(start, names, np.ones(len(held), bool))
     print({name: float(f"{value:.3g}") for name, value in found.items()})
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100, sys.argv[2:])

@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.helpers.consistency import pose_error
 from tracker.objects.model import load_object
-from tracker.pose.evidence import NUMBERS, evidence_of, weigh
+from tracker.pose.evidence import NUMBERS, evidence_of, weighed
 from tracker.pose.fit import SEEN, Fit
 
 COVARIANCE = np.diag(np.repeat(np.square([0.3e-3, math.radians(0.3)]), 3))
@@ -28,7 +28,8 @@ def with_cameras(fit, which=slice(None), **fields):
             one["faces"][face][0] = (one["missing"] + k) // 3
         # One face is in another's colour.
         one["faces"][VISIBLE[0]][LABELS[VISIBLE[1]]] += one["wrong"]
-    evidence = evidence_of(*weigh(cameras, np.asarray(LABELS), fit.stands, NUMBERS))
+        one["inner"] = one["faces"]
+    evidence = evidence_of(*weighed(cameras, np.asarray(LABELS), fit.stands, NUMBERS))
     return dataclasses.replace(fit, cameras=cameras, evidence=evidence)
 
 

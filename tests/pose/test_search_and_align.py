@@ -1,5 +1,6 @@
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 
@@ -8,10 +9,10 @@ from synthetic.camera.sensor import Sensor
 from tests.helpers import look_at, make_camera, random_rotations
 from tests.helpers.kept_stills import bare
 from tracker import Arena, load_object
-from tracker.geometry import so3
+from tracker.geometry import cuboid, so3
 from tracker.geometry.lens import project, stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.align import align, explanation_score, hear
+from tracker.pose.align import INSIDE, align, explanation_score, hear
 from tracker.pose.fit import SEEN
 from tracker.pose.rotations import ROTATIONS, even_rotations, likely_rotations, rotation_grid
 from tracker.pose.scale import label_camera, label_factors
@@ -176,6 +177,26 @@ def test_explanation_counts_what_the_truth_shows(scene):
     )
     inside = seen["agree"] + seen["missing"] + seen["wrong"]
     np.testing.assert_array_equal(inside, seen["predicted"])
+
+
+def test_pixels_inside_a_face_keep_away_from_its_outline(scene):
+    cameras, labels, truth = scene
+    seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
+    hear(lenses, labels, pictures_of(labels), FACES, truth.rotation, truth.position, STILL, seen)
+    corners, checked = cuboid.corners(MODEL.size) @ truth.rotation.T + truth.position, 0
+    for c, camera in enumerate(cameras):
+        pixels = camera.project(corners).astype(np.float32)
+        for face in np.flatnonzero(seen["faces"][c].sum(axis=1)):
+            outline = pixels[cuboid.FACE_CORNERS[face]]
+            away = [
+                cv2.pointPolygonTest(outline, (float(i), float(j)), True)
+                for j, i in np.ndindex(camera.height, camera.width)
+            ]
+            inner = np.array(away).reshape(camera.height, camera.width) >= INSIDE
+            found = labels[c, : camera.height, : camera.width][inner]
+            np.testing.assert_array_equal(seen["inner"][c, face], np.bincount(found, minlength=7))
+            checked += 1
+    assert checked >= 6
 
 
 def test_a_worse_pose_scores_less(scene):

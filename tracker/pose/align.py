@@ -37,37 +37,56 @@ IMPOSSIBLE = -1e9
 RIM = 2.5
 """Pixels of the label map around the object, in which colours beside it are counted."""
 
+INSIDE = 0.5
+"""Distance from a face's outline [px of the label map] from which a pixel shows this face alone."""
+
 _SIGNS, _FACES = CORNER_SIGNS, FACE_CORNERS
 
 
 @compiled
-def _face_row(pixels, face, row):  # type: ignore[no-untyped-def]
-    """The columns from … to that a face covers in a row of pixels; its corners' pixels are rows of (8, 2)."""
-    low, high = 1e9, -1e9
+def _face_row(pixels, face, sides, row, margin):  # type: ignore[no-untyped-def]
+    """The columns from … to that a face covers in a row of pixels, but for a margin along its outline [px].
+
+    Its corners' pixels are rows of (8, 2); sides (4,): their distances. Seen faces turn clockwise.
+    """
+    low, high = -1e9, 1e9
     for k in range(4):
         a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
-        va, vb = pixels[a, 1], pixels[b, 1]
-        if (va <= row) == (vb <= row):
-            continue
-        u = pixels[a, 0] + (row - va) / (vb - va) * (pixels[b, 0] - pixels[a, 0])
-        low, high = min(low, u), max(high, u)
+        across, down = pixels[b, 0] - pixels[a, 0], pixels[b, 1] - pixels[a, 1]
+        inside = across * (row - pixels[a, 1]) + margin * sides[k]
+        if down > 0.0:
+            low = max(low, pixels[a, 0] + inside / down)
+        elif down < 0.0:
+            high = min(high, pixels[a, 0] + inside / down)
+        elif inside > 0.0:
+            return 1e9, -1e9
     return low, high
 
 
 @compiled
-def _count_face(labels, pixels, face, area, counts):  # type: ignore[no-untyped-def]
-    """Fill counts (8,): pixels of one face by the label that they show; the last are unknown."""
+def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-untyped-def]
+    """Fill counts (8,): pixels of one face by the label that they show; the last are unknown.
+
+    Inner (7,): those of them that lie wholly inside, unknown ones left out.
+    """
     left, right, top, bottom = area
-    counts[:] = 0
-    first, last = bottom, top
+    counts[:], inner[:] = 0, 0
+    first, last, sides = bottom, top, np.empty(4)
     for k in range(4):
-        row = min(max(pixels[_FACES[face, k], 1], top - 1.0), bottom + 1.0)
+        a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
+        sides[k] = math.hypot(pixels[b, 0] - pixels[a, 0], pixels[b, 1] - pixels[a, 1])
+        row = min(max(pixels[a, 1], top - 1.0), bottom + 1.0)
         first, last = min(first, math.ceil(row)), max(last, math.floor(row))
     for j in range(max(first, top), min(last, bottom) + 1):
-        low, high = _face_row(pixels, face, j)
+        low, high = _face_row(pixels, face, sides, j, 0.0)
         start = math.ceil(min(max(low, float(left)), right + 1.0))
-        for label in labels[j, start : max(start, math.ceil(min(high, right + 1.0)))]:
-            counts[min(label, 7)] += 1
+        end = max(start, math.ceil(min(high, right + 1.0)))
+        low, high = _face_row(pixels, face, sides, j, INSIDE)
+        for i in range(start, end):
+            label = min(labels[j, i], 7)
+            counts[label] += 1
+            if low <= i <= high and label < 7:
+                inner[label] += 1
 
 
 @compiled
@@ -79,7 +98,7 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
     """
     half, face_labels = box
     one.predicted, one.agree, one.missing, one.wrong, one.extra = 0, 0, 0, 0, 0
-    one.faces[:, :] = 0
+    one.faces[:, :], one.inner[:, :] = 0, 0
     heights, pixels = np.empty(6), np.empty((8, 2))
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     u0, v0, z = project(lenses, c, position[0], position[1], position[2])
@@ -109,7 +128,7 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
             colored += 0 < label < UNKNOWN
     for face in range(6):
         if heights[face] > 0.0:
-            _count_face(labels, pixels, face, (left, right, top, bottom), counts)
+            _count_face(labels, pixels, face, (left, right, top, bottom), counts, one.inner[face])
             covered, agree = 0, counts[face_labels[face]]
             for label in range(7):
                 one.faces[face, label] = counts[label]
@@ -133,7 +152,7 @@ def hear(lenses, labels, pictures, box, rotation, position, lags, seen):  # type
     for c in range(len(seen)):
         one = seen[c]
         one.predicted, one.agree, one.missing, one.wrong, one.extra = 0, 0, 0, 0, 0
-        one.faces[:, :] = 0
+        one.faces[:, :], one.inner[:, :] = 0, 0
         if not pictures[c].used:
             one.elsewhere = pictures[c].colored
             continue

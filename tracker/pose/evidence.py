@@ -45,11 +45,14 @@ NONE_PRIOR = 0.5
 class Numbers(NamedTuple):
     """What evidence is worth: fitted by scripts/fit_confidence.py to right and wrong fits.
 
-    `end` and `resized` were chosen on development scenes (benchmarks/development.md).
+    On development scenes `end`, `resized` and `whole` were chosen, and `pixel`, `hidden`, `broken`, `body`,
+    `shape` and `nothing` fitted again once pixels on outlines no longer counted (benchmarks/development.md).
     """
 
     pixel: float
-    """Independent observations in a pixel of the label map."""
+    """Independent observations in a pixel of the label map that lies wholly inside a face."""
+    whole: float
+    """The same where those on its outline count, too, as for bodies with another edge."""
     wrong: float
     """Probability that a pixel of a face shows another colour."""
     misread: float
@@ -87,9 +90,9 @@ class Numbers(NamedTuple):
 
 
 NUMBERS = Numbers(
-    pixel=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0198, broken=0.0157, more=0.00897,
+    pixel=0.153, whole=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0315, broken=0.0208, more=0.00897,
     alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, end=1.5,
-    stands=0.337, temper=0.706, body=-5.35, shape=-0.441, resized=-4.0, nothing=3.46,
+    stands=0.337, temper=0.706, body=-5.63, shape=-0.302, resized=-4.0, nothing=2.89,
 )  # fmt: skip
 
 
@@ -185,29 +188,33 @@ def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def weigh(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
+def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untyped-def]
     """Log evidence of the object here, of a body with other faces, of one of another shape, and of nothing.
 
     See equation (21) of docs/how-it-works.md.
 
     Args:
-        seen: (C,) of SEEN, of which `shows`, `broken` and `unknown` are filled.
+        seen: (C,) of SEEN, of which `shows` and `broken` are filled.
         face_labels: (6,) of the object.
         stands: log odds by which it stands on the table.
         numbers: Numbers.
+        closer: whether only those pixels count that lie wholly inside a face.
     """
     count, prices = len(seen), np.empty((len(SHARES), 5))
     _prices(numbers, prices)
-    options, tied = np.empty((count, 6, 8)), np.zeros((6, 8))
+    options, tied, unknowns = np.empty((count, 6, 8)), np.zeros((6, 8)), np.empty((count, 6))
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for c in range(count):
         for face in range(6):
-            _options(seen[c].faces[face], prices, numbers.pixel, options[c, face])
-            seen[c].unknown[face] = _unknown(options[c, face])
+            counts, pixel = seen[c].faces[face], numbers.whole
+            if closer:
+                counts, pixel = seen[c].inner[face], numbers.pixel
+            _options(counts, prices, pixel, options[c, face])
+            unknowns[c, face] = _unknown(options[c, face])
             for k in range(MIXED + 1):
                 value = options[c, face, k]
-                if seen[c].faces[face].sum() > 0:
-                    value = np.logaddexp(value + correct, seen[c].unknown[face] + lost)
+                if counts.sum() > 0:
+                    value = np.logaddexp(value + correct, unknowns[c, face] + lost)
                 options[c, face, k] = value
                 tied[face, k] += value
     shows, blind = math.log(1.0 - numbers.hidden), math.log(numbers.hidden)
@@ -223,7 +230,7 @@ def weigh(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
         for face in range(6):
             own += options[c, face, face_labels[face]]
             other += options[c, face, int(np.argmax(tied[face]))]
-            unknown += one.unknown[face]
+            unknown += unknowns[c, face]
         outside = _outside(one, numbers)
         lone[0, count_seen] = np.logaddexp(shows + own - outside, blind - outside)
         lone[1, count_seen] = np.logaddexp(shows + other - outside, blind - outside)
@@ -241,16 +248,28 @@ def weigh(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _seen_here(one, face_labels, prices, numbers):  # type: ignore[no-untyped-def]
-    """Log likelihood of one camera's record of SEEN, the object being there."""
+def weighed(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
+    """What `weigh` says by pixels inside the faces; and, by all of them, of the object here over nothing."""
+    here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, False)
+    ahead = here - nothing
+    here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, True)
+    return here, body, shape, nothing, ahead
+
+
+@compiled
+def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-untyped-def]
+    """Log likelihood of one camera's record of SEEN, the object being there.
+
+    unknowns (6,): of its faces, see `_unknown`.
+    """
     own, unknown = _edges(one, numbers), 0.0
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for face in range(6):
-        unknown += one.unknown[face]
+        unknown += unknowns[face]
         colored = one.faces[face, 1:].sum()
         if one.faces[face, 0] + colored > 0:
-            value = _option(one.faces[face], colored, face_labels[face], prices, numbers.pixel)
-            own += np.logaddexp(value + correct, one.unknown[face] + lost)
+            value = _option(one.faces[face], colored, face_labels[face], prices, numbers.whole)
+            own += np.logaddexp(value + correct, unknowns[face] + lost)
     shown = np.logaddexp(math.log(1.0 - numbers.hidden) + own, math.log(numbers.hidden))
     return np.logaddexp(shown - _outside(one, numbers), math.log(numbers.broken) + unknown)
 
@@ -275,9 +294,12 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
     prices = np.empty((len(SHARES), 5))
     _prices(numbers, prices)
     other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
-    before = np.empty(len(seen))
+    before, unknowns, options = np.empty(len(seen)), np.empty((len(seen), 6)), np.empty(8)
     for c in range(len(seen)):
-        before[c] = _seen_here(seen[c], face_labels, prices, numbers)
+        for face in range(6):
+            _options(seen[c].faces[face], prices, numbers.whole, options)
+            unknowns[c, face] = _unknown(options)
+        before[c] = _seen_here(seen[c], unknowns[c], face_labels, prices, numbers)
     for factor, share in RESIZED:
         total, most, agree = 0.0, 0.0, 0
         for one in seen:
@@ -297,7 +319,7 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
             total, most = 0.0, 0.0
             for c in range(len(seen)):
                 if seen[c].predicted > 0:
-                    gain = _seen_here(other[c], face_labels, prices, numbers) - before[c]
+                    gain = _seen_here(other[c], unknowns[c], face_labels, prices, numbers) - before[c]
                     total, most = total + gain, max(most, gain)
             found = max(found, total - share * most)
     return found
@@ -305,27 +327,28 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
 
 @compiled
 def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
-    """What `weigh` says of what label maps show of an object; or, if `ask`, what `_resized` says.
+    """What `weighed` says of what label maps show of an object; or, if `ask`, what `_resized` says.
 
     The label maps are as of `hear`, which fills seen (C,) of SEEN, and so is the place: rotation, position
     and lags. Cameras that were left out (C,) are witnesses only: colours beside the object count as seen
     elsewhere, since a picture that is noisy or flooded shows them all over. To be asked, seen must be filled.
     """
     if ask:
-        return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0
+        return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0, 0.0
     rotation, position, lags = place
     hear(lenses, labels, pictures, box, rotation, position, lags, seen)
     for c in range(len(seen)):
         if left_out[c]:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
-    return weigh(seen, box[1], stands, numbers)
+    return weighed(seen, box[1], stands, numbers)
 
 
-def evidence_of(here: float, body: float, shape: float, nothing: float) -> Evidence:
-    """Log odds that follow from what `weigh` returns."""
+def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: float) -> Evidence:
+    """Log odds that follow from what `weighed` returns."""
     one = NUMBERS
     other = np.logaddexp(one.temper * (body - here) + one.body, one.temper * (shape - here) + one.shape)
-    return Evidence(float(other), one.temper * (nothing - here) + one.nothing)
+    less = one.temper * (nothing - here) + one.nothing
+    return Evidence(float(other), less, one.temper * ahead - one.nothing)
 
 
 def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array) -> Evidence:

@@ -64,7 +64,7 @@ SEEN = np.dtype(
         ("shows", np.float64),  # probability that it shows the object there
         ("broken", np.float64),  # … and that the picture is of something else
         ("faces", np.int64, (6, 7)),  # pixels that each face should cover, by the label that they show
-        ("unknown", np.float64, 6),  # log likelihoods of these, if nothing is known of the face
+        ("inner", np.int64, (6, 7)),  # … such as lie wholly inside
     ]
 )
 """What one camera's picture says of a pose."""
@@ -79,11 +79,14 @@ class Evidence(NamedTuple):
     """Log odds of a body there with other colours or of another shape, over the object."""
     nothing: float
     """Log odds that there is nothing, over the object."""
+    ahead: float
+    """Log odds of the object over nothing by which fits compete: pixels on the faces' outlines count, too,
+    since they are the first to show that a pose is off."""
     resized: float = -math.inf
     """Log odds of a body of which an edge is shorter or longer; minus infinity where it was not asked for."""
 
 
-UNHEARD = Evidence(math.inf, math.inf)
+UNHEARD = Evidence(math.inf, math.inf, -math.inf)
 
 
 class OwnViews(NamedTuple):

@@ -77,7 +77,7 @@ def contradicting(fit: Fit) -> tuple[bool, ...]:
 
 def rank(fit: Fit) -> float:
     """Log odds of a fit over nothing there, by which it is compared with fits to the same pictures."""
-    return -fit.evidence.nothing
+    return fit.evidence.ahead
 
 
 @_once
