@@ -44,48 +44,38 @@ _SIGNS, _FACES = CORNER_SIGNS, FACE_CORNERS
 
 
 @compiled
-def _face_row(pixels, face, sides, row, margin):  # type: ignore[no-untyped-def]
-    """The columns from … to that a face covers in a row of pixels, but for a margin along its outline [px].
-
-    Its corners' pixels are rows of (8, 2); sides (4,): their distances. Seen faces turn clockwise.
-    """
-    low, high = -1e9, 1e9
-    for k in range(4):
-        a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
-        across, down = pixels[b, 0] - pixels[a, 0], pixels[b, 1] - pixels[a, 1]
-        inside = across * (row - pixels[a, 1]) + margin * sides[k]
-        if down > 0.0:
-            low = max(low, pixels[a, 0] + inside / down)
-        elif down < 0.0:
-            high = min(high, pixels[a, 0] + inside / down)
-        elif inside > 0.0:
-            return 1e9, -1e9
-    return low, high
-
-
-@compiled
 def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-untyped-def]
     """Fill counts (8,): pixels of one face by the label that they show; the last are unknown.
 
-    Inner (7,): those of them that lie wholly inside, unknown ones left out.
+    Inner (7,): those that lie wholly inside, unknown ones left out. The corners' pixels are rows of (8, 2);
+    seen faces turn clockwise.
     """
     left, right, top, bottom = area
     counts[:], inner[:] = 0, 0
-    first, last, sides = bottom, top, np.empty(4)
+    first, last, sides = bottom, top, np.empty((4, 5))
     for k in range(4):
         a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
-        sides[k] = math.hypot(pixels[b, 0] - pixels[a, 0], pixels[b, 1] - pixels[a, 1])
-        row = min(max(pixels[a, 1], top - 1.0), bottom + 1.0)
+        u, v = pixels[a, 0], pixels[a, 1]
+        across, down = pixels[b, 0] - u, pixels[b, 1] - v
+        if down == 0.0:
+            down = 1e-9
+        sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3] = u, v, across / down, down
+        sides[k, 4] = INSIDE * math.hypot(across, down) / down
+        row = min(max(v, top - 1.0), bottom + 1.0)
         first, last = min(first, math.ceil(row)), max(last, math.floor(row))
     for j in range(max(first, top), min(last, bottom) + 1):
-        low, high = _face_row(pixels, face, sides, j, 0.0)
-        start = math.ceil(min(max(low, float(left)), right + 1.0))
-        end = max(start, math.ceil(min(high, right + 1.0)))
-        low, high = _face_row(pixels, face, sides, j, INSIDE)
-        for i in range(start, end):
+        low, high, inner_low, inner_high = left - 1.0, right + 1.0, left - 1.0, right + 1.0
+        for k in range(4):
+            u, within = sides[k, 0] + (j - sides[k, 1]) * sides[k, 2], sides[k, 4]
+            if sides[k, 3] > 0.0:
+                low, inner_low = max(low, u), max(inner_low, u + within)
+            else:
+                high, inner_high = min(high, u), min(inner_high, u + within)
+        start = max(math.ceil(min(low, right + 1.0)), left)
+        for i in range(start, max(start, math.ceil(max(high, left - 1.0)))):
             label = min(labels[j, i], 7)
             counts[label] += 1
-            if low <= i <= high and label < 7:
+            if inner_low <= i <= inner_high and label < 7:
                 inner[label] += 1
 
 
