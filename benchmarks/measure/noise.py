@@ -25,7 +25,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
-FILMS, LENGTH, CALIBRATIONS = 8, 60, 12
+FILMS, LENGTH, CALIBRATIONS = 12, 60, 24
 """Films of an object, frames of each, and calibrations with which each is played."""
 
 REFINED = 0.16e-3, np.radians(0.02)
