@@ -22,7 +22,7 @@ from typing import Any
 
 from tracker.errors import LogError
 from tracker.files import read_bounded
-from tracker.summaries.summary import COLUMNS
+from tracker.summaries.row import COLUMNS
 
 
 def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:

@@ -22,7 +22,8 @@ from tracker.files import claimed, lock_of, read_bounded, write_whole
 from tracker.recordings.recipe import Job, Options, Recipe, code, fingerprint
 from tracker.recordings.track import Tracked, run
 from tracker.summaries.remarks import remark_on_recording
-from tracker.summaries.summary import goal_file, row, summary
+from tracker.summaries.row import goal_file, row
+from tracker.summaries.summary import summary
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from tracker.batch.run import Batch
 from tracker.errors import LogError, reason
 from tracker.files import csv_text, lock_of, whole_file, write_whole
 from tracker.recordings.track import unicode_text
-from tracker.summaries.summary import COLUMNS
+from tracker.summaries.row import COLUMNS
 
 
 @dataclass(frozen=True)

@@ -202,7 +202,7 @@ def export(
         write_parquet(parquet, poses, keypoints_of=corners_of, more=more)
     if video is not None and log is not None:
         from tracker.logs.opening import fitted_to
-        from tracker.summaries.summary import refuse_others
+        from tracker.summaries.row import refuse_others
 
         model = tracker.load_object(object_name or poses.about.object_name)
         with tracker.open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
@@ -331,7 +331,7 @@ def _of_poses(
 ) -> tuple[tracker.CuboidModel, tracker.CameraRig, int, _Frames]:
     """Object, cameras, number of frames, and these, with images of a recording that the stack closes."""
     from tracker.logs.opening import fitted_to
-    from tracker.summaries.summary import refuse_others
+    from tracker.summaries.row import refuse_others
 
     poses, model = poses_of(source, object_name)
     numbers = poses.index.tolist()

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import check_sequence, freeze, of_kind
@@ -202,8 +203,6 @@ def assign(goal: npt.ArrayLike, positions: npt.ArrayLike) -> Assignment:
     Raises:
         TaskError: goal or positions are of another shape or not finite.
     """
-    from scipy.optimize import linear_sum_assignment  # which takes long to load
-
     places, dice = finite_positions(goal, "goal"), finite_positions(positions, "dice")
     distances = np.linalg.norm(places[:, None] - dice, axis=-1)
     chosen, partners = linear_sum_assignment(distances)

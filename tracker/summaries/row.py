@@ -1,0 +1,198 @@
+"""A recording's rewards for the goal in its folder, and its line of a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.conventions import FloatArray
+from tracker.errors import LogError, TaskError, reason
+from tracker.logs import Log, open_log
+from tracker.objects.model import CuboidModel
+from tracker.pose.result import CameraUse
+from tracker.poses.columns import FilteredColumns
+from tracker.poses.poses import Poses
+from tracker.recordings.recipe import Job
+from tracker.recordings.track import Tracked, unicode_text
+from tracker.summaries.summary import best, summary
+from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
+
+SAME = 1e-3  # time [s] by which stamps of one frame may differ: formats round them
+
+
+def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
+    """LogError for poses of another recording, by number and stamp of first and last frame."""
+    if not len(poses):
+        return
+    for row in (0, -1):
+        number = int(poses.index[row])
+        stamp = log.frame(number).timestamp if number < len(log) else np.inf
+        if abs(stamp - poses.timestamp[row]) > SAME:  # not so where a driver's error left no stamp, NaN
+            source = poses.about.source
+            raise LogError(
+                f"{path}: found poses of another recording ({source}), expected those of {recording}"
+            )
+        if not log.random_access:
+            return  # to read all of it takes long
+
+
+def seconds_since_beginning(log: Path, poses: Poses) -> FloatArray:
+    """Times (n,) [s] of poses since the first frame of their recording, from which goals count.
+
+    Raises:
+        LogError, OSError: the poses begin later, and the recording cannot be read.
+    """
+    if not len(poses) or poses.index[0] == 0:
+        return poses.timestamp - poses.timestamp[:1]
+    with open_log(log, recover=True) as opened:
+        first = next(iter(opened), None)
+    if first is None:
+        raise LogError(f"{log}: found no frame that can be read, expected the first one")
+    return poses.timestamp - first.timestamp
+
+
+def goal_file(log: Path) -> Path:
+    """Where the goal of a recording's job is, if there is one."""
+    return (log if log.is_dir() else log.parent) / FILE_NAME
+
+
+def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
+    """Columns of the table about the goal in the recording's folder, if there is one."""
+    path = goal_file(log)
+    if not path.is_file():
+        return {}
+    try:
+        goal = read_job_goal(path)
+        found: dict[str, Any] = {"task": goal.task, "level": goal.level}
+        if goal.task == "rearrange_dice":
+            return found
+        columns = best(poses)
+        seconds = seconds_since_beginning(log, poses)
+        rewards = goal.rewards(seconds, columns.position, columns.orientation, model)
+    except (TaskError, LogError, OSError) as error:
+        return {"goal_fault": reason(error)}
+    return {**found, **totals(rewards, seconds)}
+
+
+def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
+    """Sum over control steps, mean and last of rewards (n,) at times (n,) [s]; each lasts until the next.
+
+    Where the object was not seen the reward before holds, at the beginning the first one.
+    """
+    known = np.flatnonzero(~np.isnan(rewards))
+    if not len(known):
+        return {}
+    held = rewards[known[np.maximum(np.searchsorted(known, np.arange(len(rewards)), side="right") - 1, 0)]]
+    steps = np.diff(seconds)
+    steps = STEPS_PER_SECOND * np.append(steps, np.median(steps) if len(steps) else 0.1)
+    total = float(np.sum(held * steps))
+    mean = total / float(steps.sum()) if steps.sum() > 0 else float(np.mean(held))
+    return {"reward_total": total, "reward_mean": mean, "error_end": 0.0 - float(held[-1])}
+
+
+STEP = 0.002
+"""Shortest movement [m] that counts in a path's length: less is how far poses of an object at rest differ."""
+
+FAST = 99.0  # percentile of the speed that is reported: a single frame says little
+
+COLUMNS: dict[str, type] = {
+    "recording": str,
+    "output": str,
+    "object": str,
+    "fault": str,
+    "frames": int,
+    "expected_frames": int,
+    "seconds": float,
+    "share_found": float,
+    "share_filtered": float,
+    "share_coasting": float,
+    "share_lost": float,
+    "confidence_median": float,
+    "position_std_median_mm": float,
+    "rotation_std_median_deg": float,
+    "worst_camera": str,
+    "worst_camera_contradicting": float,
+    "swapped": str,
+    "path_length_m": float,
+    "height_max_m": float,
+    "speed_p99_m_per_s": float,
+    "recorded_position_median_mm": float,
+    "recorded_position_p90_mm": float,
+    "recorded_angle_median_deg": float,
+    "recorded_angle_p90_deg": float,
+    "task": str,
+    "level": int,
+    "reward_total": float,
+    "reward_mean": float,
+    "error_end": float,
+    "goal_fault": str,
+}
+"""Columns of the table; docs/batch.md says what each of them is."""
+
+
+def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
+    """The line about a recording, under COLUMNS; None where there is nothing to tell.
+
+    swapped: see `remark_on_recording`.
+    """
+    poses, numbers = tracked.poses, summary(tracked)
+    found: dict[str, Any] = {
+        "recording": unicode_text(str(job.log)),
+        "output": unicode_text(job.output.name),
+        "object": poses.about.object_name,
+        "fault": poses.about.fault or None,
+        "frames": len(poses),
+        "expected_frames": tracked.expected,
+    }
+    if len(poses):
+        shares = {f"share_{name}": float(np.mean(poses.status == name)) for name in ("coasting", "lost")}
+        recorded = {f"recorded_{name}": value for name, value in (numbers["recorded"] or {}).items()}
+        found |= {
+            "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
+            "share_found": numbers["measured"],
+            "share_filtered": numbers["filtered"],
+            "swapped": swapped,
+        }
+        found |= {**shares, **recorded, **_worst(numbers["cameras"] or {}), **_sure_and_far(poses)}
+        found |= goal_columns(job.log, poses, job.recipe.model)
+    return {name: found.get(name) for name in COLUMNS}
+
+
+def path_length(positions: FloatArray) -> float:
+    """Length [m] of the way along positions (n, 3) [m], without steps shorter than STEP."""
+    length, last = 0.0, positions[0]
+    for position in positions[1:]:
+        step = float(np.linalg.norm(position - last))
+        if step > STEP:
+            length, last = length + step, position
+    return length
+
+
+def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
+    """The camera that contradicts the others most, and in which share of the frames with a measured pose."""
+    shares = {name: its[CameraUse.CONTRADICTING.value] for name, its in cameras.items()}
+    known = {name: share for name, share in shares.items() if share is not None}
+    if not known:
+        return {}
+    worst = max(known, key=known.__getitem__)
+    return {"worst_camera": worst if known[worst] else None, "worst_camera_contradicting": known[worst]}
+
+
+def _sure_and_far(poses: Poses) -> dict[str, float]:
+    """How sure the poses are, and where and how quickly the object went."""
+    some = best(poses).take(best(poses).has_pose)
+    if not len(some):
+        return {}
+    std = np.sqrt(np.diagonal(some.covariance, axis1=1, axis2=2))
+    found = {
+        "confidence_median": float(np.median(some.confidence)),
+        "position_std_median_mm": 1e3 * float(np.median(std[:, :3].max(axis=1))),
+        "rotation_std_median_deg": float(np.degrees(np.median(std[:, 3:].max(axis=1)))),
+        "path_length_m": path_length(some.position),
+        "height_max_m": float(some.position[:, 2].max()),
+    }
+    if isinstance(some, FilteredColumns):
+        found["speed_p99_m_per_s"] = float(np.percentile(np.linalg.norm(some.velocity[:, :3], axis=1), FAST))
+    return found
