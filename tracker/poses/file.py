@@ -157,10 +157,10 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
     """
     path = path_of(path, "path of poses", LogError)
     with told_of(path):  # a name may be too long
-        is_file, is_folder, exists = path.is_file(), path.is_dir(), path.exists()
-    if not is_file:
-        found = "a folder" if is_folder else "a pipe or a device" if exists else "no such file"
-        raise LogError(f"{path}: found {found}, expected a file of poses, as tracker track makes it")
+        if not path.is_file():
+            there = "a folder" if path.is_dir() else "a pipe or a device"
+            found = there if path.exists() else "no such file"
+            raise LogError(f"{path}: found {found}, expected a file of poses, as tracker track makes it")
     with hdf5.faults_as_log_errors(str(path)), hdf5.open_file(path) as file:
         return _poses(file)
 
