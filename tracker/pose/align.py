@@ -47,17 +47,17 @@ _SIGNS, _FACES = CORNER_SIGNS, FACE_CORNERS
 def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-untyped-def]
     """Fill counts (8,): pixels of one face by the label that they show; the last are unknown.
 
-    Inner (7,): those that lie wholly inside, unknown ones left out. The corners' pixels are rows of (8, 2);
-    seen faces turn clockwise.
+    Inner (7,), 0 before: those that lie wholly inside, unknown ones left out. The corners' pixels are rows of
+    (8, 2); seen faces turn clockwise.
     """
     left, right, top, bottom = area
-    counts[:], inner[:] = 0, 0
+    counts[:] = 0
     first, last, sides = bottom, top, np.empty((4, 5))
     for k in range(4):
         a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
         u, v = pixels[a, 0], pixels[a, 1]
         across, down = pixels[b, 0] - u, pixels[b, 1] - v
-        if down == 0.0:
+        if down == 0.0:  # a level side, below all of the face's rows or above them
             down = 1e-9
         sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3] = u, v, across / down, down
         sides[k, 4] = INSIDE * math.hypot(across, down) / down
@@ -83,12 +83,10 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
 def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no-untyped-def]
     """Compare camera c's label map (h, w) with a pose: numbers of its pixels into the record `one` (SEEN).
 
-    The outline of a face is taken to be straight between its corners. box: half edge lengths (3,) [m] and
-    labels of the faces (6,).
+    They are 0 before. The outline of a face is taken to be straight between its corners. box: half edge
+    lengths (3,) [m] and labels of the faces (6,).
     """
     half, face_labels = box
-    one.predicted, one.agree, one.missing, one.wrong, one.extra = 0, 0, 0, 0, 0
-    one.faces[:, :], one.inner[:, :] = 0, 0
     heights, pixels = np.empty(6), np.empty((8, 2))
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     u0, v0, z = project(lenses, c, position[0], position[1], position[2])
