@@ -30,6 +30,16 @@ LAGS = 1, 10
 WEIGHTS = np.array([3.0, 3.0, *[1.0] * 10, 5.0, 5.0])
 """Of the figures in the fit: median, 90th percentile and correlations count most."""
 
+SHORTENED = 0.9
+"""Share of the errors that keep their size in a correlation: longer ones are shortened to the longest of
+these, or else a handful of frames would decide it."""
+
+DRAWS = 50
+"""So often films are drawn again for the intervals."""
+
+SLOPE = 6.0
+"""Of the logarithm of the rate of gross errors over the visible share: too few to tell."""
+
 PULL = 0.5
 """By how much the logarithm of a number is drawn to where the fit begins."""
 
@@ -69,6 +79,8 @@ def _turn(true: Array, seen: Array) -> FloatArray:
 
 def correlation(errors: Array, lag: int) -> float:
     """Of errors (N, T, 3) about zero, `lag` frames apart; gross ones are left out by the caller."""
+    size = np.linalg.norm(errors, axis=2, keepdims=True)
+    errors = errors * np.minimum(1.0, np.nanquantile(size, SHORTENED) / np.maximum(size, 1e-12))
     a, b = errors[:, :-lag], errors[:, lag:]
     both = np.isfinite(a[..., 0]) & np.isfinite(b[..., 0])
     a, b = a[both], b[both]
@@ -103,24 +115,34 @@ def figures(episodes: Array, part: int) -> FloatArray:
 
 
 def fit(episodes: Sequence[Array], films: Sequence[int], values: Values) -> dict[str, dict[str, Any]]:
-    """Numbers of a model, each a value and an interval of 95 % by the spread over films.
+    """Numbers of a model, each a value and an interval of 95 %, by drawing films again.
 
     Args:
         episodes: all of one length.
         films: number of each episode's film.
         values: of a model, to begin with; those of the delay stay.
     """
-    whole = np.stack(episodes)
-    found: dict[str, dict[str, Any]] = {"missed": _missed(whole), **_sure(whole)}
-    for group in ("missed", "gross", "confidence"):
-        values[group] = {key: value for key, (value, _) in found[group].items()}
+    whole, rng = np.stack(episodes), np.random.default_rng(0)
+    of_film = [np.flatnonzero(np.array(films) == film) for film in np.unique(films)]
+    drawn = [whole[np.concatenate(rng.choice(of_film, len(of_film)))] for _ in range(DRAWS)]
+    found: dict[str, dict[str, Any]] = {}
+    for group, measure in (("missed", _missed), ("gross", _gross), ("confidence", _confidence)):
+        values[group] = measure(whole)
+        found[group] = _known(values[group], [measure(one) for one in drawn])
+    found["gross"]["visible"] = (SLOPE, [])
     for part, group in enumerate(("position", "rotation")):
-        found[group] = _error(whole, np.array(films), part, group, values)
+        found[group] = _error(whole, drawn, part, group, values)
         values[group] = {key: value for key, (value, _) in found[group].items()}
     return found
 
 
-def _error(whole: Array, films: Array, part: int, group: str, values: Values) -> dict[str, Any]:
+def _known(best: dict[str, float], drawn: Sequence[dict[str, float]]) -> dict[str, Any]:
+    """Numbers with the intervals in which those of films that are drawn again lie."""
+    ends = {key: np.quantile([one[key] for one in drawn], (0.025, 0.975)) for key in best}
+    return {key: (value, [min(ends[key][0], value), max(ends[key][1], value)]) for key, value in best.items()}
+
+
+def _error(whole: Array, drawn: Sequence[Array], part: int, group: str, values: Values) -> dict[str, Any]:
     expected, start = figures(whole, part), np.log([pair[part] for pair in FITTED.values()])
 
     def misses(logs: FloatArray) -> FloatArray:
@@ -130,14 +152,7 @@ def _error(whole: Array, films: Array, part: int, group: str, values: Values) ->
         return result
 
     best = least_squares(misses, start, diff_step=0.03, max_nfev=25, loss="soft_l1", f_scale=0.3)
-    rng = np.random.default_rng(0)
-    draws = []
-    for _ in range(100):
-        chosen = np.concatenate(
-            [np.flatnonzero(films == f) for f in rng.choice(np.unique(films), len(np.unique(films)))]
-        )
-        draws.append(np.log(figures(whole[chosen], part)))
-    spread = WEIGHTS[:, None] * np.cov(np.array(draws).T) * WEIGHTS
+    spread = WEIGHTS[:, None] * np.cov(np.log([figures(one, part) for one in drawn]).T) * WEIGHTS
     # What the pull to the start knows counts as well.
     gain, rows = np.linalg.pinv(best.jac), len(expected)
     taught, pulled = gain[:, :rows], gain[:, rows:]
@@ -148,7 +163,7 @@ def _error(whole: Array, films: Array, part: int, group: str, values: Values) ->
     }
 
 
-def _missed(whole: Array) -> dict[str, Any]:
+def _missed(whole: Array) -> dict[str, float]:
     """Rates of the chain, by likelihood."""
     found, v = np.isfinite(whole[..., 2]), whole[:, 1:, 1].ravel()
     before, after = found[:, :-1].ravel(), found[:, 1:].ravel()
@@ -163,85 +178,55 @@ def _missed(whole: Array) -> dict[str, Any]:
     best = minimize(
         surprise, np.log([30.0, 15.0, 0.02, 25.0]), method="Nelder-Mead", options={"maxiter": 2000}
     )
-    error = np.sqrt(np.diag(_inverse_hessian(surprise, best.x)))
     names = "lost", "lost_visible", "found", "found_visible"
-    return {
-        key: (np.exp(log), np.exp([log - 1.96 * e, log + 1.96 * e]))
-        for key, log, e in zip(names, best.x, error, strict=True)
-    }
+    return dict(zip(names, np.exp(best.x).tolist(), strict=True))
 
 
-def _inverse_hessian(surprise: Any, at: FloatArray, step: float = 0.02) -> FloatArray:
-    units = step * np.eye(len(at))
-    hessian = np.array(
-        [
-            [
-                surprise(at + a + b) - surprise(at + a - b) - surprise(at - a + b) + surprise(at - a - b)
-                for a in units
-            ]
-            for b in units
-        ]
-    )
-    result: FloatArray = np.abs(np.linalg.pinv(hessian / (4.0 * step**2)))
-    return result
-
-
-def _sure(whole: Array) -> dict[str, dict[str, Any]]:
-    """Confidence by regression, gross errors by counting."""
-    size = np.linalg.norm(whole[..., 2:8].reshape(*whole.shape[:2], 2, 3), axis=3)
-    c, v = whole[..., 8], np.clip(whole[..., 1], 0.05, 1.0)
+def _confidence(whole: Array) -> dict[str, float]:
+    """How the confidence follows the visible share and the error, by regression."""
+    size, c, v = _sizes(whole), whole[..., 8], np.clip(whole[..., 1], 0.05, 1.0)
     given = np.isfinite(c) & (c < 1.0) & (c > 0.0)
     columns = np.stack([np.ones_like(v), np.log(v), -size[..., 0], -size[..., 1]], axis=-1)[given]
     logit = np.log(c[given] / (1.0 - c[given]))
     best = np.linalg.lstsq(columns, logit, rcond=None)[0]
-    left = float(np.std(logit - columns @ best))
-    # Errors stay for about a second: so many frames count once.
-    error = 1.96 * left * np.sqrt(10.0 * np.diag(np.linalg.inv(columns.T @ columns)))
-    ends = [np.maximum(best - error, 0.0), best + error]
-    clear = [1.0 / (1.0 + np.exp(-x)) for x in (best[0], best[0] - error[0], best[0] + error[0])]
-    confidence = {
-        "clear": (clear[0], clear[1:]),
-        **{key: (max(best[k], 0.0), [ends[0][k], max(ends[1][k], 0.0)])
-           for k, key in enumerate(("visible", "distance", "angle"), start=1)},
-        "spread": (left, [0.9 * left, 1.1 * left]),
-    }  # fmt: skip
-    gross = np.any(size > GROSS, axis=2)
-    begins = int(np.sum(gross[:, 1:] & ~gross[:, :-1]) + gross[:, 0].sum())
-    slope = 6.0
-    time = 0.1 * float(np.sum(np.exp(-slope * v[np.isfinite(size[..., 0])])))
-    ways = size[gross] if gross.any() else np.array([GROSS])
-    mean = 0.1 * max(int(gross.sum()), 1) / max(begins, 1)
-    few = 1.96 / np.sqrt(max(begins, 1))
+    others = dict(zip(("visible", "distance", "angle"), np.maximum(best[1:], 0.0).tolist(), strict=True))
     return {
-        "confidence": confidence,
-        "gross": {
-            "rate": (
-                begins / time,
-                [max(begins - 2 * begins**0.5, 0.0) / time, (begins + 2 * begins**0.5 + 3) / time],
-            ),
-            "visible": (slope, [0.0, 20.0]),
-            "seconds": (mean, [0.5 * mean, mean * np.exp(few)]),
-            "distance": tuple(_about(float(np.median(ways[:, 0])), few)),
-            "angle": tuple(_about(float(np.median(ways[:, 1])), few)),
-            "spread": tuple(_about(float(np.std(np.log(ways[:, 0]))) or 0.3, few)),
-        },
+        "clear": float(1.0 / (1.0 + np.exp(-best[0]))),
+        **others,
+        "spread": float(np.std(logit - columns @ best)),
     }
 
 
-def _about(value: float, few: float) -> tuple[float, list[float]]:
-    return value, [value * np.exp(-few), value * np.exp(few)]
+def _gross(whole: Array) -> dict[str, float]:
+    """How often errors are gross, for how long, and how large they are then, by counting."""
+    size = _sizes(whole)
+    gross, clear = np.any(size > GROSS, axis=2), np.clip(whole[..., 1], 0.05, 1.0)
+    begins = max(int(np.sum(gross[:, 1:] & ~gross[:, :-1]) + gross[:, 0].sum()), 1)
+    ways = size[gross] if gross.any() else np.array([GROSS])
+    return {
+        "rate": begins / (0.1 * float(np.sum(np.exp(-SLOPE * clear[np.isfinite(size[..., 0])])))),
+        "visible": SLOPE,
+        "seconds": 0.1 * max(int(gross.sum()), 1) / begins,
+        "distance": float(np.median(ways[:, 0])),
+        "angle": float(np.median(ways[:, 1])),
+        "spread": float(np.std(np.log(ways[:, 0]))) or 0.3,
+    }
+
+
+def _sizes(whole: Array) -> FloatArray:
+    """(N, T, 2) of the errors [m, rad]."""
+    result: FloatArray = np.linalg.norm(whole[..., 2:8].reshape(*whole.shape[:2], 2, 3), axis=3)
+    return result
 
 
 def agreement(measured: Array, modelled: Array) -> list[tuple[str, float, float]]:
     """Figures of both: name, measured, modelled."""
     rows = []
     for part, (name, scale) in enumerate((("position [mm]", 1e3), ("rotation [°]", 180 / np.pi))):
-        pairs = [
-            scale * np.linalg.norm(e[..., 2:8].reshape(*e.shape[:2], 2, 3)[:, :, part], axis=2)
-            for e in (measured, modelled)
-        ]
         for label, share in (("median", 0.5), ("90th percentile", 0.9)):
-            one, other = (float(np.nanquantile(x, share)) for x in pairs)
+            one, other = (
+                scale * float(np.nanquantile(_sizes(e)[..., part], share)) for e in (measured, modelled)
+            )
             rows.append((f"{name}, {label}", one, other))
         for lag in LAGS:
             one, other = (correlation(usual(e, part), lag) for e in (measured, modelled))
