@@ -1,9 +1,9 @@
-"""How far off the calibration is, judged by where each camera by itself sees the object.
+"""How far off the calibration is, judged by comparing each camera's own view of the object.
 
-Of a camera alone the place across its line of sight is exact, the distance coarse, and where fingers hide
-the object all of it. So poses are compared as their information allows: a camera that tells little is no
-evidence against the others. (A random-effects model, as of several laboratories that measure the same:
-R. DerSimonian and N. Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7, 1986.)
+A single camera locates the object well across its line of sight, poorly along it, and poorly in every
+direction where fingers hide it. Poses are therefore compared by their information matrices: an uncertain
+camera never counts against the others. (A random-effects model, as for laboratories that measure the same: R.
+DerSimonian and N. Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7, 1986.)
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from tracker.geometry.linear import factorise, substitute
 from tracker.pose.fit import OwnViews
 
 SCALES = np.array([1e-4, 2e-4, 4e-4, 7e-4, 1.2e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.7e-2, 3e-2])
-"""Standard deviations that are asked about of what cameras see an object moved by [m], along each axis."""
+"""Candidate standard deviations of how far cameras see the object displaced, along each axis [m]."""
 
 SCALES_PRIOR = np.array([0.06, 0.12, 0.2, 0.22, 0.2, 0.1, 0.04, 0.025, 0.02, 0.01, 0.005])
-"""Probability of each before the cameras are asked."""
+"""Prior probability of each."""
 
 ACROSS, ALONG = 2e-4, 4e-3
-"""Errors of one camera's view that are not its calibration's, over its distance from the object: across the
-line of sight, and along it, where an edge that looks wider counts as nearness."""
+"""Errors of a single view that calibration does not cause, relative to the distance of the object: across the
+line of sight, and along it, where an edge that looks wider passes for a nearer object."""
 
 TILT, ROLL = 8e-3, 3e-3
-"""The same about axes across the line of sight, and about it [rad]."""
+"""The same for rotation, about axes across the line of sight and about it [rad]."""
 
 SHARED_SHARE = 0.8
-"""Error of the pose over the standard deviation of the cameras' errors, where these are independent."""
+"""Error of the pose relative to the standard deviation of the cameras' errors, if these are independent."""
 
 OTHERS = 2e-3
-"""Standard deviation [m] from which on errors are not those of a camera that moved, but of another
-platform's calibration, whose world is elsewhere, too."""
+"""Standard deviation [m] above which the errors are not those of a camera that moved but of another
+platform's calibration, whose world frame is displaced, too."""
 
 CONTRADICTION = 2e-3
-"""Size of the cameras' errors [m] from which they contradict each other: each sees an object 3 mm or more off
-where others have it. The recorded platforms' own calibrations stay below 1 mm."""
+"""Size of the cameras' errors [m] from which they contradict each other: each sees the object 3 mm or more
+from where the others do. The recorded platforms' own calibrations stay below 1 mm."""
 
 NEAR = 5e-3
-"""Distance from the truth that a confidence promises [m]."""
+"""Distance from the truth that the confidence promises [m]."""
 
 
 @compiled
@@ -50,11 +50,11 @@ def log_likelihoods(information, moved, rotations, distances, prior, out):  # ty
     """Log likelihood of each of SCALES, up to a constant: equation (27) of docs/how-it-works.md.
 
     Args:
-        information: (C, 6, 6) on the pose that each camera sees by itself [1/m², 1/rad²].
-        moved: (C, 6) that pose less the joint one [m, rad].
+        information: (C, 6, 6) of the pose that each camera sees by itself [1/m², 1/rad²].
+        moved: (C, 6) that pose minus the joint one [m, rad].
         rotations: (C, 3, 3) camera from world.
-        distances: (C,) of the cameras from the object [m].
-        prior: (6,) information that holds what no camera sees.
+        distances: (C,) from each camera to the object [m].
+        prior: (6,) information that holds directions no camera sees.
         out: (S,), filled.
     """
     lower, full = np.empty((6, 6)), np.empty((6, 6))
@@ -83,7 +83,7 @@ def log_likelihoods(information, moved, rotations, distances, prior, out):  # ty
                             full[i, j] += weights[i // 3, k] * axes
             if not factorise(full, lower):
                 continue
-            # N - N (N + W)⁻¹ N: what the camera says of the pose where its own error is unknown.
+            # N - N (N + W)⁻¹ N: the camera's information with its own error marginalised.
             for i in range(6):
                 total += 2.0 * math.log(lower[i, i])
                 for j in range(6):
@@ -109,7 +109,7 @@ def log_likelihoods(information, moved, rotations, distances, prior, out):  # ty
 def disagreement(
     views: OwnViews, rotations: FloatArray, positions: FloatArray, position: FloatArray, radius: float
 ) -> FloatArray:
-    """Log likelihoods (S,) of SCALES from what each camera sees by itself.
+    """Log likelihoods (S,) of SCALES, given what each camera sees by itself.
 
     Args:
         views: what they see.
@@ -121,38 +121,38 @@ def disagreement(
     distances = np.sqrt(((positions - position) ** 2).sum(axis=1))
     prior = np.array([3.0 / radius**2] * 3 + [10.0] * 3)
     out = np.empty(len(SCALES))
-    # Of one camera alone they are in one piece, of several that are fields of records they are not.
+    # As a field of several records they are not contiguous.
     rotations = np.ascontiguousarray(rotations)
     log_likelihoods(views.information, views.moved, rotations, distances, prior, out)
     return out
 
 
 def probabilities(likelihoods: FloatArray) -> FloatArray:
-    """Probability (S,) of each of SCALES, of their log likelihoods (S,)."""
+    """Probability (S,) of each of SCALES, from their log likelihoods (S,)."""
     weights: FloatArray = SCALES_PRIOR * np.exp(likelihoods - likelihoods.max())
     return np.asarray(weights / weights.sum())
 
 
 def size(likelihoods: FloatArray) -> float:
-    """By how much the cameras disagree: the expected SCALES [m], as their logarithms have it."""
+    """How far the cameras disagree [m]: the geometric mean of SCALES by their probabilities."""
     return float(np.exp(probabilities(likelihoods) @ np.log(SCALES)))
 
 
 def spread(likelihoods: FloatArray | None) -> float:
-    """Variance [m²] along each axis of the errors that disagreement shows; None: cameras were not asked.
+    """Variance along each axis [m²] of errors that disagreement reveals; None: cameras were not asked.
 
-    As what lies between several studies of one thing, it counts beside what each states.
+    As the variance between studies in a meta-analysis, it adds to what each study states.
     """
     return 0.0 if likelihoods is None else (SHARED_SHARE * size(likelihoods)) ** 2
 
 
 def contradict(likelihoods: FloatArray | None) -> bool:
-    """Whether cameras disagree so much that their calibration is doubtful; None: they were not asked."""
+    """Whether the cameras disagree so much that their calibration is doubtful; None: they were not asked."""
     return likelihoods is not None and size(likelihoods) > CONTRADICTION
 
 
 def _within(std: FloatArray) -> FloatArray:
-    """Probability that three normal deviates of standard deviations (S,) [m] are within NEAR together."""
+    """Probability that a normal vector of standard deviations (S,) [m] per axis is shorter than NEAR."""
     x = NEAR / std
     erf = np.array([math.erf(v / math.sqrt(2.0)) for v in x])
     return np.asarray(erf - math.sqrt(2.0 / math.pi) * x * np.exp(-0.5 * x**2))
@@ -162,5 +162,5 @@ _FITS = _within(SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / OTHERS) ** 2))
 
 
 def probably_fits(likelihoods: FloatArray) -> float:
-    """Probability that errors of the calibration leave a pose within NEAR of the truth."""
+    """Probability that calibration errors leave the pose within NEAR of the truth."""
     return float(probabilities(likelihoods) @ _FITS)

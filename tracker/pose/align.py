@@ -1,8 +1,8 @@
 """Align a hypothesis with the label maps, and count how well it explains them.
 
-Along the normal of each piece of edge the most likely place of the label transition is found (as many pixels
-as possible of the face's label inside, and of the neighbour's or none outside); Gauss-Newton with robust
-weights moves the pose there. Then each pixel near the object is held against the face that covers it.
+Along the normal of each piece of edge, find the most likely label transition: the place with as many pixels
+as possible of the face's label inside, and of the neighbour's label or background outside. Gauss-Newton with
+robust weights moves the pose there. Then compare each pixel near the object with the face that covers it.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from tracker.pose.fit import SEEN
 from tracker.pose.strips import MAX_STRIPS, STRIP, edge_strips
 
 SPACING = 3.0
-"""Length of the pieces of edge [px of the label map]."""
+"""Length of a piece of edge [px of the label map]."""
 
 HIDDEN = 0.4
-"""What a hidden pixel counts against a pose, over what one that shows the right face counts for it."""
+"""Cost of a hidden pixel, relative to the gain of one that shows the right face."""
 
 LEAST = 4
-"""Pieces of edge below which a pose cannot be aligned."""
+"""Fewest pieces of edge with which a pose can be aligned."""
 
 FEW = 30.0
-"""Pixels of the object beside which a camera that shows fewer counts little."""
+"""A camera that shows far fewer pixels of the object than this counts little."""
 
 IMPOSSIBLE = -1e9
-"""Score of a hypothesis whose edges are nowhere to be seen."""
+"""Score of a hypothesis none of whose edges is found."""
 
 RIM = 2.5
-"""Pixels of the label map around the object, in which colours beside it are counted."""
+"""Width of the border around the object in which face colours count as beside it [px of the label map]."""
 
 INSIDE = 0.5
-"""Distance from a face's outline [px of the label map] from which a pixel shows this face alone."""
+"""Distance from a face's outline [px of the label map] beyond which a pixel shows this face alone."""
 
 _SIGNS, _FACES = CORNER_SIGNS, FACE_CORNERS
 
 
 @compiled
 def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-untyped-def]
-    """Fill counts (8,): pixels of one face by the label that they show; the last are unknown.
+    """Fill counts (8,): pixels of one face by the label they show; the last entry counts unknown ones.
 
-    Inner (7,), 0 before: those that lie wholly inside, unknown ones left out. The corners' pixels are rows of
-    (8, 2); seen faces turn clockwise.
+    inner (7,), zero before, gets those wholly inside, without unknown ones. pixels (8, 2) are the corners;
+    the corners of a visible face turn clockwise.
     """
     left, right, top, bottom = area
     counts[:] = 0
@@ -57,7 +57,7 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
         a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
         u, v = pixels[a, 0], pixels[a, 1]
         across, down = pixels[b, 0] - u, pixels[b, 1] - v
-        if down == 0.0:  # a level side, below all of the face's rows or above them
+        if down == 0.0:  # a level side bounds no row
             down = 1e-9
         sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3] = u, v, across / down, down
         sides[k, 4] = INSIDE * math.hypot(across, down) / down
@@ -81,10 +81,10 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
 
 @compiled
 def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no-untyped-def]
-    """Compare camera c's label map (h, w) with a pose: numbers of its pixels into the record `one` (SEEN).
+    """Compare camera c's label map (h, w) with a pose, and add up its pixels in the record `one` (SEEN).
 
-    They are 0 before. The outline of a face is taken to be straight between its corners. box: half edge
-    lengths (3,) [m] and labels of the faces (6,).
+    The record's counts are zero before. Outlines of faces are taken to be straight between their corners.
+    box: half edge lengths (3,) [m] and labels of the faces (6,).
     """
     half, face_labels = box
     heights, pixels = np.empty(6), np.empty((8, 2))
@@ -131,9 +131,9 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
 
 @compiled
 def hear(lenses, labels, pictures, box, rotation, position, lags, seen):  # type: ignore[no-untyped-def]
-    """Count what all label maps (C, h, w) show of a pose (3, 3), (3,) [m], into seen (C,) of SEEN.
+    """Count what all label maps (C, h, w) show of a pose (3, 3), (3,) [m] into seen (C,) of SEEN.
 
-    pictures (C,) of PICTURE; box as of `explain`; lags (C, 6) by which cameras saw the object moved
+    pictures (C,) of PICTURE; box as in `explain`; lags (C, 6): how far each camera sees the object displaced
     [m, rad].
     """
     turned, moved = np.empty((3, 3)), np.empty(3)
@@ -155,8 +155,8 @@ def explanation_score(seen):  # type: ignore[no-untyped-def]
     """How well a pose explains the label maps.
 
     This is equation (6) of docs/how-it-works.md.
-    A hidden pixel counts little, a wrong one much; but a camera that shows something else counts no less than
-    one from which all is hidden.
+    A hidden pixel costs little, a wrong one much; but a camera that shows something else scores no worse than
+    one from which the object is hidden.
     """
     score = 0.0
     for one in seen:
@@ -167,7 +167,7 @@ def explanation_score(seen):  # type: ignore[no-untyped-def]
 
 @compiled
 def _transition(labels, width, height, strip, reach):  # type: ignore[no-untyped-def]
-    """Offset along the normal of the label transition, and whether there is one."""
+    """Offset of the label transition along the normal, and whether there is one."""
     u, v, nu, nv = strip.pixel[0], strip.pixel[1], strip.normal[0], strip.normal[1]
     inside, outside = strip.inside, strip.outside
     score, best, offset, support = 0.0, -1e9, 0.0, 0
@@ -199,7 +199,7 @@ def _transition(labels, width, height, strip, reach):  # type: ignore[no-untyped
 
 @compiled
 def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  # type: ignore[no-untyped-def]
-    """Move the pose in place, a step for each of `reaches` [px]; returns the last step's samples used.
+    """Move the pose in place, one step per entry of `reaches` [px]; return the last step's sample count.
 
     labels (C, h, w); pictures (C,) of PICTURE; box: half edge lengths (3,) [m] and labels of the faces (6,).
     """
@@ -247,7 +247,7 @@ def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  
 
 @compiled
 def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, reaches, scores):  # type: ignore[no-untyped-def]
-    """Align hypotheses (n, 3, 3), (n, 3) in place on pictures (C,), and their scores (n,) by `judges`."""
+    """Align hypotheses (n, 3, 3), (n, 3) in place to `pictures` (C,), and fill their scores by `judges`."""
     strips, seen, lags = (
         np.empty(MAX_STRIPS, STRIP),
         np.zeros(len(pictures), SEEN),

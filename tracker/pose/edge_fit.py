@@ -1,16 +1,16 @@
-"""The place of an edge from the pixels around it, to a fraction of one.
+"""Locate an edge to a fraction of a pixel, from the pixels around it.
 
-Near an edge the image is a sum of blurred steps between surfaces of locally constant colour: the face
-inside, the face or background outside, and, where a face is narrow, what lies beyond it. With the steps
-where the pose puts them, the colours and a small shift of the edge follow together from linear least
-squares over the pixels themselves. Gains, exposure and shading cancel because only the colours on the spot
-count, and a narrow face stays apart from its neighbours' blur.
+Near an edge the image is a sum of blurred steps between surfaces of locally constant colour: the face inside,
+the face or background outside, and what lies beyond a narrow face. With the steps where the pose puts them,
+linear least squares on the pixels yields the colours and a small shift of the edge. Gains, exposure and
+shading cancel, because only local colours count; and the blur of a narrow face is modelled, not confused with
+its neighbours'.
 
-The idea of local colour statistics on both sides of a contour is that of R. Hanek and M. Beetz, "The
-Contracting Curve Density Algorithm", IJCV 59(3), 2004; here the colours are eliminated in closed form
-and each piece of an edge yields one offset.
+Local colour statistics on both sides of a contour go back to R. Hanek and M. Beetz, "The Contracting Curve
+Density Algorithm", IJCV 59(3), 2004; here the colours are eliminated in closed form, and each piece of an
+edge yields one offset.
 
-In this order: the model's columns, their products, the elimination of the surfaces, the solution.
+In order: the model's columns, their products, the elimination of the surfaces, the solution.
 """
 
 from __future__ import annotations
@@ -25,69 +25,69 @@ from tracker.geometry.lens import clamped
 from tracker.pose.strips import BLOCK, FAR, MAX_PIXELS, SUMS, padded
 
 MIN_CONTRAST = 14.0
-"""Least distance between the two surfaces' colours [levels]."""
+"""Smallest difference between the two surfaces' colours [levels]."""
 
 SLOPE = 2.0
-"""Standard deviation of a surface's slope of brightness across a silhouette [levels/px]: shading, shadows."""
+"""Standard deviation of a surface's brightness gradient across a silhouette [levels/px]: shading, shadows."""
 
 SHARP, SOFT = 0.3, 0.7
-"""Blur [px] at which a picture is drawn rather than taken, so that surfaces are flat; and from which on they
-are not. What is left over at a drawn edge is sampling, which slopes must not explain."""
+"""Blur [px] up to which an image counts as rendered, with flat surfaces, and from which on as a photograph.
+At a rendered edge the remaining residual is sampling, which gradients must not explain."""
 
 NOISE = 1.5
-"""Least standard deviation of a pixel's channel [levels]; what does not fit the model raises it."""
+"""Least standard deviation of a pixel's channel [levels]; residuals raise it."""
 
 MIN_PIXELS = 8
-"""Pixels of a piece of an edge below which nothing is measured."""
+"""Fewest pixels of a piece of edge that is measured."""
 
 RIDGE = 0.003
-"""Weight of a surface's prior colour, the mean of its pixels, against one pixel."""
+"""Weight of a surface's prior colour, the mean of its pixels, relative to one pixel."""
 
 
 LEAST = 1e-9
-"""Of a pivot."""
+"""Smallest pivot that is divided by."""
 
 
 BEFORE, BEYOND, INSIDE, OUTSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR = range(8)
-"""Columns of the model: the shares of the surfaces before a narrow face, beyond a narrow neighbour, of the
-face and of its neighbour; the edge's line, whose factor is the shift; slopes of brightness inside and
-outside; the effect of a change of blur."""
+"""Columns of the model: the shares of the surface in front of a narrow face, of that beyond a narrow
+neighbour, of the face and of its neighbour; the edge's line, whose factor is the shift; gradients inside
+and outside; the effect of a change of blur."""
 
 PLACES = 3 * MAX_PIXELS + 5 * BLOCK
-"""Length of a column: the parts of a mosaic, and a little so that rows do not compete for the same cache."""
+"""Length of a column: the parts of a mosaic, padded so that rows do not share cache sets."""
 
 OFFSET = np.dtype(
     [
-        ("offset", np.float64),  # of the edge from where it was expected, along the normal [px]
-        ("variance", np.float64),  # of that, from noise [px²]
-        ("bloom", np.float64),  # the offset as which a response of exponent 2 instead of 1 appears [px]
-        ("wider", np.float64),  # by how much the edge looks wider than the blur [px], …
-        ("sharpness", np.float64),  # … and the weight of that; 0: it cannot tell
+        ("offset", np.float64),  # of the edge from its expected place, along the normal [px]
+        ("variance", np.float64),  # of the offset, from noise [px²]
+        ("bloom", np.float64),  # offset that a response of exponent 2 instead of 1 feigns [px]
+        ("wider", np.float64),  # how much wider the edge looks than the blur [px], …
+        ("sharpness", np.float64),  # … and the weight of that; 0: unknown
         ("usable", np.bool_),  # whether there is an offset
     ]
 )
-"""What a strip of pixels says of its edge."""
+"""What a strip of pixels says about its edge."""
 
 
 SCRATCH = np.dtype(
     [
-        ("columns", np.float64, (8, PLACES)),  # of the model (`profile`)
+        ("columns", np.float64, (8, PLACES)),  # of the model (`model`)
         ("full", np.float64, (3, 8, 8)),  # products of the columns, for each part
         ("raw", np.float64, (8, 3)),  # products of the columns with the channels
         ("mean", np.float64, (4, 3)),  # of each surface's pixels
         ("color", np.float64, (2, 3)),  # inside and outside
     ]
 )
-"""What one strip's least squares work in; a record, since its arrays' places are known to the compiler."""
+"""Workspace for one strip's least squares; a record, so that the compiler knows where its arrays lie."""
 
 
 def scratch() -> Array:
-    """A new one (1,)."""
+    """Return a new workspace (1,)."""
     return np.zeros(1, SCRATCH)
 
 
 _BLOOM = math.sqrt(math.pi) / 3
-"""A response of exponent γ lifts the middle of an edge by (γ - 1) · Δ²/sum · w (1 - w), with w the step and
+"""A response of exponent γ raises the middle of an edge by (γ - 1) · Δ²/sum · w (1 - w), with the step w and
 the sum of both colours; weighted with the line, w (1 - w) is 1/6, and the line's energy 1/(2√π blur)."""
 
 
@@ -100,16 +100,16 @@ _LINE = np.exp(-0.5 * _X**2) / math.sqrt(2 * math.pi)
 
 @compiled(inline="always")
 def _place(z):  # type: ignore[no-untyped-def]
-    """Index of z in the tables of step and line; unsigned, as signed ones might count from the end."""
+    """Index of z in the tables of step and line; unsigned, since signed indices could count from the end."""
     return np.uint32(np.int32((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5))
 
 
 @compiled
 def model(distance, first, last, shift, slopes, reach, blur, space):  # type: ignore[no-untyped-def]
-    """Fill space.columns (8, P) of an edge between two wide surfaces, but for OUTSIDE, 1 less INSIDE.
+    """Fill space.columns (8, P) for an edge between two wide surfaces, except OUTSIDE, which is 1 - INSIDE.
 
     See equation (8) of docs/how-it-works.md.
-    All are zero in the gaps of FAR. slopes: whether there are.
+    All are zero in the gaps (FAR). slopes: whether the model has gradients.
     """
     columns, scale, half = space.columns, 1.0 / blur, 0.5 * reach
     for q in range(np.uint64(last - first)):
@@ -132,7 +132,7 @@ def model(distance, first, last, shift, slopes, reach, blur, space):  # type: ig
 
 @compiled
 def narrow_model(strip, distance, first, last, shift, slopes, reach, blur, space):  # type: ignore[no-untyped-def]
-    """Fill in the surfaces behind narrow ones, and change the columns that they take their shares from."""
+    """Fill the columns of surfaces behind narrow ones, and subtract these from the columns they overlap."""
     columns = space.columns
     scale, half, seen = 1.0 / blur, 0.5 * reach, reach + 1.5 * blur
     for q in range(np.uint64(last - first)):
@@ -180,7 +180,7 @@ def _edge(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=SUMS)
 def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """As above, what concerns a further channel."""
+    """The same sums for a further channel v."""
     columns = space.columns
     v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
     for q in range(np.uint64(first), np.uint64(last)):
@@ -194,7 +194,7 @@ def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped
 
 @compiled(fastmath=SUMS)
 def _slopes(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """Sums of the slopes i inside and o outside, their products with each other, the edge and a channel."""
+    """Sums of gradients i inside and o outside, and their products with each other, edge and channel."""
     columns = space.columns
     i, o, ai, ao, ei, eo = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     ii, io, oo, iv, ov = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -217,7 +217,7 @@ def _slopes(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=SUMS)
 def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """Sum of products of column i and row k of values."""
+    """Dot product of column i and row k of values."""
     columns, total = space.columns, 0.0
     for q in range(np.uint64(first), np.uint64(last)):
         total += columns[i, q] * values[k, np.uint64(at) + q]
@@ -226,7 +226,7 @@ def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always")
 def _fill_channel(raw, mean, k, area, rest, v, av, ev, wv):  # type: ignore[no-untyped-def]
-    """The products with channel k; the surfaces' are drawn a little to the mean of their pixels."""
+    """Fill the products with channel k; surfaces' colours are drawn a little to their pixels' mean."""
     inside, outside = av / (area + 1e-9), (v - av) / (rest + 1e-9)
     mean[INSIDE, k], mean[OUTSIDE, k] = inside, outside
     raw[INSIDE, k], raw[OUTSIDE, k] = av + RIDGE * inside, v - av + RIDGE * outside
@@ -235,9 +235,9 @@ def _fill_channel(raw, mean, k, area, rest, v, av, ev, wv):  # type: ignore[no-u
 
 @compiled
 def edge_products(space, values, start, first, last, count, g, part):  # type: ignore[no-untyped-def]
-    """Fill space.full[g] and .raw, of `part` channels from g on, with those of two surfaces, line and blur.
+    """Fill space.full[g] and .raw, for `part` channels from g on: two surfaces, line and blur.
 
-    Places first … last - 1 of the columns belong to the values from start + first on; `count` are no gaps.
+    Entries first … last - 1 of the columns belong to the values from start + first on; `count` are pixels.
     """
     full, raw, mean = space.full, space.raw, space.mean
     a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv = _edge(space, values, g, start, first, last)
@@ -254,7 +254,7 @@ def edge_products(space, values, start, first, last, count, g, part):  # type: i
 
 @compiled
 def slope_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
-    """Fill in those of the slopes: zero where there are none."""
+    """Fill the products with the gradients: zero if there are none."""
     full, raw = space.full, space.raw
     if not slopes:
         full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = 0.0, 0.0
@@ -274,9 +274,9 @@ def slope_products(space, values, start, first, last, g, part, slopes):  # type:
 
 @compiled
 def narrow_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
-    """Fill in those of the surfaces behind narrow ones, and change those of the share outside."""
+    """Fill the products of surfaces behind narrow ones, and correct those of the share outside."""
     columns, full, raw, mean = space.columns, space.full, space.raw, space.mean
-    # What the products above took for that share: all but the share inside.
+    # The share outside as the products above have it: all but the share inside.
     rest = full[g, OUTSIDE, OUTSIDE] + full[g, INSIDE, OUTSIDE] - RIDGE
     full[g, BEFORE, BEYOND] = _dot(space, BEFORE, space.columns, BEYOND, 0, first, last)
     for i in (BEFORE, BEYOND):
@@ -305,9 +305,9 @@ def narrow_products(space, values, start, first, last, g, part, slopes):  # type
 
 @compiled
 def eliminate_surfaces(space, g, part, narrow, slopes):  # type: ignore[no-untyped-def]
-    """Eliminate the surfaces' colours from space.full[g] and .raw, of `part` channels from g on.
+    """Eliminate the surfaces' colours from space.full[g] and .raw, for `part` channels from g on.
 
-    But for BLUR's own row: how others depend on it is all that is asked.
+    BLUR's own row is left out: only how the others depend on it is needed.
     """
     full, raw = space.full, space.raw
     last = SLOPE_OUT + 1 if slopes else LINE + 1
@@ -324,13 +324,13 @@ def eliminate_surfaces(space, g, part, narrow, slopes):  # type: ignore[no-untyp
 
 @compiled(inline="always")
 def _explained(full, raw, mean, g, k, i, x):  # type: ignore[no-untyped-def]
-    """By how much a surface of colour x reduces the sum of squares."""
+    """How far a surface of colour x reduces the sum of squares."""
     return raw[i, k] ** 2 * full[g, i, i] + RIDGE * x * (x - 2.0 * mean[i, k])
 
 
 @compiled
 def _explained_behind(space, g, k, inside, outside, line, inner, outer):  # type: ignore[no-untyped-def]
-    """By how much surfaces behind narrow ones do, given the other unknowns."""
+    """How far surfaces behind narrow ones do, given the other unknowns."""
     full, raw, mean, total, beyond = space.full, space.raw, space.mean, 0.0, 0.0
     for i in (BEYOND, BEFORE):
         x = raw[i, k] - full[g, i, INSIDE] * inside - full[g, i, OUTSIDE] * outside - full[g, i, LINE] * line
@@ -345,11 +345,11 @@ def _explained_behind(space, g, k, inside, outside, line, inner, outer):  # type
 
 @compiled
 def fit_colors(space, g, part, narrow):  # type: ignore[no-untyped-def]
-    """Fill space.color with those inside and outside, solved for without slopes.
+    """Solve for the colours inside and outside, without gradients, and fill space.color.
 
     See equation (11) of docs/how-it-works.md for the blur.
-    Returns by how much they and the shift reduce the sum of squares, what speaks for a change of blur that
-    they cannot explain, and how much could; of narrow surfaces nothing.
+    Return the reduction of the sum of squares by colours and shift, the evidence for a change of blur that
+    they do not explain, and its weight; both are zero for narrow surfaces.
     """
     full, raw, mean = space.full, space.raw, space.mean
     a, b, e = full[g, INSIDE, INSIDE], full[g, OUTSIDE, OUTSIDE], 1.0 / max(full[g, LINE, LINE], LEAST)
@@ -376,11 +376,11 @@ def fit_colors(space, g, part, narrow):  # type: ignore[no-untyped-def]
 
 @compiled
 def fit_edge(space, g, part, narrow, slopes, stiffness):  # type: ignore[no-untyped-def]
-    """The edge's shift, solved for with the slopes, which are drawn to zero with `stiffness`.
+    """Solve for the edge's shift together with gradients, on which `stiffness` is a prior.
 
     This is equation (9) of docs/how-it-works.md.
-    Returns by how much all unknowns reduce the sum of squares, how well the shift of a contrast of 1 is
-    known, and sums over channels: of the weight, of the shift and of the lift by a response, both weighted.
+    Return the reduction of the sum of squares, the information on the shift at a contrast of 1, and sums over
+    channels: of the weight, of the weighted shift, and of the weighted bloom.
     """
     full, raw, mean = space.full, space.raw, space.mean
     known, i, o, io, ei, eo = full[g, LINE, LINE], 0.0, 0.0, 0.0, 0.0, 0.0
@@ -431,14 +431,14 @@ def _label(channels, table, color):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always")
 def _variance(squares, degrees):  # type: ignore[no-untyped-def]
-    """Of a pixel's channel, by what does not fit, and at least that of the noise."""
+    """Variance of a pixel's channel from the residuals, at least that of the noise."""
     return max(NOISE * NOISE, squares / max(degrees, 1))
 
 
 @compiled
 def _is_of_face(strip, color, channels, table):  # type: ignore[no-untyped-def]
-    """Whether the colours (2, 3) inside and outside are the face's and none of it, and differ enough."""
-    # The surface inside must be the face: a finger's edge is none of the object's.
+    """Whether the colours (2, 3) are the face's inside and another surface's outside, and differ enough."""
+    # The surface inside must be the face: the edge of a finger is not the object's.
     here, there = _label(channels, table, color[0]), _label(channels, table, color[1])
     if here != strip.inside or (there != strip.outside if strip.outside > 0 else there == strip.inside):
         return False
@@ -450,7 +450,7 @@ def _is_of_face(strip, color, channels, table):  # type: ignore[no-untyped-def]
 
 @compiled
 def _add_up(strip, at, narrow, slopes, pixels, space):  # type: ignore[no-untyped-def]
-    """The products of a strip's model, for each part; the surfaces are eliminated from them."""
+    """Fill the products of a strip's model for each part, and eliminate the surfaces from them."""
     (parts, shift, reach, blur), (distance, values) = at, pixels
     part, start = 3 // parts, strip.first[0]
     end = strip.first[parts - 1] + padded(strip.count[parts - 1])
@@ -469,10 +469,10 @@ def _add_up(strip, at, narrow, slopes, pixels, space):  # type: ignore[no-untype
 
 @compiled
 def _place_edge(strip, at, count, surfaces, slopes, stiffness, space, found):  # type: ignore[no-untyped-def]
-    """Offset, variance and bloom of an edge: the slopes are solved for, too.
+    """Solve for offset, variance and bloom of an edge, gradients included.
 
-    See equation (10) of docs/how-it-works.md for offset and variance, and
-    equation (12) of docs/how-it-works.md for bloom.
+    See equation (10) of docs/how-it-works.md for offset and variance, and equation (12) of
+    docs/how-it-works.md for bloom.
     """
     parts, _, reach, blur = at
     left, weight, shift, lift, certain = strip.squares, 0.0, 0.0, 0.0, 0.0
@@ -490,7 +490,7 @@ def _place_edge(strip, at, count, surfaces, slopes, stiffness, space, found):  #
 
 @compiled
 def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[no-untyped-def]
-    """The offset of one strip; at: parts, shift of the edge, reach, blur; see `measure`."""
+    """Measure the offset of one strip; at: parts, shift of the edge, reach, blur; see `measure`."""
     parts, _, reach, blur = at
     part, seen, slopes = 3 // parts, reach + 1.5 * blur, strip.outside == 0
     surfaces = 2 + int(strip.reach_in < seen) + int(strip.reach_out < seen)
@@ -512,15 +512,14 @@ def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[
 
 @compiled
 def measure(strips, camera, channels, table, blur, every, pixels, scratch, found):  # type: ignore[no-untyped-def]
-    """Offsets of the strips in one picture: found (n,) of OFFSET.
+    """Measure the offsets of the strips in one image: found (n,) of OFFSET.
 
-    Channels that were measured at the same pixels are solved together, the parts of a mosaic share the shift
-    alone.
+    Channels measured at the same pixels are solved together; the parts of a mosaic share only the shift.
 
-    camera: number of strips, their half width, parts, and the motion since they were collected, of
-    `solve.CAMERA`; channels (3, 256), table (64³,): how colours are read; blur: standard deviation of the
-    steps [px]; every: one in so many strips is looked at; pixels: distance (P,), values (3, P); scratch (1,):
-    of SCRATCH.
+    camera (`solve.CAMERA`): number of strips, their half width, parts, and the motion since they were
+    collected; channels (3, 256), table (64³,): how colours map to labels; blur: standard deviation of the
+    steps [px]; every: only one in so many strips is measured; pixels: distance (P,), values (3, P); scratch
+    (1,) of SCRATCH.
     """
     parts = camera.parts
     for s in range(camera.strips):

@@ -1,4 +1,4 @@
-"""The way from pictures to a pose: search, align, contest, refine, choose. Nothing is remembered."""
+"""From images to a pose: search, align, contest, refine, choose. No memory."""
 
 from __future__ import annotations
 
@@ -49,58 +49,58 @@ from tracker.pose.views import Hidden, Sight
 from tracker.segmentation.color_model import ColorModel
 
 REFINED = 3
-"""Poses that are refined, at most."""
+"""Most poses that are refined."""
 
 MIN_PIXELS = 20
-"""Face-coloured pixels in all label maps below which there is no object."""
+"""Fewest face-coloured pixels in all label maps with which a search begins."""
 
 CLOSE = 0.85
-"""Least explanation of the label maps, of the best fit's, for a hypothesis to be refined."""
+"""A hypothesis is refined if it explains the label maps at least this well, relative to the best fit."""
 
 PLAUSIBLE = 0.5
-"""Explanation of the label maps by a hypothesis, per camera, from which it is refined before others are
-looked for: 84 % of 970 that led to the object had more, 94 % of 234 others less."""
+"""Explanation of the label maps per camera above which a hypothesis is refined before others are sought: 84 %
+of 970 that led to the object scored higher, 94 % of 234 others lower."""
 
 CLEAR = 0.5
-"""Probability that a fit sits on the object, where all cameras see it, from which no other place is tried."""
+"""Probability that a fit that all cameras see is the object, above which no other place is tried."""
 
 COMPETING, BEHIND = 4, 10.0
-"""Hypotheses that compete, and rank by which one may be behind the best after a step and still win."""
+"""Most hypotheses that compete, and how far one may rank behind the best after a step and still win."""
 
 ODD = 1.2
-"""Pixels of the label map in the object's colours beside or on the wrong face, over the pieces of its edges,
-from which a camera may see it elsewhere."""
+"""Pixels of the label map in the object's colours beside it or on the wrong face, per expected piece of edge,
+above which a camera may see the object elsewhere."""
 
 USED = 8.0
-"""Weight of the pieces of edges on which a camera's own view must rest."""
+"""Least weight of the pieces of edge on which a camera's own view rests."""
 
 BETTER = 20, 0.1
-"""By how many pixels, and by which share of those expected, its own pose must explain the label map better:
-a camera alone has many poses that do so a little."""
+"""By how many pixels, and by which share of those expected, a camera's own pose must explain its label map
+better: many poses of a single camera do so a little."""
 
 TURNED = math.radians(12)
-"""Turn beyond which its own pose is another optimum."""
+"""A camera's own pose that is turned by more is another optimum."""
 
 
 def _clear(fit: Fit) -> bool:
-    """Whether it leaves no doubt as to where the object is, only as to how it is turned."""
+    """Whether the position is certain and at most the rotation is in doubt."""
     return unanimous(fit) and trust(fit) > CLEAR
 
 
 def _wider(wide: Round, best: Fit | None) -> Round:
-    """The next round, after one whose best fit is not sure."""
+    """The next round after one whose best fit is in doubt."""
     if best is not None and _clear(best):
         return TURNS
-    # One camera alone never settles the matter.
+    # A single camera never settles it.
     return EVERYWHERE if wide is NEARBY or (best is not None and alone(best)) else NEARBY
 
 
 class PoseEstimator:
-    """Finds one cuboid in the pictures of fixed cameras; any number of threads may use it at once."""
+    """Find one cuboid in images of fixed cameras; any number of threads may use it at once."""
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel, support: bool = True) -> None:
         self.box, self.arena = box, rig.arena
-        # Whether a file states deviations; else the calibration is taken as exact.
+        # Whether any file states deviations; otherwise the calibration counts as exact.
         self.stated = any(map(is_stated, rig.cameras))
         self.search = Search(box, rig, colors)
         self.reader = self.search.reader
@@ -115,18 +115,17 @@ class PoseEstimator:
         lag: Lag | None = None,
         hidden: Hidden = None,
     ) -> Fit | Status:
-        """The surest pose in pictures (H, W, 3), None where a camera gave none, or why there is none.
+        """Return the most certain pose in images (H, W, 3), or why there is none.
 
-        Most pictures are settled by the first hypothesis. Where its fit is not sure, others enter a contest:
-        at other places and turns, and without each of the cameras, since one that is tinted, mirrored or of
-        another moment spoils what the others see. How well they explain the label maps decides which few are
-        refined.
+        The first hypothesis settles most images. If its fit is in doubt, others enter a contest: at other
+        places, turned otherwise, and without each of the cameras, since one image that is tinted, mirrored or
+        of another moment spoils the vote. How well they explain the label maps decides which few are refined.
 
         Args:
-            images: one for each camera.
+            images: one for each camera, None where a camera gave none.
             timing: gains the milliseconds of each stage.
             thorough: whether there is a contest.
-            lag: how far the pictures lag behind, None where they were taken at once.
+            lag: how far the images lag behind; None: they were taken at once.
             hidden: masks of pixels whose labels and edges count neither for nor against.
         """
         laps = [time.perf_counter()]
@@ -144,9 +143,9 @@ class PoseEstimator:
         return found
 
     def candidates(self, sight: Sight, thorough: bool = True, lag: Lag | None = None) -> list[Fit]:
-        """Fits from which the best is chosen; arguments as of `find`.
+        """Return the fits from which the best is chosen; arguments as of `find`.
 
-        Hypotheses come in rounds, until a fit is sure. Where none explains the label maps well, those of the
+        Hypotheses come in rounds until a fit is settled. If none explains the label maps well, those of the
         next round join before any is refined.
         """
         fits, waiting = list[Fit](), list[Hypothesis]()
@@ -171,10 +170,10 @@ class PoseEstimator:
         return fits
 
     def _best(self, sight: Sight, fits: list[Fit], lag: Lag | None) -> Fit | Status:
-        """The likeliest fit, if it is accepted, or why it is not."""
+        """Return the most likely fit if it is accepted, or why it is not."""
         fits = sorted(fits, key=rank, reverse=True)
         reason = None
-        # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
+        # A pose outside the arena is refused, but if it ranks above the best one inside, that is in doubt.
         for best in sorted(fits, key=lambda one: not one.inside):
             evidence = best.evidence._replace(resized=self.search.resized(sight, best))
             fit = replace(best, lead=lead(best, fits, self.box.radius), evidence=evidence)
@@ -189,10 +188,10 @@ class PoseEstimator:
     def _contest(
         self, sight: Sight, hypotheses: list[Hypothesis], before: list[Fit], lag: Lag | None, most: int
     ) -> list[Fit]:
-        """Fits of hypotheses that explain the label maps about as well as the best fit before, or better.
+        """Fit the hypotheses that explain the label maps about as well as the best earlier fit, or better.
 
-        At most so many that there are `most` with those before.
-        The refinement's first step tells which are clearly behind, or the same as better ones.
+        There are at most `most` fits, earlier ones included. After the refinement's first step, those clearly
+        behind and those that repeat a better one are dropped.
         """
         chosen: list[Hypothesis] = []
         known: list[Fit | Hypothesis] = [*before]
@@ -220,19 +219,19 @@ class PoseEstimator:
         return found
 
     def _refined(self, sight: Sight, one: Hypothesis, schedule: Schedule, lag: Lag | None) -> Fit:
-        """The fit of a hypothesis by a schedule."""
+        """Fit a hypothesis by a schedule."""
         used = sight.without(*one.left_out)
         fit = self.refine(used, one.rotation, one.position, schedule, lag=lag, ask=schedule is not FIRST)
         return self.counted(sight, fit, one.left_out) if one.left_out else fit
 
     def counted(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
-        """A fit with what all cameras of a sight say of it, those that were left out before as witnesses."""
+        """The fit, with what all cameras of a sight say about it; `left_out` only bear witness."""
         cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, left_out)
         evidence = evidence._replace(resized=fit.evidence.resized)
         return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(left_out))
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
-        """The fit, or that without the camera which agrees least, where this leaves less doubt."""
+        """Refit without the camera that agrees least; return whichever fit is more certain."""
         used = [c for c in np.flatnonzero(sight.used).tolist() if c not in fit.left_out]
         if len(used) <= ENOUGH:
             return fit
@@ -257,17 +256,17 @@ class PoseEstimator:
         *,
         ask: bool = True,
     ) -> Fit:
-        """The fit nearest to a pose (3, 3), (3,) [m].
+        """Return the fit nearest to a pose (3, 3), (3,) [m].
 
         Args:
-            sight: the pictures.
-            rotation: world_from_object, where to begin.
-            position: of the object's centre there.
-            schedule: of the steps: with FOLLOWING the pose may be off by a few pixels.
-            start: what the unknowns beside the pose were a moment ago; None: not known.
-            lag: how far the pictures lag behind, None where they were taken at once.
-            resized: as of Evidence, as far as it is known.
-            ask: whether each camera is asked what it sees by itself.
+            sight: the images.
+            rotation: world_from_object to begin with.
+            position: of the object's centre to begin with.
+            schedule: of the steps; FOLLOWING suits a pose that is off by a few pixels.
+            start: the other unknowns as of a moment ago; None: not known.
+            lag: how far the images lag behind; None: they were taken at once.
+            resized: as of Evidence, if known.
+            ask: whether to work out what each camera sees by itself.
         """
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
         cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit)
@@ -279,7 +278,7 @@ class PoseEstimator:
         return replace(fit, cameras=cameras, evidence=evidence, inside=inside)
 
     def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
-        """What else the one camera that sees the object may see, if that is one face."""
+        """Other poses that the only camera sees as well, if it sees little but one face."""
         camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
         least = CLOSE * explanation_score(fit.cameras)
         return [
@@ -289,10 +288,10 @@ class PoseEstimator:
         ]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
-        """The fit with a judgement of the calibration, or without where fewer than two cameras see it.
+        """The fit with a judgement of the calibration, if two or more cameras see the object.
 
-        Cameras whose label maps show the object beside the pose are asked by a search of their own, since
-        their edges lie beyond the strips.
+        A camera whose label map shows the object beside the pose gets a search of its own, since its edges
+        lie beyond the strips.
         """
         assert fit.own is not None
         views = OwnViews(*(column.copy() for column in fit.own))
@@ -309,7 +308,7 @@ class PoseEstimator:
     def _own_search(
         self, sight: Sight, fit: Fit, c: int, lag: Lag | None
     ) -> tuple[FloatArray, FloatArray, float] | None:
-        """One camera's part of OwnViews, as it is found by itself near the pose, if it is."""
+        """One camera's row of OwnViews from a search of its own near the pose, if it finds the object."""
         only = sight.without(*(k for k in range(len(sight.used)) if k != c))
         near = self.search.near(only, [(fit.rotation, fit.position)])
         if near is None:
@@ -328,7 +327,7 @@ class PoseEstimator:
 
     @staticmethod
     def _explains_better(seen: Any, fit: Fit, c: int) -> bool:
-        """Whether what a camera shows of another pose, a record of SEEN, explains it clearly better."""
+        """Whether a camera's record of SEEN for another pose explains its label map clearly better."""
         before = fit.cameras[c]
         gain = sum(sign * (int(seen[k]) - int(before[k])) for k, sign in _FOR_AND_AGAINST)
         return bool(gain > max(BETTER[0], BETTER[1] * before["predicted"]))

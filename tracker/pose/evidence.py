@@ -1,4 +1,4 @@
-"""What speaks for a fit: label counts and edges of each camera, against all else that they may show."""
+"""Evidence for a fit, from each camera's label counts and edges, against everything else they could show."""
 
 from __future__ import annotations
 
@@ -13,80 +13,80 @@ from tracker.pose.align import hear
 from tracker.pose.fit import Evidence
 
 SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
-"""Shares of a face that something else may hide."""
+"""Candidate shares of a face that are hidden."""
 
 SHARES_PRIOR = np.array([0.45, 0.15, 0.12, 0.1, 0.08, 0.05, 0.05])
-"""Probability of each."""
+"""Prior probability of each."""
 
 BACKGROUND, MISSED = 0.97, 0.06
-"""Probability that what hides a face has no face's colour; and that a face itself seems to have none."""
+"""Probability that a hidden pixel shows no face colour, and that a visible pixel of a face shows none."""
 
 NOISE, WIDTH = 0.1, 6.0
-"""Least deviation of the pieces of an edge in its place, and range of those that are anywhere [px]."""
+"""Least residual of matched pieces of edge, and range of unmatched ones [px]."""
 
 MIXED = 7
-"""A face may show none of the six colours (0), one of them, or all together (MIXED)."""
+"""A face may have no colour (0), one of the six, or all mixed (MIXED)."""
 
 RESIZED = (0.8, 0.5), (1.4, 1.0)
-"""Lengths of an edge, over the object's, of bodies that are asked for, and the share of what one camera alone
-says for them that does not count: a finger hides an end from one camera, while a shorter body shows it to
-none; colours beside the object may be those of one bad picture."""
+"""Rival bodies: length of one edge relative to the object's, and the share of the most favourable camera's
+gain that does not count: a finger hides an end from one camera, whereas a shorter body lacks it in all;
+colours beside the object may come from one bad image."""
 
 LEAST = 0.05
-"""Pixels missing or beside the object, over those that show it, from which such a body is asked for."""
+"""Pixels missing or beside the object, relative to those that show it, above which such rivals are tried."""
 
 CLEAR = 20, 0.9
-"""Pixels of a face in a camera, and the share of them that shows it, with which the object ends there."""
+"""Pixels of a face in a camera, and the share that shows it, above which the object certainly ends there."""
 
 NONE_PRIOR = 0.5
-"""Probability that a face of which nothing is known shows no colour; the seven others are alike."""
+"""Probability that an unknown face has no colour; the seven other options are equally likely."""
 
 
 class Numbers(NamedTuple):
-    """What evidence is worth: fitted by scripts/fit_confidence.py to right and wrong fits.
+    """Weights of the evidence, fitted by scripts/fit_confidence.py to right and wrong fits.
 
-    On development scenes `end`, `resized` and `whole` were chosen, and `pixel`, `hidden`, `broken`, `body`,
-    `shape` and `nothing` fitted again once pixels on outlines no longer counted (benchmarks/development.md).
+    `end`, `resized` and `whole` were chosen on development scenes; `pixel`, `hidden`, `broken`, `body`,
+    `shape` and `nothing` refitted once pixels on outlines no longer counted (benchmarks/development.md).
     """
 
     pixel: float
-    """Independent observations in a pixel of the label map that lies wholly inside a face."""
+    """Independent observations per label-map pixel that lies wholly inside a face."""
     whole: float
-    """The same where those on its outline count, too, as for bodies with another edge."""
+    """The same if pixels on its outline count, too, as for bodies with another edge."""
     wrong: float
     """Probability that a pixel of a face shows another colour."""
     misread: float
-    """Probability that one camera sees a face in another colour, its light being odd."""
+    """Probability that a camera reads a face as another colour, in odd light."""
     hidden: float
-    """Probability that a camera does not see the object."""
+    """Probability that the object is hidden from a camera."""
     broken: float
-    """Odds that a picture is of something else: of another moment, mirrored, tinted."""
+    """Odds that an image is broken: taken at another moment, mirrored, tinted."""
     more: float
-    """Factor on these odds for each picture but one: what breaks one camera seldom breaks another."""
+    """Factor on these odds for each further image: what breaks one camera seldom breaks another."""
     alike: float
-    """Probability that one camera shows such a thing where the object is not."""
+    """Probability that a camera shows something similar where the object is not."""
     colored: float
-    """Probability that colours of faces are where the object is not."""
+    """Probability of face colours where the object is not."""
     inlier: float
-    """Weight of a piece of edge in its place."""
+    """Weight of a matched piece of edge."""
     lacking: float
-    """What a piece costs that shows no edge although the faces beside it are seen."""
+    """Cost of a piece without an edge although its faces are visible."""
     outside: float
-    """What colours outside the object cost, for each e-fold."""
+    """Cost of face colours outside the object, for each e-fold."""
     end: float
     """Weight of how much better a body with another edge explains the label maps."""
     stands: float
     """Weight of how well the object stands on the table."""
     temper: float
-    """Share of all evidence that counts: cameras and faces are not independent."""
+    """Share of the evidence that counts, since cameras and faces are not independent."""
     body: float
-    """Log odds of a body with other faces before the pictures are asked."""
+    """Prior log odds of a body with other face colours."""
     shape: float
-    """The same of a body with the object's faces and other edges."""
+    """Prior log odds of a body with the object's face colours and other edges."""
     resized: float
-    """The same of one of which an edge is shorter or longer."""
+    """Prior log odds of a body with one edge shorter or longer."""
     nothing: float
-    """The same where there is no such body."""
+    """Prior log odds that there is no such body."""
 
 
 NUMBERS = Numbers(
@@ -98,10 +98,10 @@ NUMBERS = Numbers(
 
 @compiled
 def _prices(numbers, prices):  # type: ignore[no-untyped-def]
-    """Fill prices (SHARES, 5): what pixels say of a face of which a share is hidden, over a hidden one.
+    """Fill prices (SHARES, 5): log likelihood of a pixel of a partly hidden face, over a hidden one.
 
-    By what a pixel shows: no colour, the face's colour, another one, any of a face with all colours
-    (logarithms); and the share's probability.
+    Columns: a pixel without colour, in the face's colour, in another one, in any colour if the face has all;
+    and the log prior of the share.
     """
     wrong, right = numbers.wrong / 5.0, 1.0 - MISSED - numbers.wrong
     mixed, other = (1.0 - MISSED) / 6.0, (1.0 - BACKGROUND) / 6.0
@@ -118,7 +118,7 @@ def _prices(numbers, prices):  # type: ignore[no-untyped-def]
 def _option(counts, colored, k, prices, pixel):  # type: ignore[no-untyped-def]
     """Log likelihood of a face's counts (7,) if its colour is k, over that of a hidden face.
 
-    colored: how many of them are of a colour.
+    colored: how many of the pixels have a face colour.
     """
     own, which = (counts[k], 1) if k < MIXED else (colored, 3)
     most, total = -1e300, 0.0
@@ -135,7 +135,7 @@ def _option(counts, colored, k, prices, pixel):  # type: ignore[no-untyped-def]
 
 @compiled
 def _options(counts, prices, pixel, out):  # type: ignore[no-untyped-def]
-    """Fill out (8,): `_option` of each colour."""
+    """Fill out (8,) with `_option` of each colour."""
     colored = counts[1:].sum()
     out[:] = 0.0
     if counts[0] + colored == 0:
@@ -149,7 +149,7 @@ def _options(counts, prices, pixel, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def _unknown(options):  # type: ignore[no-untyped-def]
-    """Log likelihood of a face of which nothing is known."""
+    """Log likelihood of the counts of an unknown face."""
     total = NONE_PRIOR * math.exp(options[0])
     for k in range(1, MIXED + 1):
         total += (1.0 - NONE_PRIOR) / MIXED * math.exp(min(options[k], 600.0))
@@ -158,7 +158,7 @@ def _unknown(options):  # type: ignore[no-untyped-def]
 
 @compiled
 def _edges(one, numbers):  # type: ignore[no-untyped-def]
-    """What the pieces of edges of a camera, a record of SEEN, say for a pose."""
+    """Log likelihood of a camera's pieces of edge (a record of SEEN), for a pose."""
     rms = max(math.sqrt(one.squares / one.inliers) if one.inliers > 0.0 else 0.0, NOISE)
     value = numbers.inlier * one.inliers * math.log(WIDTH / (math.sqrt(2.0 * math.pi * math.e) * rms))
     lacking = max(one.agree / max(one.predicted, 1) * one.expected - one.usable, 0.0)
@@ -167,14 +167,14 @@ def _edges(one, numbers):  # type: ignore[no-untyped-def]
 
 @compiled
 def _outside(one, numbers):  # type: ignore[no-untyped-def]
-    """What colours outside the object cost, in a record of SEEN."""
+    """Cost of face colours outside the object (a record of SEEN)."""
     colored = one.extra + max(one.elsewhere, 0)
     return numbers.outside * math.log1p(colored / (0.3 * one.predicted + 30.0))
 
 
 @compiled
 def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
-    """Log likelihood of `count` cameras, each whole or broken, as whole (C,) and broken (C,) have it."""
+    """Log likelihood of `count` cameras, each either whole or broken: whole (C,), broken (C,)."""
     ways, none = np.full(count + 1, -1e300), -1e300
     ways[0] = 0.0
     for c in range(count):
@@ -189,16 +189,16 @@ def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
 
 @compiled
 def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untyped-def]
-    """Log evidence of the object here, of a body with other faces, of one of another shape, and of nothing.
+    """Log evidence of the object here, of other face colours, of another shape, and of nothing.
 
     See equation (21) of docs/how-it-works.md.
 
     Args:
-        seen: (C,) of SEEN, of which `shows` and `broken` are filled.
+        seen: (C,) of SEEN; `shows` and `broken` are filled in.
         face_labels: (6,) of the object.
-        stands: log odds by which it stands on the table.
+        stands: log odds that it stands on the table.
         numbers: Numbers.
-        closer: whether only those pixels count that lie wholly inside a face.
+        closer: whether only pixels wholly inside a face count.
     """
     count, prices = len(seen), np.empty((len(SHARES), 5))
     _prices(numbers, prices)
@@ -249,7 +249,7 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
 
 @compiled
 def weighed(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
-    """What `weigh` says by pixels inside the faces; and, by all of them, of the object here over nothing."""
+    """`weigh` by pixels inside the faces; last, by all pixels, the object here over nothing."""
     here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, False)
     ahead = here - nothing
     here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, True)
@@ -258,9 +258,9 @@ def weighed(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
 
 @compiled
 def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-untyped-def]
-    """Log likelihood of one camera's record of SEEN, the object being there.
+    """Log likelihood of one camera's record of SEEN if the object is there.
 
-    unknowns (6,): of its faces, see `_unknown`.
+    unknowns (6,): `_unknown` of its faces.
     """
     own, unknown = _edges(one, numbers), 0.0
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
@@ -276,7 +276,7 @@ def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-
 
 @compiled
 def _clear(seen, face, label):  # type: ignore[no-untyped-def]
-    """Whether a camera shows a face clearly where it is expected: no other body ends elsewhere."""
+    """Whether a camera shows a face so clearly that no rival body ends elsewhere."""
     for one in seen:
         pixels = one.faces[face].sum()
         if pixels >= CLEAR[0] and one.faces[face, label] >= CLEAR[1] * pixels:
@@ -286,7 +286,7 @@ def _clear(seen, face, label):  # type: ignore[no-untyped-def]
 
 @compiled
 def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
-    """By how much a body of which an edge is shorter or longer explains label maps better: log likelihood.
+    """Log likelihood by which the best body with one edge shorter or longer explains the label maps better.
 
     See G in equation (21) of docs/how-it-works.md; arguments are as of `judge`.
     """
@@ -327,11 +327,11 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
 
 @compiled
 def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
-    """What `weighed` says of what label maps show of an object; or, if `ask`, what `_resized` says.
+    """Count what label maps show of an object and return `weighed`; or, if `ask`, return `_resized`.
 
-    The label maps are as of `hear`, which fills seen (C,) of SEEN, and so is the place: rotation, position
-    and lags. Cameras that were left out (C,) are witnesses only: colours beside the object count as seen
-    elsewhere, since a picture that is noisy or flooded shows them all over. To be asked, seen must be filled.
+    Label maps and place (rotation, position, lags) are as of `hear`, which fills seen (C,) of SEEN. For
+    cameras left_out (C,), colours beside the object count as seen elsewhere: a noisy or flooded image shows
+    them all over. If `ask`, seen must be filled already.
     """
     if ask:
         return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0, 0.0
@@ -352,11 +352,11 @@ def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: f
 
 
 def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array) -> Evidence:
-    """The evidence of an object at a place; all is as of `judge`, the first five arguments are its own."""
+    """Evidence of an object at a place; the first five arguments are those of `judge`."""
     return evidence_of(*judge(*sight, stands, left_out, seen, NUMBERS, False))
 
 
 def resized_at(*sight: Any, seen: Array) -> float:
-    """Log odds of a body of which an edge is shorter or longer; arguments as of `evidence_at`."""
+    """Log odds of a body with one edge shorter or longer; arguments as of `evidence_at`."""
     gain = judge(*sight, 0.0, np.zeros(len(seen), bool), seen, NUMBERS, True)[0]
     return float(NUMBERS.end * gain + NUMBERS.resized)

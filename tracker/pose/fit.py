@@ -1,4 +1,4 @@
-"""A refined pose and what supports it."""
+"""A refined pose and its support."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tracker.objects.model import RIM_STD
 
 
 class Lag(NamedTuple):
-    """Pictures that were taken before the moment for which the pose is asked, of an object that moves."""
+    """Images of a moving object, taken before the moment that the pose is asked for."""
 
     delays: FloatArray
-    """(C,) since each camera's picture was taken [s]."""
+    """(C,) time since each camera's image was taken [s]."""
     velocity: FloatArray
     """(6,) of the object [m/s, rad/s]."""
     covariance: FloatArray
@@ -25,7 +25,7 @@ class Lag(NamedTuple):
 
     @property
     def moved(self) -> FloatArray:
-        """(C, 6) by which the cameras see the object moved [m, rad].
+        """(C, 6) how far each camera sees the object displaced [m, rad].
 
         See equation (26) of docs/how-it-works.md.
         """
@@ -33,57 +33,57 @@ class Lag(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What the unknowns beside the pose are taken to be at first; only the rim is drawn to it."""
+    """Initial values of the unknowns beside the pose; only the rim has a prior here."""
 
     blur: float
-    """Standard deviation of the pictures' steps [px of an object of reference size]."""
+    """Standard deviation of the images' steps [px for an object of reference size]."""
     exponent: float
-    """Of the cameras' response, less 1."""
+    """Exponent of the cameras' response, minus 1."""
     rim: float
-    """Distance of the faces' borders from the nominal edges [m], …"""
+    """Prior mean of the distance of the face colours from the nominal edges [m]."""
     rim_std: float
-    """… and its standard deviation: the end is drawn to it."""
+    """Prior standard deviation of that [m]."""
 
 
 LIKELY = Start(blur=0.9, exponent=0.3, rim=0.0, rim_std=RIM_STD)
-"""Where nothing is known: an exponent between that of simulations and of cameras."""
+"""If nothing is known: an exponent between that of simulations and of cameras."""
 
 SEEN = np.dtype(
     [
         ("expected", np.float64),  # pieces of visible edges
-        ("usable", np.float64),  # of these, such as show an edge between the right colours
-        ("inliers", np.float64),  # weight of the usable ones that lie where the pose puts them
-        ("squares", np.float64),  # weighted sum of the inliers' squared residuals [px² at the reference]
-        ("blur", np.float64),  # standard deviation of the picture's steps [px]
+        ("usable", np.float64),  # … that show an edge between the right colours
+        ("inliers", np.float64),  # weight of the usable ones where the pose puts them
+        ("squares", np.float64),  # weighted sum of the inliers' squared residuals [px² at reference size]
+        ("blur", np.float64),  # standard deviation of the image's steps [px]
         ("predicted", np.int64),  # pixels of the label map that the object should cover
-        ("agree", np.int64),  # of these, such as show the face that is expected there
+        ("agree", np.int64),  # … that show the expected face
         ("missing", np.int64),  # … that show background
         ("wrong", np.int64),  # … that show another face: they contradict the pose
         ("extra", np.int64),  # pixels beside the object in a face's colour
         ("elsewhere", np.int64),  # … and farther away
         ("shows", np.float64),  # probability that it shows the object there
-        ("broken", np.float64),  # … and that the picture is of something else
-        ("faces", np.int64, (6, 7)),  # pixels that each face should cover, by the label that they show
-        ("inner", np.int64, (6, 7)),  # … such as lie wholly inside
+        ("broken", np.float64),  # … and that the image shows something else
+        ("faces", np.int64, (6, 7)),  # pixels that each face should cover, by their label
+        ("inner", np.int64, (6, 7)),  # … that lie wholly inside it
     ]
 )
-"""What one camera's picture says of a pose."""
+"""What one camera's image shows of a pose."""
 
 _NUMBERS = [name for name in SEEN.names or () if not SEEN[name].shape]
 
 
 class Evidence(NamedTuple):
-    """What speaks for a pose and against it."""
+    """Evidence for a pose and against it."""
 
     body: float
-    """Log odds of a body there with other colours or of another shape, over the object."""
+    """Log odds of a body with other colours or of another shape, over the object."""
     nothing: float
     """Log odds that there is nothing, over the object."""
     ahead: float
-    """Log odds of the object over nothing by which fits compete: pixels on the faces' outlines count, too,
-    since they are the first to show that a pose is off."""
+    """Log odds of the object over nothing, by which fits compete: pixels on outlines count, too, since they
+    are the first to show that a pose is off."""
     resized: float = -math.inf
-    """Log odds of a body of which an edge is shorter or longer; minus infinity where it was not asked for."""
+    """Log odds of a body with one edge shorter or longer; minus infinity if this was not asked."""
 
 
 UNHEARD = Evidence(math.inf, math.inf, -math.inf)
@@ -93,16 +93,16 @@ class OwnViews(NamedTuple):
     """Where each camera by itself sees the object."""
 
     information: FloatArray
-    """(C, 6, 6) on the pose that it sees [1/m², 1/rad²]; zero where it sees too little."""
+    """(C, 6, 6) of the pose that it sees [1/m², 1/rad²]; zero if it sees too little."""
     moved: FloatArray
-    """(C, 6) that pose less the joint one [m, rad]."""
+    """(C, 6) that pose minus the joint one [m, rad]."""
     inliers: FloatArray
-    """(C,) weight of the pieces of edges that it rests on."""
+    """(C,) weight of the pieces of edge it rests on."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A refined pose and what supports it."""
+    """A refined pose and its support."""
 
     position: FloatArray
     """(3,) [m]."""
@@ -115,25 +115,25 @@ class Fit:
     converged: bool
     """Whether the refinement's last step was negligible."""
     evidence: Evidence = UNHEARD
-    """For it and against it; of a fit of which label maps were not asked, that it is nothing."""
+    """For and against it; before the label maps were counted, that there is nothing."""
     iterations: int = 0
-    """Steps that the refinement took."""
+    """Number of refinement steps."""
     end: Start = LIKELY
-    """What the unknowns beside the pose turned out to be."""
+    """Final values of the unknowns beside the pose."""
     inside: bool = True
     """Whether the object is in the arena."""
     stands: float = 0.0
-    """How well it stands on the table: log odds over an object that may be anywhere."""
+    """Log odds that it stands on the table, over an object that may be anywhere."""
     lead: float = math.inf
-    """Log odds by which it leads over all clearly different poses together; infinite where none was tried."""
+    """Log odds over all clearly different poses together; infinite if none was tried."""
     left_out: tuple[int, ...] = ()
-    """Cameras whose pictures were left out, since the others agree without them."""
+    """Cameras whose images were left out because the others agree without them."""
     offsets: FloatArray | None = None
-    """(C, 6) by which cameras see the object moved, since their calibration is not quite right [m, rad]."""
+    """(C, 6) how far cameras see the object displaced by errors of their calibration [m, rad]."""
     lags: FloatArray | None = None
-    """(C, 6) by which they do since their pictures are older [m, rad]; None: they are not."""
+    """(C, 6) the same because their images are older [m, rad]; None: they are not."""
     own: OwnViews | None = None
-    """Where each camera by itself sees the object; None where it was not asked."""
+    """Where each camera by itself sees the object; None: not worked out."""
     disagreement: FloatArray | None = None
     """(S,) log likelihoods of how far the calibration is off (`agreement.SCALES`); None: not judged."""
 

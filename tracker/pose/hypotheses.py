@@ -1,4 +1,4 @@
-"""Where the object may be, as the label maps have it: places, turns, alignment, and what they explain."""
+"""Hypotheses from label maps: places, rotations, alignment, and how much they explain."""
 
 from __future__ import annotations
 
@@ -23,47 +23,47 @@ from tracker.pose.votes import PositionSearch
 from tracker.segmentation.color_model import ColorModel
 
 REACHES = np.array([5, 4, 3])
-"""Reach of the label transitions' search in each alignment step [px of the label map]."""
+"""Reach of the search for label transitions in each alignment step [px of the label map]."""
 
 FAR_REACHES = np.array([8, 6, 4, 3])
-"""The same from a prediction."""
+"""The same from a predicted pose."""
 
 ALIGNED = 10
-"""Hypotheses of a round that are aligned to the end, at most: the best after a first step."""
+"""Most hypotheses of a round that are aligned to the end: the best after a first step."""
 
 ENOUGH = 2
-"""Cameras that must support a pose that was found without another one."""
+"""Fewest cameras that must support a pose found without another one."""
 
 SAME_POSITION, SAME_ROTATION = 0.12, 0.15
-"""Two hypotheses nearer than this [radii of the object, rad] are the same pose."""
+"""Hypotheses closer than this [radii of the object, rad] are the same pose."""
 
 WINDOW_RIM = 12.0
-"""Beyond an object where it is expected, for where it may be instead [px of the label map]."""
+"""Margin around the expected object, as it may be elsewhere [px of the label map]."""
 
 
 class Round(NamedTuple):
-    """How many hypotheses are begun by the end of a round."""
+    """How many hypotheses have been begun by the end of a round."""
 
     places: int
-    """Likeliest places."""
+    """Most likely places."""
     first: int
-    """Turns at the likeliest one."""
+    """Rotations at the first place."""
     others: int
-    """Turns at each other one."""
+    """Rotations at each other place."""
     without: int = 0
-    """Turns at the likeliest place as it is without each of the cameras."""
+    """Rotations at the first place that is found without each of the cameras."""
 
 
 LIKELIEST, NEARBY, EVERYWHERE, TURNS = Round(1, 1, 0), Round(4, 4, 1), Round(7, 10, 5, 5), Round(1, 10, 0)
-"""Of 391 scenes that the likeliest turn at the likeliest place did not settle, 72 % came to the right pose
-from what NEARBY begins, 3 % only from a place without a camera, none from beyond the seventh place."""
+"""Of 391 scenes that the first hypothesis did not settle, 72 % reached the right pose within NEARBY, 3 % only
+from a place found without one camera, none from a place beyond the seventh."""
 
 
 class Hypothesis(NamedTuple):
-    """Where the object may be, as the label maps have it."""
+    """A possible pose."""
 
     score: float
-    """How well it explains them."""
+    """How well it explains the label maps."""
     rotation: FloatArray
     """(3, 3) world_from_object."""
     position: FloatArray
@@ -73,7 +73,7 @@ class Hypothesis(NamedTuple):
 
 
 def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool:
-    """Whether two poses differ by more than alignment on label maps leaves open; radius: of the box [m]."""
+    """Whether two poses differ by more than alignment leaves open; radius: of the object [m]."""
     # The trace of R R2ᵀ is 1 + 2 cos of the angle between them.
     if np.vdot(one.rotation, other.rotation) < 1 + 2 * math.cos(SAME_ROTATION):
         return True
@@ -82,12 +82,12 @@ def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool
 
 
 class Search:
-    """Finds where an object may be, in label maps alone; has no memory.
+    """Search for an object in label maps alone; no memory.
 
     Args:
         box: the object.
         rig: the cameras.
-        colors: by which pictures are read.
+        colors: with which images are read.
     """
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel) -> None:
@@ -99,7 +99,7 @@ class Search:
         self._radius, self._still = box.radius, np.zeros((len(small), 6))
 
     def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
-        """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
+        """Left, top, right, bottom of the object's surroundings at a position, in camera c's label map."""
         left, top, right, bottom = window(self.lenses, c, position, self._radius, WINDOW_RIM)
         return left, top, right, bottom
 
@@ -111,14 +111,14 @@ class Search:
         fit: Fit | None = None,
         left_out: Sequence[int] = (),
     ) -> tuple[Array, Evidence]:
-        """What the label maps show of a pose (3, 3), (3,) [m], (C,) of SEEN, and what this is evidence of.
+        """Count what the label maps show of a pose, (C,) of SEEN, and weigh it as evidence.
 
         Args:
             sight: the label maps.
-            rotation: world_from_object.
-            position: of the object's centre.
+            rotation: (3, 3) world_from_object.
+            position: (3,) of the object's centre [m].
             fit: what else is known of the pose; None: nothing.
-            left_out: cameras that are witnesses only.
+            left_out: cameras that only bear witness.
         """
         seen, lags, stands = np.zeros(len(self._still), SEEN), self._still, 0.0
         if fit is not None:
@@ -133,14 +133,14 @@ class Search:
         return seen, evidence
 
     def resized(self, sight: Sight, fit: Fit) -> float:
-        """Log odds of a body of which an edge is shorter or longer, over the object as a fit has it."""
+        """Log odds of a body with one edge shorter or longer than the object of a fit."""
         place = fit.rotation, fit.position, self._still if fit.lags is None else fit.lags
         return resized_at(self.lenses, sight.labels, sight.pictures, self.faces, place, seen=fit.cameras)
 
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()
     ) -> list[Hypothesis]:
-        """Hypotheses at a place (3,) [m] after a first step of alignment; which: of its likeliest turns."""
+        """Hypotheses at a place (3,) [m] after one alignment step; which: of its most likely rotations."""
         if not which:
             return []
         pictures, turns = sight.without(*left_out).pictures, np.empty((which.stop, 3, 3))
@@ -149,7 +149,7 @@ class Search:
         return self._aligned(sight, tried, REACHES[:1])
 
     def rounds(self, sight: Sight) -> Callable[[Round], list[Hypothesis]]:
-        """A function that gives the hypotheses of a round that were not begun before, best first."""
+        """Return a function that gives the new hypotheses of a round, best first."""
         likeliest = self.positions(sight.labels, sight.pictures, EVERYWHERE.places)
         places, tried = list[FloatArray](), list[int]()
 
@@ -172,14 +172,14 @@ class Search:
         return next_of
 
     def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:
-        """What poses (3, 3), (3,) [m] that may be off by 3 cm and 30° lead to, at best."""
+        """The best hypothesis reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°."""
         tried = [Hypothesis(0.0, rotation, position) for rotation, position in poses]
         return max(self._aligned(sight, tried, FAR_REACHES), key=lambda one: one.score, default=None)
 
     def _aligned(self, sight: Sight, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:
-        """Those hypotheses, aligned by steps of these reaches, whose edges are to be seen.
+        """Align hypotheses by steps of these reaches; keep those whose edges are found.
 
-        They were found without the same cameras, and all judge them.
+        All were found without the same cameras, and all cameras score them.
         """
         if not tried:
             return []

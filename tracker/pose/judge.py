@@ -1,4 +1,4 @@
-"""Whether a fit is the object, and how probably it is right: all from the evidence for it and against it."""
+"""Whether a fit is the object and how likely it is right, from the evidence for it and against it."""
 
 from __future__ import annotations
 
@@ -14,59 +14,59 @@ from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 
 EXPECTED = 20
-"""Pixels of its label map that the object must fill for a camera to have a say."""
+"""Fewest pixels of its label map that the object must fill for a camera to have a say."""
 
 ASTRAY = 30, 0.15
-"""Least number, as a share of the pixels expected, too, of pixels in the object's colours where it is not, by
-which a camera that does not see the object there counts as seeing it elsewhere."""
+"""A camera sees the object elsewhere if at least this many pixels in its colours, and this share of those
+expected, lie where the fit has none."""
 
 MIN_VIEW = 4.0
-"""Weight of the pieces of edges on which a camera must agree to count as seeing the object."""
+"""Least weight of matched pieces of edge with which a camera counts as seeing the object."""
 
 MIN_TRUST = 0.2
-"""Probability that the fit sits on the object below which there had better be no pose."""
+"""Least probability that a fit is the object, for it to be accepted."""
 
 SURE = 0.95
-"""Probability of it at which no other hypothesis is tried."""
+"""Probability that a fit is the object, above which no other hypothesis is tried."""
 
 CERTAIN = 500.0
-"""Log odds beyond which nothing differs: many cameras may say more than a number can hold."""
+"""Largest log odds that count, since many cameras may exceed what a number holds."""
 
 VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
-"""The pose must be this close to the truth [m, rad] with this probability, or many poses would do."""
+"""A pose is accepted if it is this close to the truth [m, rad] with at least this probability."""
 
 NEAR = 5e-3, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
 
 NEARNESS = 1.06, 0.93
-"""Log odds that a pose is as near as that, and their growth with those which its covariance states: a
-covariance may be too small or too large. Fitted by scripts/fit_confidence.py."""
+"""Log odds that a pose is that close = first + second × those that its covariance states, which may be too
+small or too large. Fitted by scripts/fit_confidence.py."""
 
 
 _once = functools.lru_cache(maxsize=32)
-"""A judgement of a fit is asked for several times: what was found is kept for the latest fits."""
+"""Cache the judgements of the latest fits, since each is asked for several times."""
 
 
 @_once
 def alone(fit: Fit) -> bool:
-    """Whether the pose rests on what one camera sees."""
+    """Whether the pose rests on a single camera."""
     return sum(one["inliers"] >= MIN_VIEW for one in fit.counts) < 2
 
 
 @_once
 def supporters(fit: Fit) -> int:
-    """How many cameras probably see the object where the fit has it."""
+    """Number of cameras that probably see the object at the fit."""
     return sum(one["shows"] > 0.5 for one in fit.counts)
 
 
 def unanimous(fit: Fit) -> bool:
-    """Whether all cameras in whose pictures the object should be see it where the fit has it."""
+    """Whether all cameras that should see the object see it at the fit."""
     return supporters(fit) == sum(one["predicted"] > 0 for one in fit.counts)
 
 
 @_once
 def contradicting(fit: Fit) -> tuple[bool, ...]:
-    """Whether each camera sees the object elsewhere, or something else where the fit has it."""
+    """Whether each camera sees the object elsewhere, or something else at the fit."""
     result = []
     for one in fit.counts:
         predicted, outside = one["predicted"], one["extra"] + one["elsewhere"] + one["wrong"]
@@ -76,42 +76,42 @@ def contradicting(fit: Fit) -> tuple[bool, ...]:
 
 
 def rank(fit: Fit) -> float:
-    """Log odds of a fit over nothing there, by which it is compared with fits to the same pictures."""
+    """Log odds of a fit over nothing, by which fits to the same images compete."""
     return fit.evidence.ahead
 
 
 @_once
 def log_odds(fit: Fit) -> float:
-    """Log odds that the object is here, over another body or nothing, if no other pose explains as much."""
+    """Log odds of the object over another body or nothing, other poses left aside."""
     less, more = sorted((fit.evidence.body, fit.evidence.nothing))
     return -more - math.log1p(math.exp(less - more))
 
 
 def disputed(fit: Fit) -> int:
-    """How many cameras outvote a single one that shows the object: each of them may be right instead."""
+    """Number of cameras that outvote the only one that shows the object: any of them may be right."""
     against = sum(contradicting(fit)) if supporters(fit) < 2 else 0
     return against if against > 1 else 0
 
 
 @_once
 def trust(fit: Fit) -> float:
-    """Probability that the fit sits on the object, at whatever accuracy."""
+    """Probability that the fit is the object, however accurate."""
     others = -log_odds(fit), -fit.lead, fit.evidence.resized
     return 1.0 / (1.0 + sum(math.exp(min(one, CERTAIN)) for one in others) + disputed(fit))
 
 
 def settled(fit: Fit) -> bool:
-    """Whether no other hypothesis needs to be tried: one camera alone never settles the matter."""
+    """Whether no other hypothesis needs to be tried; a single camera never settles it."""
     return trust(fit) > SURE and fit.converged and fit.inside and not alone(fit)
 
 
 @_once
 def refusal(fit: Fit) -> Status | None:
-    """Why the fit is not accepted; None where it is."""
+    """Why the fit is refused; None: it is accepted."""
     if not np.isfinite(fit.covariance).all():
         return Status.POOR_FIT
     if not fit.inside:
-        # One camera alone takes what hides the object's edges for them, and puts it too far away.
+        # A single camera may take the edges of an occluder for the object's, and puts it too far away.
         return Status.AMBIGUOUS if alone(fit) else Status.INCONSISTENT_VIEWS
     if trust(fit) < MIN_TRUST:
         return _against(fit)
@@ -119,7 +119,7 @@ def refusal(fit: Fit) -> Status | None:
 
 
 def _against(fit: Fit) -> Status:
-    """What speaks most against a fit."""
+    """The strongest evidence against a fit."""
     nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.evidence.resized)
     if -fit.lead > max(body, nothing):
         return Status.AMBIGUOUS
@@ -136,7 +136,7 @@ def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) ->
 
 
 def nearness(covariance: FloatArray) -> float:
-    """Probability that a pose is within 5 mm and 5° of the truth, given how often stated ones were."""
+    """Calibrated probability that a pose with this covariance is within 5 mm and 5° of the truth."""
     stated = probably_near(covariance)
     odds = min(max(stated, 1e-6), 1.0 - 1e-6)
     shift, growth = NEARNESS
@@ -150,7 +150,7 @@ def fits(fit: Fit) -> float:
 
 @_once
 def apparent(fit: Fit) -> float:
-    """The confidence of a fit if the calibration is right as far as its files state."""
+    """Confidence of a fit if the calibration is as good as its files state."""
     return trust(fit) * nearness(fit.covariance)
 
 

@@ -21,19 +21,19 @@ from tracker.pose.solve import (
 )
 
 ALONE_ROUNDS = 5
-"""Solutions of one camera by itself: the first takes all that lies within the strips."""
+"""Iterations for a single camera: the first uses everything within the strips."""
 
 ALONE_LIMIT = 0.5
-"""Residual at which a weight reaches zero then, at least [px]."""
+"""Least residual at which a weight reaches zero in later ones [px]."""
 
 ALONE_RIM_STD = 4e-4
-"""Standard deviation of the rim as one camera sees it [m]: light and wear differ from side to side, and what
-is taken for a rim moves the object along the line of sight."""
+"""Standard deviation of the rim in a single view [m]: light and wear differ from side to side, and what
+passes for a rim moves the object along the line of sight."""
 
 
 @compiled
 def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
-    """Information (6, 6) on the pose where exponent and rim are unknown, of that on all (8, 8)."""
+    """Information (6, 6) on the pose if exponent and rim are unknown, from that on all (8, 8)."""
     a, b, d = matrix[EXPONENT, EXPONENT], matrix[EXPONENT, RIM], matrix[RIM, RIM]
     a, d = a + 1.0 / DEVIATION_STD**2, d + 1.0 / ALONE_RIM_STD**2
     determinant = a * d - b * b
@@ -46,15 +46,15 @@ def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
-    """Solve for the pose of each camera by itself, as if no calibration bound it to the others.
+    """Solve for each camera's pose by itself, as if no calibration bound it to the others.
 
-    The offsets are those measured last. Other than in the joint solution all that lies within the strips
-    counts at first, since a camera that is off shows all edges off.
+    Uses the offsets measured last. Unlike in the joint solution, everything within the strips counts at
+    first, since a camera that is displaced shows all edges displaced.
 
     Args:
         solution: the joint one.
         cameras: as it left them; their sums are overwritten.
-        work: where the offsets are.
+        work: with the offsets.
         own: OwnViews, filled.
     """
     information, moved, inliers = own

@@ -1,4 +1,4 @@
-"""Refines a pose on the pictures' edges: measure, weigh, solve, move."""
+"""Refine a pose on the images' edges: measure, weigh, solve, move."""
 
 from __future__ import annotations
 
@@ -37,67 +37,66 @@ from tracker.pose.strips import collect, edge_strips
 from tracker.pose.support import lean, leaner, mark_feet
 from tracker.pose.views import mask_of, pixels_of
 
-# Lengths in pixels are those of an object of reference size (`scale`), unless they say otherwise.
+# Lengths in pixels are for an object of reference size (`scale`), unless stated otherwise.
 
 REACH = 1.2, 2.0
-"""Half width of the strips along the edges: [px], and for each px of blur."""
+"""Half width of the strips along the edges: constant part [px] and factor on the blur."""
 
 LEAST_REACH = 2.5
-"""The least half width [px of the picture]."""
+"""Least half width [px of the image]."""
 
 MARGIN = 0.4, 1.5
-"""Distance that pieces keep from corners, where three surfaces mix: [px], and for each px of blur."""
+"""Distance of pieces from corners, where three surfaces mix: constant part [px] and factor on the blur."""
 
 EXPECTED_WEAR = 0.05
-"""Standard deviation of what all pieces of an edge have in common, as it is expected to be [px]."""
+"""Prior standard deviation of the offset common to all pieces of an edge [px]."""
 
 BLURS = 0.5, 3.0
-"""Bounds of the blur: least [px of the picture], largest [px]."""
+"""Bounds of the blur: least [px of the image], largest [px]."""
 
 LONGEST = 0.4, 0.3
-"""Longest step [radii of the object, rad]: strips say nothing on what lies farther away."""
+"""Longest step [radii of the object, rad]: strips see nothing farther away."""
 
 STRAY = 0.15
-"""Motion of a strip at which its pixels are collected again [half widths]."""
+"""Motion of a strip beyond which its pixels are collected again [half widths]."""
 
 ROUNDS = 2
-"""Solutions with robust weights for each measurement of the offsets."""
+"""Reweighted solutions per measurement of the offsets."""
 
 MIN_WIDTHS = 4
-"""Pieces that must show the blur before it is believed."""
+"""Fewest pieces that must show the blur before it is believed."""
 
 EXPONENT_STD = 0.5
-"""Standard deviation of the response's exponent."""
+"""Prior standard deviation of the response's exponent."""
 
 STATED = 1e13
-"""Inverse variance of a position from which on a calibration states no errors that it could have a share of
-(see calibration.deviations.LEAST_VARIANCE)."""
+"""Inverse variance of a position above which a calibration counts as exact (see
+calibration.deviations.LEAST_VARIANCE)."""
 
 FINE = 1.5
-"""Size of the object over the reference from which a mosaic does not matter: strips along edges have so many
-pixels that errors of interpolation average out (recorded pictures of 540×540 fit no better with it)."""
+"""Size of the object relative to the reference, above which a mosaic does not matter: strips have so many
+pixels that interpolation errors average out (recorded images of 540×540 fit no better with it)."""
 
 PRIOR = 3.0, 10.0
-"""Information of a prior of 0.6 radii of the object and 0.3 rad around the pose given, which holds unseen
-directions; of positions in units of the radius."""
+"""Information of a prior of 0.6 radii of the object and 0.3 rad around the initial pose, which holds unseen
+directions; positions in units of the radius."""
 
 
 class Schedule(NamedTuple):
-    """The refinement's steps."""
+    """Steps of the refinement."""
 
     blur: FloatArray
     """(steps,) standard deviation of the model's steps [px]; 0: as measured."""
     piece: FloatArray
-    """(steps,) length of the pieces of edges [px]."""
+    """(steps,) length of a piece of edge [px]."""
     tukey: FloatArray
-    """(steps,) residual at which a piece's weight reaches zero: at least so much [px]."""
+    """(steps,) least residual at which a piece's weight reaches zero [px]."""
     every: Array
-    """(steps,) one in so many pieces is looked at; the refinement ends after a step with all of them."""
+    """(steps,) only one in so many pieces is used; the refinement ends after a step with all."""
     negligible: FloatArray
-    """(steps,) squared length of a step, in standard deviations of the pose, below which the refinement
-    ends."""
+    """(steps,) squared length of a step [standard deviations of the pose] below which the refinement ends."""
     moves: bool = True
-    """Whether the pose moves; otherwise each step measures the edges at the pose given."""
+    """Whether the pose moves; otherwise each step measures the edges at the given pose."""
 
 
 SCHEDULE = Schedule(
@@ -105,7 +104,7 @@ SCHEDULE = Schedule(
     piece=np.array([6.0] + [5.0] * 7),
     tukey=np.array([4.0, 3.0, 1.0] + [0.5] * 5),
     every=np.array([2] + [1] * 7),
-    # A step is about a twentieth of the one before (squared). Where few pixels decide, pieces come and go
+    # Each step is about a twentieth of the one before (squared). If few pixels decide, pieces come and go
     # from step to step, and the pose stays restless.
     negligible=np.ones(8),
 )
@@ -115,7 +114,7 @@ FIRST, FROM_THERE = (
     Schedule(*(column[steps] for column in SCHEDULE[:5]))  # type: ignore[arg-type]
     for steps in (slice(1), slice(1, None))
 )
-"""Its first step, and the others."""
+"""Its first step, and the remaining ones."""
 
 FOLLOWING = Schedule(
     blur=np.zeros(5),
@@ -124,18 +123,18 @@ FOLLOWING = Schedule(
     every=np.array([2] + [1] * 4),
     negligible=np.full(5, 4.0),
 )
-"""From a pose that was predicted, with a blur that is known. What is left after a step of 4 is a fifth of a
-standard deviation squared, which the filter over time averages out."""
+"""From a predicted pose, with known blur. After a step of 4, a fifth of a squared standard deviation is left,
+which the filter averages out over time."""
 
 MEASURING = FROM_THERE._replace(blur=np.zeros(2), moves=False)
-"""At a pose that stays: the second time with the blur that the first one found."""
+"""At a fixed pose: the second step uses the blur found by the first."""
 
 
 @compiled
 def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped-def]
-    """What is known before a refinement begins at the pose of a solution; returns whether errors are stated.
+    """Set up the priors at the pose of a solution; return whether the calibration states errors.
 
-    start: see Start. What the change of velocity is expected to be was filled in before.
+    start: see Start. The expected change of velocity was filled in before.
     """
     radius2 = model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2
     for i in range(6):
@@ -159,7 +158,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
 
 @compiled
 def _lay(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
-    """Lay strips along the edges at the present pose, as a step of the schedule wants them."""
+    """Lay strips along the edges at the present pose, as a step of the schedule demands."""
     mark_feet(model.table, model.half, solution)
     rotation, position = np.empty((3, 3)), np.empty(3)
     for c in range(len(cameras)):
@@ -169,7 +168,7 @@ def _lay(model, pictures, solution, cameras, schedule, step, work):  # type: ign
             camera.motion[i], camera.since[i] = 0.0, 0.0
         if not camera.used:
             continue
-        # After a rough step strips are laid out again.
+        # After a rough step, strips are laid again.
         rough, scale = schedule.blur[step] > 0.0, camera.scale
         blur = schedule.blur[step] * scale if rough else camera.blur
         camera.reach = max(LEAST_REACH, REACH[0] * scale + REACH[1] * blur)
@@ -210,9 +209,9 @@ def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignor
 
 @compiled
 def _take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untyped-def]
-    """Count the strips and judge the blurs again; returns how far the residuals scatter [px].
+    """Count the strips and estimate the blurs; return the residuals' robust standard deviation [px].
 
-    likely: blur of a picture that does not show it where no other does either.
+    likely: blur of an image if neither it nor any other shows any.
     """
     total, knowing, known_blur = 0, 0, 0.0
     for c in range(len(cameras)):
@@ -243,7 +242,7 @@ def _take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untyp
         else:
             camera.blur = 0.0
     for c in range(len(cameras)):
-        # A camera that shows narrow faces only takes its blur from the others.
+        # A camera that shows only narrow faces takes its blur from the others.
         if cameras[c].blur == 0.0 or not cameras[c].used:
             cameras[c].blur = cameras[c].scale * (known_blur / knowing if knowing > 0 else likely)
         seen[c].blur = cameras[c].blur
@@ -252,7 +251,7 @@ def _take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untyp
 
 @compiled
 def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-untyped-def]
-    """The sums over every camera's strips; least: limit of residuals [px]; scatter: of residuals [px]."""
+    """Accumulate every camera's strips; least: least Tukey limit [px]; scatter: of the residuals [px]."""
     limit = max(least, TUKEY * scatter)
     for c in range(len(cameras)):
         camera = cameras[c]
@@ -270,7 +269,7 @@ def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-un
 
 @compiled
 def _pull(solution, start):  # type: ignore[no-untyped-def]
-    """What is shared is drawn to what it was before, as far as it is no pose."""
+    """Draw the shared unknowns other than the pose towards their priors."""
     n, shared = solution.size, solution.shared
     solution.pull[EXPONENT] = (LIKELY.exponent - shared[EXPONENT]) / EXPONENT_STD**2
     solution.pull[RIM] = (start.rim - shared[RIM]) / start.rim_std**2
@@ -282,7 +281,7 @@ def _pull(solution, start):  # type: ignore[no-untyped-def]
 
 @compiled
 def _move(solution, cameras, radius):  # type: ignore[no-untyped-def]
-    """Change the unknowns by a step, or by as much of it as is not too long; radius: of the object [m]."""
+    """Apply a step, shortened if it is too long; radius: of the object [m]."""
     change = solution.change
     shift = math.sqrt(change[0] ** 2 + change[1] ** 2 + change[2] ** 2)
     turn = math.sqrt(change[3] ** 2 + change[4] ** 2 + change[5] ** 2)
@@ -309,11 +308,11 @@ def _move(solution, cameras, radius):  # type: ignore[no-untyped-def]
 
 @compiled
 def _length(rotation, position, solution):  # type: ignore[no-untyped-def]
-    """Squared length of the motion from a pose to that of the solution, in standard deviations."""
+    """Squared length of the motion from a pose to that of the solution [standard deviations]."""
     moved, size = np.empty(6), 0.0
     for i in range(3):
         moved[i] = solution.position[i] - position[i]
-        # Of a small turn: half of what R Rᵀ is not symmetric by.
+        # A small rotation: half the antisymmetric part of R Rᵀ.
         a, b = (i + 1) % 3, (i + 2) % 3
         moved[3 + i] = 0.0
         for k in range(3):
@@ -328,7 +327,7 @@ def _length(rotation, position, solution):  # type: ignore[no-untyped-def]
 
 @compiled
 def _astray(cameras, work):  # type: ignore[no-untyped-def]
-    """Whether a strip has moved by more than a share STRAY of its half width since it was collected."""
+    """Whether a strip has moved by more than STRAY half widths since it was collected."""
     for c in range(len(cameras)):
         for s in range(cameras[c].strips):
             shift = 0.0
@@ -341,7 +340,7 @@ def _astray(cameras, work):  # type: ignore[no-untyped-def]
 
 @compiled
 def _solved(model, solution, cameras, share, late):  # type: ignore[no-untyped-def]
-    """Solve for a step, the table's say included if it is late; False where there is none."""
+    """Solve for a step, with the table's prior if `late`; False if there is no solution."""
     with_edges(cameras, solution.feet, solution.own, solution.foot)
     if not np.isfinite(solve(solution, cameras, share)):
         return False
@@ -353,10 +352,10 @@ def _solved(model, solution, cameras, share, late):  # type: ignore[no-untyped-d
 
 @compiled
 def _approach(model, pictures, schedule, start, solution, cameras, seen, work):  # type: ignore[no-untyped-def]
-    """Move the pose of a solution, in place; arguments as of `refine`.
+    """Move the pose of a solution in place; arguments as of `refine`.
 
-    Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose moved by
-    η_c; the offsets' size is bound by what the calibration states of its errors.
+    Gauss-Newton on the pose and on an offset η_c per camera, which sees the object at the pose moved by η_c;
+    the calibration's stated errors bound the offsets.
     """
     doubtful = begin(model, pictures, solution, cameras, start)
     radius = math.sqrt(model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2)
@@ -373,8 +372,8 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
             step, stray = step + 1, False
             continue
         rough = schedule.blur[step] > 0.0
-        # Only once the cameras have come to terms does a table not keep the pose from where they see it, and
-        # is what is left the edges' own.
+        # Only after a step without extra blur do the cameras agree. Earlier, the table would hold the pose
+        # away from where they see it, and residuals would not be the edges' own.
         late = step > 0 and schedule.blur[step - 1] == 0.0
         for turn in range(ROUNDS):
             _pull(solution, start)
@@ -403,7 +402,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
 
 @compiled
 def refine(model, pictures, schedule, start, solution, cameras, seen, work, own):  # type: ignore[no-untyped-def]
-    """Move the pose of a solution in place to where it fits the pictures' edges best.
+    """Move the pose of a solution in place to where it fits the images' edges best.
 
     Args:
         model: see `refiner.Model`.
@@ -411,10 +410,10 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work, own)
         schedule: the steps.
         start: see Start.
         solution: of SOLUTION, filled; its pose is where to begin.
-        cameras: (C,) of CAMERA, filled, of which delay and lag are given.
-        seen: (C,) of SEEN, filled but for what label maps say.
+        cameras: (C,) of CAMERA, filled; delay and lag are given.
+        seen: (C,) of SEEN, filled except for label counts.
         work: see `refiner.Workspace`.
-        own: OwnViews of all cameras, filled; of none: they are not asked.
+        own: OwnViews of all cameras, filled; of length 0: not worked out.
     """
     _approach(model, pictures, schedule, start, solution, cameras, seen, work)
     if len(own.inliers) > 0:

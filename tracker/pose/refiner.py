@@ -1,4 +1,4 @@
-"""Poses in, fits out: the refinement with the arrays that it works in."""
+"""Poses in, fits out: the refinement together with its workspace."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import NO_TABLE, Table
 
 SHOWN_RIM_STD = 1e-4
-"""Standard deviation of a rim that pictures have shown, at least [m]: it differs from side to side."""
+"""Least standard deviation of a rim that images have shown [m]: it differs from side to side."""
 
 
 class Model(NamedTuple):
-    """What never changes while an object is followed by fixed cameras."""
+    """What stays constant while fixed cameras follow an object."""
 
     half: FloatArray
     """(3,) half edge lengths of the object [m]."""
@@ -39,11 +39,11 @@ class Model(NamedTuple):
     colors: Array
     """(64³,) uint8: the label of each colour cell."""
     table: Table
-    """On which the object may stand."""
+    """The table that the object may stand on."""
 
 
 class Workspace(NamedTuple):
-    """Arrays that the refinement works in; of one thread alone."""
+    """Arrays of the refinement, for one thread."""
 
     strips: Array
     """(C, MAX_STRIPS) of STRIP."""
@@ -62,7 +62,7 @@ class Workspace(NamedTuple):
 
 
 def workspace(cameras: int) -> Workspace:
-    """A new work space."""
+    """Return a new workspace."""
     return Workspace(
         np.zeros((cameras, MAX_STRIPS), STRIP),
         np.zeros((cameras, MAX_STRIPS), OFFSET),
@@ -75,19 +75,19 @@ def workspace(cameras: int) -> Workspace:
 
 
 class LocalSpace(threading.local):
-    """A work space of each thread."""
+    """One workspace per thread."""
 
     def __init__(self, cameras: int) -> None:
         self.cameras = cameras
         self.work = workspace(cameras)
 
     def __reduce__(self) -> tuple[type, tuple[int]]:
-        # A copy of a tracker, in this process or in another one, works in arrays of its own.
+        # A copy of a tracker, in this process or another, has a workspace of its own.
         return type(self), (self.cameras,)
 
 
 class Refiner:
-    """Refines poses of one cuboid in the pictures of fixed cameras; any number of threads may use it."""
+    """Refine poses of one cuboid in images of fixed cameras; any number of threads may use it."""
 
     def __init__(
         self, box: Box, cameras: Sequence[Camera], label_table: Array, table: Table = NO_TABLE
@@ -100,7 +100,7 @@ class Refiner:
     def begun(
         self, rotation: FloatArray, position: FloatArray, lag: Lag | None = None
     ) -> tuple[Array, Array]:
-        """A solution (1,) and cameras (C,) at a pose (3, 3), (3,) [m], before anything was measured."""
+        """Return a solution (1,) and cameras (C,) at a pose (3, 3), (3,) [m], before anything is measured."""
         solution, cameras = np.zeros(1, SOLUTION), np.zeros(len(self.model.lenses), CAMERA)
         solution["size"] = UNKNOWNS if lag is None else MOVING
         solution["rotation"], solution["position"], solution["covariance"] = rotation, position, np.nan
@@ -120,9 +120,9 @@ class Refiner:
         *,
         ask: bool = False,
     ) -> Fit:
-        """The fit to pictures (C,) of PICTURE nearest to a pose (3, 3), (3,) [m].
+        """Return the fit to pictures (C,) of PICTURE nearest to a pose (3, 3), (3,) [m].
 
-        ask: with what each camera by itself sees. What label maps say of the fit is not counted yet.
+        ask: whether to work out what each camera sees by itself. Label maps are not counted yet.
         """
         solution, cameras = self.begun(rotation, position, lag)
         start = start or self.likely
@@ -149,7 +149,7 @@ class Refiner:
     def _run(
         self, pictures: Array, schedule: Schedule, start: Start, solution: Array, cameras: Array, asked: int
     ) -> tuple[Array, OwnViews]:
-        """`refine`, and what it fills beside the solution (1,) and cameras (C,)."""
+        """Call `refine`; return what it fills beside the solution (1,) and cameras (C,)."""
         seen = np.zeros(len(cameras), SEEN)
         own = OwnViews(np.empty((asked, 6, 6)), np.empty((asked, 6)), np.empty(asked))
         refine(self.model, pictures, schedule, start, solution[0], cameras, seen, self._local.work, own)
@@ -163,15 +163,15 @@ class Refiner:
         start: Start | None = None,
         offsets: FloatArray | None = None,
     ) -> tuple[Array, Array, Workspace]:
-        """A solution, cameras (C,), this thread's work space: the edges measured at a pose (3, 3), (3,) [m].
+        """Measure the edges at a pose; return a solution, cameras (C,) and this thread's workspace.
 
         Args:
             pictures: (C,) of PICTURE.
-            rotation: world_from_object.
-            position: of the object's centre.
-            start: blur of the pictures, and the exponent and rim with which the object is drawn.
-            offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are
-                looked for there.
+            rotation: (3, 3) world_from_object.
+            position: (3,) of the object's centre [m].
+            start: blur of the images, and the exponent and rim with which the object is drawn.
+            offsets: (C, 6) known displacements of the object in each camera's view [m, rad], where the edges
+                are sought.
         """
         (solution, cameras), work = self.begun(rotation, position), self._local.work
         if offsets is not None:

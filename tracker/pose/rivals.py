@@ -1,4 +1,4 @@
-"""What else the pictures may show, and by how much the best fit leads."""
+"""Rival poses, and the lead of the best fit over them."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from tracker.pose.hypotheses import apart
 from tracker.pose.judge import rank
 
 ONE_FACE = 0.5
-"""Area of all other faces, of that of one as the camera sees it, up to which that one may be all it knows."""
+"""Visible area of all other faces, relative to the largest, below which a camera may know that one only."""
 
 RECONCILABLE = 16.8
-"""Squared distance of two fits of one pose, in standard deviations: 99 % are nearer (χ² of 6)."""
+"""Squared Mahalanobis distance of two fits of one pose: 99 % are closer (χ² with 6 degrees)."""
 
 SQUARE = 0.02
-"""Relative difference of two edges up to which a face of them is a square."""
+"""Relative difference of two edges below which their face counts as a square."""
 
 
 def turned_about_face(
     rotation: FloatArray, position: FloatArray, half: FloatArray, camera: FloatArray
 ) -> Iterator[FloatArray]:
-    """Where a camera sees little but one face of a box: the other rotations (3, 3) at which that fits.
+    """The other rotations (3, 3) that fit as well if a camera sees little but one face of a box.
 
     Args:
         rotation: (3, 3) world_from_object.
         position: (3,) of the object [m].
         half: (3,) half edge lengths [m].
-        camera: (3,) where the camera is [m].
+        camera: (3,) position of the camera [m].
     """
     sight = rotation.T @ (camera - position)
     sight /= np.linalg.norm(sight)
@@ -49,14 +49,14 @@ def turned_about_face(
 
 
 def reconcilable(one: Fit, other: Fit) -> bool:
-    """Whether two fits may be of one pose, as their covariances have it: then they are no rivals."""
+    """Whether two fits may be of one pose, given their covariances: then they are no rivals."""
     off = np.concatenate([one.position - other.position, so3.log(one.rotation @ other.rotation.T)])
     covariance = one.covariance + other.covariance
     return bool(np.isfinite(covariance).all() and off @ np.linalg.solve(covariance, off) < RECONCILABLE)
 
 
 def lead(best: Fit, fits: Sequence[Fit], radius: float) -> float:
-    """Log odds of the best fit over all clearly different ones together; infinite where there are none.
+    """Log odds of the best fit over all clearly different ones together; infinite if there are none.
 
     fits: best first; radius: of the object [m].
     """

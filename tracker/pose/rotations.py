@@ -1,4 +1,4 @@
-"""How could the object be turned? Rotations from the colours around a position.
+"""Candidate rotations from the colours around a position.
 
 An even grid over SO(3) is ranked by which colours each camera should see, how much of each, and where they
 lie relative to each other.
@@ -22,7 +22,7 @@ ROTATIONS = 1400
 """Rotations of the even grid: neighbours are about 22° apart."""
 
 APART = math.radians(30)
-"""Least angle between turns that are tried: alignment leads from one to the other otherwise."""
+"""Least angle between candidates: alignment bridges smaller ones."""
 
 
 def even_rotations(count: int) -> FloatArray:

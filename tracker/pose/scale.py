@@ -1,4 +1,4 @@
-"""How large the object is in each picture: lengths in pixels are stated for an object of reference size."""
+"""Size of the object in each image; lengths in pixels are stated for a reference size."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from tracker.geometry.lens import clamped, project
 from tracker.objects.box import Box
 
 REFERENCE = 55.0
-"""Size in the picture [px] at which lengths are stated: a little more than
-that of the platform's objects at 270×270."""
+"""Size in the image for which lengths are stated [px]: a little more than that of the platform's objects at
+270×270."""
 
 LEAST = 0.6
-"""Least size over the reference: below it, strips would have too few pixels."""
+"""Least size relative to the reference: below it, strips would have too few pixels."""
 
 LABELS = 25.0
-"""Size of the object [px] in the label maps in which it is searched and aligned."""
+"""Size of the object in the label maps in which it is searched and aligned [px]."""
 
 
 @compiled
 def extent(half):  # type: ignore[no-untyped-def]
-    """One length [m] for a box's size: between its longest edge, which tells its rotation, and its diagonal.
+    """One length [m] for the size of a box, between its longest edge and its diagonal.
 
-    Their geometric mean is the same, to 4 %, for a cube of 65 mm and a cuboid of 20 × 20 × 80 mm, which the
-    refinement's lengths suit alike.
+    Their geometric mean is alike, to 4 %, for a cube of 65 mm and a cuboid of 20 × 20 × 80 mm, for which the
+    same lengths suit the refinement.
     """
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     return math.sqrt(2.0 * max(half[0], half[1], half[2]) * 2.0 * radius)
@@ -37,7 +37,7 @@ def extent(half):  # type: ignore[no-untyped-def]
 
 @compiled
 def relative_size(lenses, c, half, position):  # type: ignore[no-untyped-def]
-    """Size of the object at a position (3,) [m] in camera c's picture, over the reference.
+    """Size of the object at a position (3,) [m] in camera c's image, relative to the reference.
 
     This is equation (3) of docs/how-it-works.md.
     """
@@ -50,9 +50,9 @@ def relative_size(lenses, c, half, position):  # type: ignore[no-untyped-def]
 
 
 def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[int, ...]:
-    """By which whole number each camera's pictures are reduced for label maps.
+    """Whole number by which each camera's images are reduced for label maps.
 
-    Chosen so that an object in the arena's middle has the size LABELS there.
+    An object in the arena's middle then has about the size LABELS.
     """
     middle = np.array([*arena.center, arena.ground + box.half.min()])
     factors = []
@@ -60,21 +60,21 @@ def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[in
         depth = float(camera.camera_from_world[2, :3] @ middle + camera.camera_from_world[2, 3])
         focal = math.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1])
         size = focal * extent(box.half) / max(depth, extent(box.half))
-        # Labels of less than 16 pixels across would tell nothing.
+        # Label maps narrower than 16 pixels would show nothing.
         most = max(1, min(camera.width, camera.height) // 16)
         factors.append(min(most, max(1, round(size / LABELS))))
     return tuple(factors)
 
 
 def label_camera(camera: Camera, factor: int) -> Camera:
-    """The camera of label maps reduced by a factor; what does not fill a pixel is left out."""
+    """The camera of label maps reduced by a factor; incomplete pixels are left out."""
     width, height = camera.width // factor, camera.height // factor
     return camera.cropped(0, 0, width * factor, height * factor).resized(width, height)
 
 
 @compiled
 def window(lenses, c, position, radius, rim):  # type: ignore[no-untyped-def]
-    """Left, top, right, bottom of an object of a radius [m] at a position (3,), and `rim` pixels more."""
+    """Left, top, right, bottom around an object of a radius [m] at a position (3,), `rim` pixels wider."""
     width, height = lenses[c].width, lenses[c].height
     u, v, z = project(lenses, c, position[0], position[1], position[2])
     if z < 2.0 * radius:

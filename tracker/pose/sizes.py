@@ -1,4 +1,4 @@
-"""How large errors are that pictures can tell: what cameras, and edges, have of their own."""
+"""Estimate the size of errors from the images themselves: of cameras and of edges."""
 
 from __future__ import annotations
 
@@ -10,49 +10,48 @@ from tracker.compiled import compiled
 from tracker.pose.solve import solve, with_edges
 
 SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
-"""Shares of the stated calibration variance that the cameras' agreement is asked about; above 1 the cameras
-disagree more than their files state."""
+"""Candidate shares of the stated calibration variance; above 1 the cameras disagree more than their files
+state."""
 
 SHARES_PRIOR = np.array([0.02, 0.04, 0.06, 0.12, 0.28, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05])
-"""Probability of each before the cameras are asked. Three cameras agree by chance far more often than files
-exaggerate; with more on the small shares, generated scenes with errors of all kinds lie outside of their
-covariances."""
+"""Prior probability of each. Three cameras agree by chance far more often than files exaggerate; with more
+weight on small shares, generated scenes with errors of all kinds fall outside their covariances."""
 
 MOVING_SHARE = 3
-"""Number of the largest share under which a pose moves: with looser cameras an object that is not quite its
-model would be taken for cameras that are off. How uncertain the pose is, may rest on larger ones."""
+"""Index of the largest share with which a pose moves: with looser cameras, an object that differs a little
+from its model would pass for displaced cameras. The covariance may use larger shares."""
 
 WEAR = np.array([0.0125, 0.03, 0.08, 0.18, 0.4]) ** 2
-"""Variances of edges' own offsets that the edges are asked about [px² of an object of reference size]."""
+"""Candidate variances of edges' own offsets [px² for an object of reference size]."""
 
 WEAR_PRIOR = np.array([0.35, 0.25, 0.2, 0.15, 0.05])
-"""Probability of each before the edges are asked."""
+"""Prior probability of each."""
 
 FEET = np.array([0.0, 1e-3, 3e-3]) ** 2
-"""Variances that are asked about of how far above an edge near the table the colours end [m²]: they do in its
-contact shadow, or where the edge is worn or dirty."""
+"""Candidate variances of how far above an edge near the table the colours end [m²], in its contact shadow or
+where it is worn or dirty."""
 
 FEET_PRIOR = np.array([0.5, 0.25, 0.25])
-"""Probability of each before the edges are asked."""
+"""Prior probability of each."""
 
 FOOT_STD = math.sqrt(float(FEET @ FEET_PRIOR))
-"""Standard deviation of that before they are [m]."""
+"""Prior standard deviation of that [m]."""
 
 WORN = WEAR**2 / (WEAR + 0.07**2)
-"""Part of WEAR that is alike in the cameras that see an edge, and on all edges of a worn face: hardly any of
-what sharp edges are off by, and most of what worn ones are."""
+"""Part of WEAR that all cameras and all edges of a worn face share: hardly any of the offset of sharp edges,
+and most of that of worn ones."""
 
 ALIKE = 16.0, 0.8
-"""How often that counts, since cameras do not know of each other here: the first, less the second for one
-camera in so many. Chosen on generated scenes, for worn boxes to lie in their covariances as sharp ones do."""
+"""Weight of that part, since cameras are independent here: first × (1 - second / number of cameras). Chosen
+on generated scenes, for worn boxes to lie in their covariances as sharp ones do."""
 
 NEGLIGIBLE = 12.0
-"""Twice the log odds by which a size may be behind the best and still counts."""
+"""Twice the log odds by which a size may be behind the best and still count."""
 
 
 @compiled
 def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: ignore[no-untyped-def]
-    """Fill doubts (W,) of variances (W,) of edges' own offsets or feet, priors in; returns the likeliest."""
+    """Fill doubts (W,) of variances of edges' offsets or feet, with priors; return the likeliest."""
     best = 0
     for w in range(len(sizes)):
         own, foot = (solution.own, sizes[w]) if feet else (sizes[w], solution.foot)
@@ -65,7 +64,7 @@ def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: igno
 
 @compiled
 def _mean(sizes, doubts):  # type: ignore[no-untyped-def]
-    """Mean of sizes (W,), each as likely as its doubt has it; that of the least where none is finite."""
+    """Posterior mean of sizes (W,) by their doubts; the first if none is finite."""
     least, weights, mean = doubts.min(), 0.0, 0.0
     if not math.isfinite(least):
         return sizes[0]
@@ -78,7 +77,7 @@ def _mean(sizes, doubts):  # type: ignore[no-untyped-def]
 
 @compiled
 def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
-    """Fill doubts (S,) of SHARES, priors in, from the stated one both ways until they do not count."""
+    """Fill doubts (S,) of SHARES, with priors, from the stated one both ways until they do not count."""
     stated = int(np.argmin(np.abs(SHARES - 1.0)))
     doubts[:] = np.inf
     least = np.inf
@@ -94,17 +93,17 @@ def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
 
 @compiled
 def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
-    """How large errors are that pictures can tell: the cameras', and the edges' own.
+    """Estimate the size of the cameras' errors and of the edges' own.
 
-    Both make the offsets of strips vary more than noise does, those of a camera all together, those of an
-    edge by themselves. Each size is weighted with how likely it makes what was measured (empirical Bayes):
-    equation (18) of docs/how-it-works.md. One is searched with the other at its likeliest.
+    Both scatter the offsets of strips more than noise does: those of a camera together, those of an edge by
+    themselves. Each candidate size is weighted by the likelihood of the measurements (empirical Bayes):
+    equation (18) of docs/how-it-works.md. One is searched with the other at its most likely value.
 
-    doubtful: whether the calibration states errors; ask: whether the edges are asked, too, else they keep
-    the solution's variances `own` and `foot`, which otherwise are filled with the means.
+    doubtful: whether the calibration states errors; ask: whether the edges' sizes are estimated, too; else
+    the solution's variances `own` and `foot` stay, which otherwise become the posterior means.
 
-    Returns the mean share of the stated calibration variance among those under which a pose moves, and the
-    mean among all.
+    Return the mean share of the stated calibration variance among those with which a pose moves, and the mean
+    among all.
     """
     used = 0
     for c in range(len(cameras)):
@@ -127,7 +126,7 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
             if share == 1.0:
                 break
     if not several:
-        # One camera does not tell how far it is off, and one that is exact is not.
+        # A single camera cannot tell how far it is off, and an exact one is not.
         with_edges(cameras, solution.feet, solution.own, solution.foot)
         shares[:] = solve(solution, cameras, 1.0)
         for k in range(len(SHARES)):

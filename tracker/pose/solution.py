@@ -1,4 +1,4 @@
-"""What is unknown, and what is known of it: records that the refinement and its solution work on."""
+"""Unknowns and what is known of them: the records of the refinement."""
 
 from __future__ import annotations
 
@@ -9,67 +9,71 @@ UNKNOWNS = 8
 """Pose, exponent and rim."""
 
 MOVING = UNKNOWNS + 6
-"""Where cameras lag behind, the object's velocity is unknown, too: its change from what is expected."""
+"""With lagging cameras, also the change of the object's velocity from the expected one."""
 
 OWN = 7
-"""Of each camera: the offset of the pose, and how much its exponent deviates from that of all."""
+"""Per camera: the offset of the pose, and the deviation of its exponent from the shared one."""
 
 KNOWN, PULL, ROW = 0, 1, 2
 EDGE = ROW + UNKNOWNS
-"""Of each edge: sums over its strips of weights, weighted offsets, and weighted motion with the unknowns."""
+"""Per edge: sums over its strips of weights, weighted offsets, and weighted Jacobians."""
 
 ROWS = 5
-"""Of what a table tells: height and two tilts of the face that is nearly below; height and slope of the
-lowest edge."""
+"""Residuals of a table: height and two tilts of the face nearly below; height and slope of the lowest
+edge."""
 
 CAMERA = np.dtype(
     [
-        ("used", np.bool_),  # whether there is a picture
-        ("parts", np.int64),  # 3 where each pixel of a mosaic counts for one channel, else 1
-        ("scale", np.float64),  # size of the object in the picture over the reference
-        ("delay", np.float64),  # by which the picture is older than others [s]
-        ("weights", np.float64, (6, 6)),  # inverse covariance of its offset, as its calibration states it
-        ("offset", np.float64, (OWN,)),  # by which it sees the object moved [m, rad], and of its exponent
-        ("lag", np.float64, (6,)),  # by which it sees it moved since its picture is older [m, rad]
-        ("blur", np.float64),  # of its picture's steps [px]
+        ("used", np.bool_),  # whether there is an image
+        ("parts", np.int64),  # 3 if each pixel of a mosaic counts for one channel, else 1
+        ("scale", np.float64),  # size of the object in the image, relative to the reference
+        ("delay", np.float64),  # age of the image relative to the latest [s]
+        ("weights", np.float64, (6, 6)),  # inverse covariance of its offset, as calibrated
+        ("offset", np.float64, (OWN,)),  # displacement of the object in its view [m, rad]; of its exponent
+        ("lag", np.float64, (6,)),  # the same because its image is older [m, rad]
+        ("blur", np.float64),  # of its image's steps [px]
         ("reach", np.float64),  # half width of the strips [px]
-        ("strips", np.int64),  # how many
-        ("motion", np.float64, (6,)),  # of the pose as it sees it since the strips were collected, and …
-        ("since", np.float64, (6,)),  # … since their offsets were measured [m, rad]
+        ("strips", np.int64),  # number of strips
+        ("motion", np.float64, (6,)),  # of the pose in its view since the strips were collected, …
+        ("since", np.float64, (6,)),  # … and since their offsets were measured [m, rad]
         ("edges", np.float64, (12, EDGE)),  # sums over each edge's strips
         ("whole", np.float64, (UNKNOWNS, UNKNOWNS)),  # normal equations without edges' own offsets, and …
         ("force", np.float64, (UNKNOWNS,)),  # … their right side
         ("information", np.float64, (UNKNOWNS, UNKNOWNS)),  # normal equations, and …
         ("gradient", np.float64, (UNKNOWNS,)),  # … their right side
-        ("lower", np.float64, (OWN, OWN)),  # factor of what is its own, the pivots' inverse on the diagonal
-        ("reduced", np.float64, (OWN, UNKNOWNS)),  # of its own by what is shared, forward substituted, and …
-        ("change", np.float64, (OWN,)),  # … where what is shared stays; after `own_changes` its update
+        ("lower", np.float64, (OWN, OWN)),  # Cholesky factor of its own block, inverse pivots on the diagonal
+        (
+            "reduced",
+            np.float64,
+            (OWN, UNKNOWNS),
+        ),  # cross block with the shared unknowns, forward substituted, …
+        ("change", np.float64, (OWN,)),  # … and right side; after `own_changes` its update
     ]
 )
-"""One camera's part in the solution."""
+"""One camera's part of the solution."""
 
 SOLUTION = np.dtype(
     [
-        ("size", np.int64),  # n, how many unknowns are shared: UNKNOWNS, or MOVING
+        ("size", np.int64),  # n, number of shared unknowns: UNKNOWNS or MOVING
         ("rotation", np.float64, (3, 3)),  # world_from_object
         ("position", np.float64, (3,)),  # [m]
-        ("shared", np.float64, (MOVING,)),  # exponent, rim, change of velocity; the pose's are not used
-        ("own", np.float64),  # variance of edges' own offsets [px² of an object of reference size]
-        ("feet", np.float64, (12,)),  # 1 for edges that may stand in a contact shadow, else 0
+        ("shared", np.float64, (MOVING,)),  # exponent, rim, change of velocity; the first six are unused
+        ("own", np.float64),  # variance of edges' own offsets [px² at reference size]
+        ("feet", np.float64, (12,)),  # 1 for edges that may lie in a contact shadow, else 0
         ("foot", np.float64),  # variance of how far colours end above such an edge [m²]
-        ("prior", np.float64, (MOVING, MOVING)),  # information that there was before, and …
+        ("prior", np.float64, (MOVING, MOVING)),  # prior information, and …
         ("pull", np.float64, (MOVING,)),  # … its right side
-        ("known", np.float64, (MOVING, MOVING)),  # information with all else marginalised
+        ("known", np.float64, (MOVING, MOVING)),  # posterior information, all else marginalised
         ("lower", np.float64, (MOVING, MOVING)),  # its Cholesky factor
-        ("change", np.float64, (MOVING,)),  # update of what is shared
-        ("columns", np.float64, (MOVING, ROWS)),  # how the table's say depends on it, and …
-        ("less", np.float64, (ROWS, ROWS)),  # … how much less uncertain that makes it
+        ("change", np.float64, (MOVING,)),  # update of the shared unknowns
+        ("columns", np.float64, (MOVING, ROWS)),  # their effect on the table's residuals, and …
+        ("less", np.float64, (ROWS, ROWS)),  # … the reduction of their covariance by these
         ("covariance", np.float64, (6, 6)),  # of the pose [m, rad]
         ("rim", np.float64),  # variance of the rim [m²]
-        ("blur", np.float64),  # median of the pictures' [px of an object of reference size]
-        ("stands", np.float64),  # how well it stands: log odds over an object that may be anywhere
+        ("blur", np.float64),  # median over the images [px at reference size]
+        ("stands", np.float64),  # log odds that it stands, over an object that may be anywhere
         ("converged", np.bool_),  # whether the last step was negligible
-        ("steps", np.int64),  # how many there were
+        ("steps", np.int64),  # number of steps
     ]
 )
-"""What all cameras share in the solution."""
+"""The part of the solution that all cameras share."""

@@ -1,9 +1,9 @@
-"""The normal equations of everything that is unknown at once, and their solution.
+"""The normal equations of all unknowns at once, and their solution.
 
-Unknown are the pose (6), the exponent of the cameras' response and the rim of the object's edges, which all
-cameras share; for each camera an offset of the pose (6), which its calibration error causes, and its own
-deviation of the exponent, which act as the first seven of what is shared; and of each edge in each camera an
-offset of its own. What is the edges' and the cameras' own is eliminated.
+The cameras share the pose (6), the exponent of their response and the rim of the object's edges. Each camera
+has an offset of the pose (6), caused by its calibration error, and its own deviation of the exponent, which
+act like the first seven shared unknowns; and each edge in each camera has an offset of its own. The edges'
+and the cameras' own unknowns are eliminated.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ TUKEY = 4.685
 """Residual at which a piece's weight reaches zero [robust standard deviations]."""
 
 CORRELATION = 1.1
-"""Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
-mosaic's counts only for what it measured."""
+"""Factor on the standard deviation of pieces because neighbouring pixels share errors, unless each pixel of a
+mosaic counts only for the channel that it measured."""
 
 SMEAR = 2.0
-"""Blur of which neighbouring pieces have twice the variance, since they share errors [px]."""
+"""Blur at which neighbouring pieces have twice the variance because they share errors [px]."""
 
 GAUSSIAN = 1.4826
-"""Standard deviation of a normal distribution over its median deviation."""
+"""Standard deviation of a normal distribution relative to its median absolute deviation."""
 
 DEVIATION_STD = 0.13
-"""Standard deviation of a camera's exponent of response around that of all."""
+"""Standard deviation of a camera's response exponent around the shared one."""
 
 MODEL_STD = 4e-4, 3e-4
 """What no number of samples averages away: edge lengths, unmodelled optics [radii of the object, rad]."""
@@ -49,16 +49,16 @@ def tukey(residual, limit):  # type: ignore[no-untyped-def]
 
 @compiled
 def spread(residuals, n):  # type: ignore[no-untyped-def]
-    """Robust standard deviation of the first n absolute residuals, whose order changes; 1 of none.
+    """Robust standard deviation of the first n absolute residuals, which are reordered; 1 if there are none.
 
-    The median of all, unlike the inliers' mean square, does not shrink by leaving out what disagrees.
+    The median of all, unlike the mean square of inliers, does not shrink when outliers are left out.
     """
     return GAUSSIAN * median(residuals, n) if n > 0 else 1.0
 
 
 @compiled(inline="always")
 def residual(strip, found, since, exponent, rim):  # type: ignore[no-untyped-def]
-    """Offset of an edge [px] that is left: equation (13) of docs/how-it-works.md.
+    """Remaining offset of an edge [px]: equation (13) of docs/how-it-works.md.
 
     since (6,): motion of the pose since it was measured.
     """
@@ -70,7 +70,7 @@ def residual(strip, found, since, exponent, rim):  # type: ignore[no-untyped-def
 
 @compiled(inline="always")
 def trust_of(camera):  # type: ignore[no-untyped-def]
-    """What neighbouring pieces share makes their sum, not the edge's own offset, so much less certain."""
+    """Factor on the weight of pieces whose errors neighbours share; the edge's own offset is exempt."""
     shared = 1.0 if camera.parts > 1 else 1.0 / CORRELATION**2
     return shared / (1.0 + (camera.blur / (SMEAR * camera.scale)) ** 4)
 
@@ -83,11 +83,11 @@ def shown(solution, camera):  # type: ignore[no-untyped-def]
 
 @compiled
 def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ignore[no-untyped-def]
-    """Fill a camera's sums `whole`, `force` and `edges` with its strips' weighted offsets, and count them.
+    """Fill a camera's sums `whole`, `force` and `edges` from its strips' weighted offsets, and count them.
 
     Weights are those of equation (14) of docs/how-it-works.md.
-    since (6,): motion since they were measured; drawn: exponent and rim; weighing: residual [px] at which a
-    weight reaches zero, variance of an edge's place [px²] that noise does not explain, factor on all weights.
+    since (6,): motion since they were measured; drawn: exponent and rim; weighing: residual at which a weight
+    reaches zero [px], variance of an edge's place that noise does not explain [px²], factor on all weights.
     """
     limit, floor, trust = weighing
     whole, force, edges, row = camera.whole, camera.force, camera.edges, np.empty(UNKNOWNS)
@@ -126,12 +126,12 @@ def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ig
 
 @compiled
 def with_edges(cameras, feet, own, foot):  # type: ignore[no-untyped-def]
-    """Fill the normal equations for edges' own offsets of a variance [px² of an object of reference size].
+    """Fill the normal equations, with edges' own offsets of a variance [px² for an object of reference size].
 
-    All pieces of an edge may be off together, since it is worn, lit, or printed otherwise than the model has
-    it; see below equation (14) of docs/how-it-works.md. The colours above edges of which feet (12,) is 1 end
-    by a deviation with the variance `foot` [m²] too early, too. Returns minus twice the logarithm of the
-    offsets' likelihood as far as it depends on the edges' own.
+    All pieces of an edge may be off together, because wear, light or print differ from the model; see below
+    equation (14) of docs/how-it-works.md. Where feet (12,) is 1, the colours above the edge also end too
+    early, by a deviation of the variance `foot` [m²]. Return minus twice the log likelihood of the offsets,
+    as far as it depends on the edges' own.
     """
     unlikely = 0.0
     for c in range(len(cameras)):
@@ -163,10 +163,10 @@ def with_edges(cameras, feet, own, foot):  # type: ignore[no-untyped-def]
 
 @compiled
 def _eliminate(camera, share):  # type: ignore[no-untyped-def]
-    """Forward substitute what is a camera's own by what is shared.
+    """Eliminate a camera's own unknowns by forward substitution.
 
-    Filled: lower, reduced, change. Returns its part of the doubt, see `solve`; infinite where it cannot be
-    solved, and NaN where the camera sees nothing, so that rounding does not have it say something.
+    Filled: lower, reduced, change. Return its part of the doubt, see `solve`: infinite if it cannot be
+    solved, NaN if the camera sees nothing, lest rounding speak for it.
     """
     information, offset, lower = camera.information, camera.offset, camera.lower
     reduced, change = camera.reduced, camera.change
@@ -218,10 +218,10 @@ def _eliminate(camera, share):  # type: ignore[no-untyped-def]
 
 @compiled
 def _add(camera, solution):  # type: ignore[no-untyped-def]
-    """Add what a camera says of what is shared to known (n, n), lower half, and change (n,).
+    """Add a camera's part to the shared normal equations: known (n, n), lower half, and change (n,).
 
-    Its picture is `delay` old: it sees the pose less the delay times the change of velocity, see
-    equation (26) of docs/how-it-works.md.
+    Its image is `delay` old: it sees the pose minus the delay times the change of velocity, see equation (26)
+    of docs/how-it-works.md.
     """
     known, vector, delay = solution.known, solution.change, camera.delay
     row = np.empty(UNKNOWNS)
@@ -249,18 +249,18 @@ def _add(camera, solution):  # type: ignore[no-untyped-def]
 
 @compiled
 def solve(solution, cameras, share):  # type: ignore[no-untyped-def]
-    """Solve for what is shared, whatever the cameras have of their own.
+    """Solve for the shared unknowns, the cameras' own eliminated.
 
-    Returns minus twice the logarithm of the measurements' likelihood under this `share`, up to a constant;
-    infinite, where the equations cannot be solved: equation (18) of docs/how-it-works.md. The step is
-    equation (17) of docs/how-it-works.md, which minimises equation (16) of docs/how-it-works.md.
+    Return minus twice the log likelihood of the measurements with this `share`, up to a constant; infinite if
+    the equations cannot be solved: equation (18) of docs/how-it-works.md. The step is equation (17) of
+    docs/how-it-works.md, which minimises equation (16) of docs/how-it-works.md.
 
-    Each camera sees the object moved by an offset η_c of its own, which its calibration error causes and
-    whose inverse covariance is `weights` over share. It contributes the normal equations `information`,
-    `gradient` at the pose moved by η_c. Minimised is
-    Σ ‖r_c - J_c (δ - d_c ν + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with
-    prior P (n, n) and pull q (n,); where cameras lag behind, the change of velocity ν is unknown, too.
-    Filled: known, lower, and change as far as forward substitution leads, until `finish`.
+    Each camera sees the object moved by its own offset η_c, caused by its calibration error, whose inverse
+    covariance is `weights` / share. It contributes normal equations `information`, `gradient` at the pose
+    moved by η_c. The step minimises
+    Σ ‖r_c - J_c (δ - d_c ν + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with the
+    prior P (n, n) and the pull q (n,); with lagging cameras the change of velocity ν is unknown, too.
+    Filled: known, lower, and change up to the forward substitution, for `finish`.
     """
     n, known, lower, vector = solution.size, solution.known, solution.lower, solution.change
     doubt, pivots = 0.0, 1.0
@@ -298,7 +298,7 @@ def solve(solution, cameras, share):  # type: ignore[no-untyped-def]
 
 @compiled
 def finish(solution):  # type: ignore[no-untyped-def]
-    """Substitute backwards what `solve` left in `change`, and fill the upper half of `known`."""
+    """Back-substitute what `solve` left in `change`, and fill the upper half of `known`."""
     n, known, lower, vector = solution.size, solution.known, solution.lower, solution.change
     for i in range(n - 1, -1, -1):
         total = vector[i]
@@ -311,7 +311,7 @@ def finish(solution):  # type: ignore[no-untyped-def]
 
 @compiled
 def own_changes(solution, cameras):  # type: ignore[no-untyped-def]
-    """Let what is the cameras' own follow the update of what is shared."""
+    """Update the cameras' own unknowns after the shared ones."""
     shared = np.empty(UNKNOWNS)
     for c in range(len(cameras)):
         camera = cameras[c]
@@ -324,7 +324,7 @@ def own_changes(solution, cameras):  # type: ignore[no-untyped-def]
                 shared[k] -= camera.delay * solution.change[UNKNOWNS + k]
         for i in range(OWN - 1, -1, -1):
             if blind:
-                # It goes back to its calibration.
+                # It returns to its calibration.
                 camera.change[i] = -camera.offset[i]
                 continue
             total = camera.change[i]
@@ -337,9 +337,9 @@ def own_changes(solution, cameras):  # type: ignore[no-untyped-def]
 
 @compiled
 def marginal(solution):  # type: ignore[no-untyped-def]
-    """Fill covariance (6, 6) of the pose and the variance of the rim, each where all else is unknown.
+    """Fill the marginal covariance (6, 6) of the pose and variance of the rim.
 
-    Returns False where there is none.
+    Return False if there is none.
 
     See equation (19) of docs/how-it-works.md.
     """
@@ -365,12 +365,12 @@ def marginal(solution):  # type: ignore[no-untyped-def]
 
 @compiled
 def offset_weights(calibration, position, out):  # type: ignore[no-untyped-def]
-    """Out (6, 6): inverse covariance of the offset [m, rad] that a camera's calibration error causes.
+    """Fill out (6, 6): inverse covariance of the offset that a camera's calibration error causes [m, rad].
 
     This is equation (15) of docs/how-it-works.md.
-    An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
-    an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
-    δθ = Rᵀω and δp = Rᵀδt + δθ × position. calibration (6, 6) is the inverse of
+    An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P). An object at
+    `position` would look the same if it had moved by δp + δθ × (P - position) along world axes, with δθ = Rᵀω
+    and δp = Rᵀδt + δθ × position. calibration (6, 6) is the inverse of
     `calibration.deviations.calibration_covariance`.
     """
     back = np.eye(6)
@@ -388,7 +388,7 @@ def offset_weights(calibration, position, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def add_model_errors(covariance, radius):  # type: ignore[no-untyped-def]
-    """Add to the covariance (6, 6) of a pose what no number of samples averages away; radius: of the object.
+    """Add to a pose's covariance (6, 6) what no number of samples averages away; radius: of the object.
 
     This is equation (19) of docs/how-it-works.md.
     """

@@ -1,8 +1,8 @@
-"""Where a posed cuboid's visible edges should appear in a picture, as strips along them, and their pixels.
+"""Strips of pixels across the visible edges of a posed cuboid in an image.
 
-Each strip knows its middle, the normal that points out of its face, how the edge moves along that normal with
-the pose, the label inside, the label outside (0 where background is), and how far the surfaces on both sides
-reach. Its pixels are collected once; then only their distances from the edge move with the pose.
+Each strip holds its middle, the normal that points out of its face, the Jacobian of the edge's motion along
+that normal, the labels inside and outside (0: background), and how far the surfaces on both sides reach. Its
+pixels are collected once; later only their distances from the edge change with the pose.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from tracker.geometry.lens import face_heights, project, project_with_jacobian, 
 from tracker.segmentation.light import CLIPPED
 
 PIECES = 24
-"""Pieces of one edge, at most."""
+"""Most pieces of one edge."""
 
 MAX_STRIPS = 9 * PIECES
-"""Pieces of the edges of one cuboid in one camera, at most: it shows nine of its twelve edges."""
+"""Most pieces of one cuboid in one camera, which sees nine of its twelve edges."""
 
 STRIP = np.dtype(
     [
@@ -31,44 +31,44 @@ STRIP = np.dtype(
         ("length", np.float64),  # of the piece [px]
         ("reach_in", np.float64),  # how far the face reaches inwards [px]
         ("reach_out", np.float64),  # how far the neighbouring face reaches outwards [px]; 1000: background
-        ("edge", np.int64),  # which of the cuboid's twelve it is part of
+        ("edge", np.int64),  # which of the cuboid's twelve edges
         ("inside", np.int64),  # label of the face
         ("outside", np.int64),  # label of the neighbouring face; 0: background
-        ("in_view", np.bool_),  # whether the picture shows it as a whole, and no mask hides its middle
-        ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic, one after the other
-        ("count", np.int64, (3,)),  # how many they are
+        ("in_view", np.bool_),  # whether it lies in the image and no mask hides its middle
+        ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic in turn
+        ("count", np.int64, (3,)),  # number of its pixels
         ("squares", np.float64),  # sum of their squared values
     ]
 )
 """A piece of a visible edge."""
 
 MIN_FACE = 1.5
-"""A face narrower than this [px] gives no edges: its colour mixes with its neighbours' blur."""
+"""A face narrower than this [px] has no edges: its colour mixes with its neighbours'."""
 
 _SIGNS = CORNER_SIGNS
 _EDGES = EDGES
 
 
 PIXELS = 1 << 14
-"""Pixels of all strips of a camera, at most, a multiple of BLOCK: where there are more than half of it, every
-second is left out in each row and column, or more."""
+"""Most pixels of all strips of a camera, a multiple of BLOCK: beyond half of it, only every second row and
+column is used, or fewer."""
 
 MAX_PIXELS = 1024
-"""Pixels of a strip, at most: a multiple of BLOCK."""
+"""Most pixels of a strip, a multiple of BLOCK."""
 
 BLOCK = 8
-"""Each strip's pixels begin at a multiple of this, so that their sums are made of whole vectors."""
+"""Each strip's pixels begin at a multiple of this, so that sums consist of whole vectors."""
 
 FAR = 1e6
-"""Distance [px] of what fills the gaps."""
+"""Distance that fills the gaps [px]."""
 
 SUMS = {"reassoc", "contract", "nsz"}
-"""Fastmath of sums: in whatever order is fastest, but always in the same."""
+"""Fast-math flags of sums: any order, but always the same."""
 
 
 @compiled
 def _face_depth(lenses, c, pose, corner, face, axis, line):  # type: ignore[no-untyped-def]
-    """How far [px, signed along the normal] from a corner's pixel the opposite edge of `face` lies.
+    """Signed distance along the normal from a corner to the opposite edge of `face` [px].
 
     line: the corner's pixel (u, v) and the normal.
     """
@@ -88,7 +88,7 @@ def _face_depth(lenses, c, pose, corner, face, axis, line):  # type: ignore[no-u
 
 @compiled
 def _edge_line(lenses, c, pose, a, b, near):  # type: ignore[no-untyped-def]
-    """Pixels of an edge's ends, corners a and b (3,) of the object; length 0 if one is nearer than `near`."""
+    """Pixels of an edge's ends, corners a and b (3,) of the object; length 0 if one is closer than `near`."""
     rotation, position = pose
     world = np.empty(3)
     rotate(rotation, a, world)
@@ -100,9 +100,9 @@ def _edge_line(lenses, c, pose, a, b, near):  # type: ignore[no-untyped-def]
 
 @compiled
 def _depths(lenses, c, pose, a, b, faces, line):  # type: ignore[no-untyped-def]
-    """How far face and neighbour of an edge reach at its ends a and b, and the normal out of the face.
+    """How far the face and the neighbour of an edge reach at its ends a and b, and the face's outward normal.
 
-    faces: face, neighbour, whether that is seen, and the edge's axis; line: as of `_edge_line`.
+    faces: face, neighbour, whether that is visible, and the edge's axis; line: as of `_edge_line`.
     """
     face, neighbour, inner, axis = faces
     ua, va, ub, vb, length = line
@@ -120,10 +120,10 @@ def _depths(lenses, c, pose, a, b, faces, line):  # type: ignore[no-untyped-def]
 
 @compiled
 def _place(lenses, c, rotation, position, local, axis, outwards, jacobian, strip):  # type: ignore[no-untyped-def]
-    """Fill in the place of a piece whose middle is at `local` (3,) of the object, and how it moves.
+    """Fill in the place of a piece with its middle at `local` (3,) in the object's frame, and its Jacobian.
 
-    axis: of the edge; outwards: as of `_outwards`; jacobian (2, 3): to work in; strip: its normal is about
-    that of the edge's image.
+    axis: of the edge; outwards: as of `_outwards`; jacobian (2, 3): workspace; strip: its normal's sign is
+    kept.
     """
     x = rotation[0, 0] * local[0] + rotation[0, 1] * local[1] + rotation[0, 2] * local[2]
     y = rotation[1, 0] * local[0] + rotation[1, 1] * local[1] + rotation[1, 2] * local[2]
@@ -152,10 +152,10 @@ def _place(lenses, c, rotation, position, local, axis, outwards, jacobian, strip
 
 @compiled
 def _outwards(rotation, corner, one, other, out):  # type: ignore[no-untyped-def]
-    """Out (3,) = mean of the normals of two faces that meet at a corner (3,), along world axes.
+    """Fill out (3,) with the mean of two faces' normals that meet at a corner (3,), along world axes.
 
-    A face's colour ends a rim's width before its neighbour's plane. Where both faces are seen, the middle
-    between their borders is the edge.
+    A face's colour ends a rim's width before its neighbour's plane. If both faces are visible, the edge is
+    the middle between their borders.
     """
     for i in range(3):
         out[i] = 0.5 * (
@@ -166,16 +166,16 @@ def _outwards(rotation, corner, one, other, out):  # type: ignore[no-untyped-def
 
 @compiled
 def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margin, out):  # type: ignore[no-untyped-def]
-    """Fill out (MAX_STRIPS,) of STRIP with the pieces of the visible edges in camera c; returns their count.
+    """Fill out (MAX_STRIPS,) of STRIP with pieces of the visible edges in camera c; return their number.
 
     Their motion is equation (7) of docs/how-it-works.md.
-    spacing: distance between samples [px]; margin: how far they keep from the corners [px].
+    spacing: distance between pieces [px]; margin: their distance from the corners [px].
     """
     heights, pose = np.empty(6), (rotation, position)
     face_heights(lenses, c, half, rotation, position, heights)
     a, b, local, outwards = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     jacobian = np.empty((2, 3))
-    # An edge so close to a camera is more than a picture can show.
+    # An edge so close to a camera exceeds its image.
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
     for e in range(12):
@@ -220,13 +220,13 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
 
 @compiled(inline="always")
 def padded(count):  # type: ignore[no-untyped-def]
-    """Places of so many pixels with the gap after them."""
+    """Length of a number of pixels with the gap after them."""
     return (count + BLOCK - 1) // BLOCK * BLOCK
 
 
 @compiled(inline="always")
 def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
-    """Where in row j of a mosaic a channel was measured: whether in odd columns, or -1 for nowhere."""
+    """Which columns of row j of a mosaic measured a channel: 0 for even, 1 for odd, -1 for none."""
     has_red = (j & 1) == red >> 1
     if channel == 1:
         return (red & 1) ^ 1 if has_red else red & 1
@@ -235,7 +235,7 @@ def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always")
 def _in_view(strip, reach, width, height):  # type: ignore[no-untyped-def]
-    """Whether a strip lies in the picture as a whole."""
+    """Whether a strip lies completely in the image."""
     along = 0.5 * strip.length
     du = abs(strip.normal[0]) * reach + abs(strip.normal[1]) * along
     dv = abs(strip.normal[1]) * reach + abs(strip.normal[0]) * along
@@ -245,16 +245,16 @@ def _in_view(strip, reach, width, height):  # type: ignore[no-untyped-def]
 
 @compiled
 def _collect(image, tilt, strip, reach, at, pixels):  # type: ignore[no-untyped-def]
-    """Signed distances [px] and colours of a strip's pixels; returns their count.
+    """Collect the signed distances [px] and colours of a strip's pixels; return their number.
 
-    at: the place of the first, by how much they are apart, which of a mosaic's pixels measured red, and the
-    channel of which only those pixels count that measured it.
+    at: first place, stride, which pixels of the mosaic measured red, and the channel whose measured pixels
+    count.
     """
     start, stride, red, channel = at
     distance, values = pixels
     u, v, nu, nv, along = strip.pixel[0], strip.pixel[1], strip.normal[0], strip.normal[1], 0.5 * strip.length
     du, dv = abs(nu) * reach + abs(nv) * along, abs(nv) * reach + abs(nu) * along
-    # The light's slope over a strip is small: its factors are taken to be linear.
+    # The light changes little over a strip: its factors are linearised.
     across, down = 2.0 / image.shape[1], 2.0 / image.shape[0]
     even = tilt[0, 0] == 0.0 and tilt[0, 1] == 0.0 and tilt[1, 0] == 0.0 and tilt[1, 1] == 0.0
     blue = 1.0 if even else math.exp(-tilt[0, 0] * (u * across - 1.0) - tilt[0, 1] * (v * down - 1.0))
@@ -294,7 +294,7 @@ def _collect(image, tilt, strip, reach, at, pixels):  # type: ignore[no-untyped-
 
 @compiled(fastmath=SUMS)
 def _sum_of_squares(values, first, last):  # type: ignore[no-untyped-def]
-    """Of values (P,) from place to place."""
+    """Sum of squares of a range of values (P,)."""
     total = 0.0
     for i in range(np.uint64(first), np.uint64(last)):
         total += values[i] * values[i]
@@ -303,7 +303,7 @@ def _sum_of_squares(values, first, last):  # type: ignore[no-untyped-def]
 
 @compiled
 def _stride(strips, n, reach):  # type: ignore[no-untyped-def]
-    """By how many rows and columns pixels are apart that are collected: so that all strips' fit."""
+    """Stride of rows and columns at which the pixels of all strips fit."""
     total, most = 0.0, 0.0
     for s in range(n):
         size = strips[s].length * 2.0 * reach
@@ -313,13 +313,12 @@ def _stride(strips, n, reach):  # type: ignore[no-untyped-def]
 
 @compiled
 def collect(shown, picture, camera, strips, every, pixels):  # type: ignore[no-untyped-def]
-    """Collect the pixels of strips in one picture (H, W, 3) into pixels: distance (P,) and values (3, P).
+    """Collect the pixels of strips in one image (H, W, 3) into pixels: distance (P,) and values (3, P).
 
-    shown: the picture and its mask of hidden pixels (H, W); picture: its light and mosaic
-    (`views.PICTURE`); camera: number of the strips, their half width, and whether the mosaic counts
-    (`solve.CAMERA`); every: one in so many strips gets pixels. Each strip learns where its pixels are; of a
-    mosaic each channel has its own. The gaps before the next multiple of BLOCK are filled with FAR and 0; P
-    must be such a multiple.
+    shown: the image and its mask of hidden pixels (H, W); picture: its light and mosaic (`views.PICTURE`);
+    camera (`solve.CAMERA`): number of strips, their half width, and whether the mosaic counts; every: only
+    one in so many strips gets pixels. Each strip stores where its pixels are, separately for each channel of
+    a mosaic. Gaps up to the next multiple of BLOCK are filled with FAR and 0; P must be such a multiple.
     """
     (image, mask), start, parts, reach = shown, 0, camera.parts, camera.reach
     stride = _stride(strips, camera.strips, reach) if parts == 1 else 1

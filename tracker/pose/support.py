@@ -1,4 +1,4 @@
-"""What a table says of a pose: the object rests on it, nearly so, is held flat, is on an edge, or is free."""
+"""The table's prior on a pose: the object rests on it, nearly so, is held flat, is on an edge, or is free."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ FLAT = np.array(
 """Ways to lie on a face: probability, standard deviation of the face's height [m], of its tilt [rad]."""
 
 EDGE = 0.15, 1e-3, math.radians(3.0)
-"""The same of standing on an edge: of its height [m], and of how far it is from level [rad]."""
+"""The same for standing on an edge: of its height [m], and of its slope [rad]."""
 
 FREE = 0.3 / (4 * math.pi * 0.15)
-"""Density of all else: any direction upwards, up to 0.15 m above the table [1/(m sr)]."""
+"""Density of anything else: any rotation, up to 0.15 m above the table [1/(m sr)]."""
 
 FACES, EDGES = 6.0, 6 * math.pi
-"""A face is one of six; an edge one of twelve, on each of which the object may lean by a quarter turn."""
+"""A face is one of six; an edge one of twelve, over which the object may lean by a quarter turn."""
 
 LIFTED = 2
 """The row of FLAT whose height is never negative."""
 
 BELOW, SHADOWED = -0.8, 0.01
-"""Height of a face's normal up to which it is the one below, and how high above the table, as well as that is
-known, the object may be held for its lowest edges to lie in its own shadow [m]."""
+"""Largest z of the normal of the face that is below, and how high above the table, apart from its
+uncertainty, the lowest edge may be to lie in its own shadow [m]."""
 
 
 class Table(NamedTuple):
     """What is known of the table."""
 
     known: bool
-    """Whether there is one, and it counts that objects rest on it."""
+    """Whether there is one, and objects are expected to rest on it."""
     center: FloatArray
     """(2,) where its height is known [m]."""
     height: float
-    """z [m]; -inf where there is none."""
+    """z [m]; -inf if there is none."""
     variances: FloatArray
     """(3,) of its height [m²] and of its slopes [rad²]."""
 
 
 def table_of(arena: Arena, support: bool = True) -> Table:
-    """The table of an arena, if there is one; support: whether it counts that objects rest on it."""
+    """The table of an arena, if any; support: whether objects are expected to rest on it."""
     height, slope = arena.table_std
     at = -math.inf if arena.table is None else arena.table
     return Table(
@@ -67,7 +67,7 @@ NO_TABLE = table_of(Arena(table=None))
 
 @compiled
 def mark_feet(table, half, solution):  # type: ignore[no-untyped-def]
-    """Mark the edges of a solution that may stand in a contact shadow: of the face below, near the table."""
+    """Mark the edges of a solution that may lie in a contact shadow: of the face below, near the table."""
     up, feet = solution.rotation[2], solution.feet
     low = solution.position[2] - table.height
     for k in range(3):
@@ -84,7 +84,7 @@ def mark_feet(table, half, solution):  # type: ignore[no-untyped-def]
 
 @compiled
 def contacts_of(table, half, rotation, position, value, slope, plane):  # type: ignore[no-untyped-def]
-    """How the object stands to the table; returns by how much the lowest edge's end is below its middle [m].
+    """Residuals of the object against the table; return the lowest edge's drop from middle to end [m].
 
     Filled: value (5,) of ROWS [m, rad], slope (5, 6) by the pose, plane (5, 3) by the table's height and
     slopes.
@@ -102,7 +102,7 @@ def contacts_of(table, half, rotation, position, value, slope, plane):  # type: 
             if (k != along) if edge else (k == face):
                 side = math.copysign(half[k], up[k])
                 value[row] -= side * up[k]
-                # Of R_2k, the height of axis k, by a turn (δθ × R_k)_z.
+                # Derivative of R_2k, the height of axis k, by a rotation: (δθ × R_k)_z.
                 slope[row, 3] -= side * rotation[1, k]
                 slope[row, 4] += side * rotation[0, k]
     sign = math.copysign(1.0, up[face])
@@ -124,7 +124,7 @@ def _above(mean, variance):  # type: ignore[no-untyped-def]
 
 @compiled
 def _way(rows, spread, noise, value, weights, force):  # type: ignore[no-untyped-def]
-    """Logarithm of the density of some of the residuals value (5,), of covariance spread + diag(noise).
+    """Log density of some of the residuals value (5,), with covariance spread + diag(noise).
 
     Filled: weights (5, 5), the covariance's inverse, and force (5,), weights · value. NaN: there is none.
     """
@@ -153,7 +153,7 @@ def _way(rows, spread, noise, value, weights, force):  # type: ignore[no-untyped
 
 @compiled
 def leaner(solution):  # type: ignore[no-untyped-def]
-    """Take off a pose's covariance (6, 6) what `lean` found to be known."""
+    """Reduce a pose's covariance (6, 6) by what `lean` found."""
     columns, less, covariance = solution.columns, solution.less, solution.covariance
     for i in range(6):
         for k in range(i + 1):
@@ -165,7 +165,7 @@ def leaner(solution):  # type: ignore[no-untyped-def]
 
 @compiled
 def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-untyped-def]
-    """Logarithms of the densities of all ways to be somewhere, with forces and weights as of `_way`.
+    """Log densities of all ways to be somewhere, with forces and weights as of `_way`.
 
     spread (5, 5): covariance of value (5,). Filled: logs (6,), forces (6, 5), weights (6, 5, 5), of FLAT, on
     an edge, and free.
@@ -176,7 +176,7 @@ def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-u
         logs[way] = _way((0, 3), spread, noise, value, weights[way], forces[way])
         logs[way] += math.log(FLAT[way, 0] / FACES)
         if way == LIFTED:
-            # Of what is left of the height once it was measured.
+            # Of the height's posterior.
             share = spread[0, 0] / (spread[0, 0] + noise[0])
             logs[way] += math.log(2.0 * _above(value[0] * (1.0 - share), noise[0] * share) + 1e-300)
     noise = np.array([EDGE[1] ** 2, EDGE[2] ** 2])
@@ -191,9 +191,9 @@ def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-u
 
 @compiled
 def _mix(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def]
-    """Mean (5,) of the forces, each as likely as its way; less (5, 5), the weights' less the forces' spread.
+    """Posterior mean (5,) of the forces; less (5, 5): mean weights minus the forces' covariance.
 
-    Returns the logarithm of the densities' sum; logs (6,) become probabilities.
+    Return the log of the summed densities; logs (6,) become probabilities.
     """
     most, total = logs.max(), 0.0
     for way in range(len(logs)):
@@ -214,15 +214,14 @@ def _mix(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def]
 
 @compiled
 def lean(table, half, solution):  # type: ignore[no-untyped-def]
-    """Move a step's update of the pose to where it is expected, the table being where it is.
+    """Move a step's pose towards where the table makes it likely.
 
-    The pictures say that the pose is Gaussian, around where the step leads. Before they are asked it is one
-    of several Gaussians, or anywhere; so it is afterwards, each with a weight of its own. The step then leads
-    to the mean of these: equation (28) of docs/how-it-works.md.
+    By the images alone the pose is Gaussian around the step's result. The prior is a mixture of Gaussians and
+    a uniform density, so the posterior is one, too; the step then leads to its mean: equation (28) of
+    docs/how-it-works.md.
 
-    Filled: columns and less of the solution, so that columns · less · columnsᵀ is by how much less the pose's
-    covariance is. Returns how much likelier the pictures are than of an object that may be anywhere
-    (logarithm).
+    Filled: the solution's columns and less, such that columns · less · columnsᵀ is the reduction of the
+    pose's covariance. Return the log likelihood of the images relative to an object that may be anywhere.
     """
     n, columns, change = solution.size, solution.columns, solution.change
     value, slope, plane = np.empty(ROWS), np.empty((ROWS, 6)), np.empty((ROWS, 3))

@@ -1,4 +1,4 @@
-"""What pictures say, ready for compiled loops: their light, their labels, the pattern of a mosaic."""
+"""Images prepared for compiled loops: their light, their labels, their mosaic."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from tracker.segmentation.sensor import LOUD, find_mosaic, noise_level
 
 PICTURE = np.dtype(
     [
-        ("used", np.bool_),  # whether there is a picture that counts
+        ("used", np.bool_),  # whether there is an image that counts
         ("address", np.uint64),  # of its first pixel
         ("hidden", np.uint64),  # of the first pixel of its mask of hidden ones; 0: there is none
         ("height", np.int64),  # [px]
         ("width", np.int64),  # [px]
-        ("loud", np.bool_),  # whether labels are read from filtered pixels
+        ("loud", np.bool_),  # whether it is so noisy that labels are read from filtered pixels
         ("mosaic", np.int64),  # which pixels measured red, or NO_MOSAIC (`segmentation.sensor`)
-        ("gains", np.float64, (3,)),  # that make its greys grey
-        ("tilt", np.float64, (2, 2)),  # slope of the light's colour over the picture (`segmentation.light`)
-        ("channels", np.int32, (3, 256)),  # offsets into the label table of its levels
-        ("colored", np.int64),  # pixels of its label map in a face's colour
+        ("gains", np.float64, (3,)),  # that neutralise its greys
+        ("tilt", np.float64, (2, 2)),  # gradient of the light's colour (`segmentation.light`)
+        ("channels", np.int32, (3, 256)),  # offsets into the label table, by level
+        ("colored", np.int64),  # face-coloured pixels of its label map
     ]
 )
-"""What one camera's picture says as a whole."""
+"""One camera's image as a whole."""
 
 TILE = 4
-"""Labels are read in squares of so many pixels of the label map whose first one shows a face's colour, and in
-those beside them; elsewhere they are background."""
+"""Label-map pixels per side of a square that is read if its first pixel shows a face colour, or a
+neighbouring square's does; all else is background."""
 
 
 Hidden: TypeAlias = Sequence[Array | None] | None
@@ -52,25 +52,25 @@ None."""
 
 
 class Sight(NamedTuple):
-    """One set of pictures."""
+    """One set of images."""
 
     labels: Array
-    """(C, h, w) label maps, of reduced pictures."""
+    """(C, h, w) label maps, of reduced images."""
     pictures: Array
     """(C,) of PICTURE."""
     images: Sequence[Image | None]
-    """(H, W, 3) BGR as the cameras gave them: `pictures` says where they lie."""
+    """(H, W, 3) BGR as the cameras gave them; `pictures` points to their memory."""
     hidden: Hidden = None
-    """(H, W) masks of pixels whose labels and edges are not asked."""
+    """(H, W) masks of pixels whose labels and edges are ignored."""
 
     @property
     def used(self) -> Array:
-        """(C,) bool: whether there is a picture that counts."""
+        """(C,) bool: whether there is an image that counts."""
         used: Array = self.pictures["used"]
         return used
 
     def without(self, *cameras: int) -> Sight:
-        """The same with the eyes of some cameras closed."""
+        """The same with some cameras left out."""
         if not cameras:
             return self
         pictures = self.pictures.copy()
@@ -88,19 +88,19 @@ def _pointer(_: Any, address: Any) -> Any:
 
 @compiled(inline="always")
 def pixels_of(picture):  # type: ignore[no-untyped-def]
-    """(H, W, 3) the picture itself: pictures of any sizes are read by one compiled loop."""
+    """(H, W, 3) the image itself, so that one compiled loop reads images of any size."""
     return carray(_pointer(picture.address), (picture.height, picture.width, 3))  # type: ignore[call-arg]
 
 
 @compiled(inline="always")
 def mask_of(picture):  # type: ignore[no-untyped-def]
-    """(H, W) what hides the picture's pixels; of a picture without a mask none of this may be read."""
+    """(H, W) mask of hidden pixels; must not be read if the image has none."""
     return carray(_pointer(picture.hidden), (picture.height, picture.width))  # type: ignore[call-arg]
 
 
 @compiled
 def look(image, normalise, pictures, c):  # type: ignore[no-untyped-def]
-    """Fill in the light of camera c's picture (H, W, 3), and how loud it is; normalise: of ColorModel."""
+    """Fill in the light of camera c's image (H, W, 3), and its noise; normalise: of ColorModel."""
     picture = pictures[c]
     picture.loud = noise_level(image) >= LOUD
     picture.gains[0], picture.gains[1], picture.gains[2] = 1.0, 1.0, 1.0
@@ -113,7 +113,7 @@ def look(image, normalise, pictures, c):  # type: ignore[no-untyped-def]
 
 @compiled
 def _slopes(picture, width, height):  # type: ignore[no-untyped-def]
-    """Factors of blue and red of a label map's columns (2, w) and rows (2, h); of none in even light."""
+    """Factors of blue and red for a label map's columns (2, w) and rows (2, h); empty in even light."""
     tilt = picture.tilt
     if tilt[0, 0] == 0.0 and tilt[0, 1] == 0.0 and tilt[1, 0] == 0.0 and tilt[1, 1] == 0.0:
         return np.empty((2, 0)), np.empty((2, 0))
@@ -128,10 +128,10 @@ def _slopes(picture, width, height):  # type: ignore[no-untyped-def]
 
 @compiled
 def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-untyped-def]
-    """Tiles (h, w) of a label map that show a face's colour in a window, and those beside them.
+    """Tiles (h, w) of a label map that show a face colour in a window, and those beside them.
 
-    A function for what is done to each pixel here and below would count references to the arrays that it is
-    given, which takes ten times as long as all else.
+    A function call per pixel, here and below, would count references to its array arguments, which takes ten
+    times as long as all else.
     """
     (left, top, right, bottom), (across, down) = window, slopes
     even = across.shape[1] == 0
@@ -151,17 +151,17 @@ def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-u
 
 @compiled
 def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: ignore[no-untyped-def]
-    """Fill labels (C, h, w) of a window of camera c's picture, of which by × by pixels are one; count them.
+    """Fill labels (C, h, w) in a window of camera c's image, each from by × by pixels; count face colours.
 
     See equation (2) of docs/how-it-works.md.
-    image (H, W, 3); calm: the same, filtered if it is loud; table (64³,): labels of colours; window: left,
+    image (H, W, 3); calm: the same, filtered if it is noisy; table (64³,): labels of colours; window: left,
     top, right, bottom [px of the label map]; elsewhere labels stay as they are.
     """
     picture, (left, top, right, bottom) = pictures[c], window
     picture.mosaic = find_mosaic(image)
     across, down = _slopes(picture, image.shape[1] // by, image.shape[0] // by)
     near, even = _near_color(calm, picture, by, table, window, (across, down)), across.shape[1] == 0
-    # A little more than one over the area, so that whole numbers stay.
+    # A little more than 1 / area, so that whole numbers are not rounded down.
     area, share, count = by * by, (1.0 + 1e-9) / (by * by), 0
     for j in range(top, bottom):
         for tile in range(left // TILE, (right - 1) // TILE + 1):
@@ -185,11 +185,11 @@ def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: i
 
 
 class Reader:
-    """Reads pictures by one colour model; has no memory.
+    """Reads images by one colour model; no memory.
 
     Args:
         colors: the colour model.
-        factors: by which each camera's pictures are reduced for label maps.
+        factors: by which each camera's images are reduced for label maps.
         shape: cameras, height and width of the label maps.
     """
 
@@ -197,7 +197,7 @@ class Reader:
         self.colors, self.factors, self.shape = colors, tuple(factors), shape
 
     def __call__(self, images: Sequence[Image | None]) -> Sight:
-        """What pictures (H, W, 3) say, None where a camera gave none; each in the light of its own greys."""
+        """Read images (H, W, 3), None where a camera gave none, each in the light of its own greys."""
         return self.labelled(images, self.lit(images))
 
     def lit(
@@ -206,12 +206,12 @@ class Reader:
         lights: Array | None = None,
         fresh: Sequence[bool] | None = None,
     ) -> Array:
-        """Pictures (C,) of PICTURE with their light.
+        """Return pictures (C,) of PICTURE with their light.
 
         Args:
             images: of the cameras.
-            lights: (C,) of PICTURE, as looked at a moment ago; None: not yet.
-            fresh: whether each camera's light is to be looked at again; None: all.
+            lights: (C,) of PICTURE, as estimated a moment ago; None: not yet.
+            fresh: whether each camera's light is estimated again; None: all.
         """
         pictures = np.zeros(len(images), PICTURE) if lights is None else lights.copy()
         pictures["hidden"] = 0
@@ -231,14 +231,14 @@ class Reader:
         windows: Sequence[Any] | None = None,
         hidden: Hidden = None,
     ) -> Sight:
-        """Those pictures with their labels.
+        """Label those pictures.
 
         Args:
             images: of the cameras.
-            pictures: as of `lit`; how many pixels show colour is filled in.
-            windows: left, top, right, bottom [px of the label map], elsewhere labels are background; None:
-                everything.
-            hidden: masks of pixels whose labels are UNKNOWN, and whose edges are not asked.
+            pictures: as of `lit`; the number of face-coloured pixels is filled in.
+            windows: left, top, right, bottom [px of the label map], outside which labels are background;
+                None: everywhere.
+            hidden: masks of pixels whose labels become UNKNOWN and whose edges are ignored.
         """
         labels = np.zeros(self.shape, np.uint8)
         for c, image in enumerate(images):
@@ -254,7 +254,7 @@ class Reader:
 
 
 def _hide(labels: Array, mask: Array, by: int) -> int:
-    """Mark what a mask (H, W) hides in a label map of by × by pixels each; how many had a face's colour."""
+    """Mark hidden pixels (H, W) in a label map of by × by pixels each; return how many had a face colour."""
     rows, columns = mask.shape[0] // by, mask.shape[1] // by
     covered = mask[: rows * by, : columns * by].reshape(rows, by, columns, by).any(axis=(1, 3))
     part = labels[:rows, :columns]
@@ -264,7 +264,7 @@ def _hide(labels: Array, mask: Array, by: int) -> int:
 
 
 def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> tuple[Reader, list[Camera]]:
-    """What reads a rig's pictures of an object, and the cameras of its label maps."""
+    """The reader of a rig's images of an object, and the cameras of its label maps."""
     factors = label_factors(rig.cameras, box, rig.arena)
     small = [label_camera(camera, factor) for camera, factor in zip(rig.cameras, factors, strict=True)]
     shape = (len(small), max(c.height for c in small), max(c.width for c in small))

@@ -1,7 +1,7 @@
-"""Where could the object be? Positions from label maps alone, without a prior.
+"""Candidate positions of the object from label maps alone, without a prior.
 
-Points of a grid over the arena vote by how much of the object's expected area the cameras see around them in
-face colours. The best points are centred on the pixels they gathered.
+Grid points over the arena vote by how much of the object's expected area the cameras see around them in face
+colours. The best points are then centred on the pixels they gathered.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from tracker.objects.box import Box
 from tracker.objects.labels import UNKNOWN
 
 MIN_VOTE, MIN_SHARE = 0.15, 0.35
-"""Least vote of a position: absolute, and as a share of the best."""
+"""Least vote of a position: absolute, and relative to the best."""
 
 DOUBT = 0.5
-"""Cameras that are taken to see nothing at a point, beside those that look there."""
+"""Number of imaginary cameras that see nothing at a point, beside those that view it."""
 
 STEP = 0.5
-"""Distance of the grid's points [radii of the object]."""
+"""Spacing of the grid [radii of the object]."""
 
 MOST_POINTS = 1 << 18
-"""Points of the grid, at most: in a larger arena they are farther apart."""
+"""Most points of the grid: in a larger arena they are farther apart."""
 
 TIGHT = 0.6
-"""Width of the tight box over that of the wide one."""
+"""Width of the tight box relative to the wide one."""
 
 SEPARATION = 0.7
-"""Two positions closer than this [radii] count as one."""
+"""Positions closer than this count as one [radii]."""
 
 CENTRING_ROUNDS = 3
 
 BOXES = np.dtype(
     [
         ("wide", np.int16, (4,)),  # left, top, right, bottom of the box around it [px of the label map]
-        ("tight", np.int16, (4,)),  # and of the tight one
-        ("share", np.float32),  # one over the pixels that the object should fill; 0: the camera cannot see it
+        ("tight", np.int16, (4,)),  # the same of the tight box
+        ("share", np.float32),  # 1 / pixels that the object should fill; 0: it is out of view
     ]
 )
 """Where a camera looks for an object at a point."""
@@ -52,7 +52,7 @@ BOXES = np.dtype(
 
 @compiled
 def _integrate(labels, lenses, pictures, out):  # type: ignore[no-untyped-def]
-    """Out (C, h + 1, w + 1): integral images of the face colours' pixels."""
+    """Fill out (C, h + 1, w + 1): integral images of the face-coloured pixels."""
     for c in range(len(pictures)):
         width, height = lenses[c].width, lenses[c].height
         out[c, 0, : width + 1] = 0
@@ -73,11 +73,11 @@ def _colored(integrals, c, box):  # type: ignore[no-untyped-def]
 
 @compiled
 def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def]
-    """Fill votes (N,): the mean over the cameras that see a point of how much of the object is around it.
+    """Fill votes (N,): share of the object seen around a point, averaged over the cameras that view it.
 
     This is equation (4) of docs/how-it-works.md.
     labels (C, h, w) of pictures (C,) of PICTURE; boxes (N, C) of BOXES. The tight box centres the vote, the
-    wide one bears with what fingers hide. Returns the largest vote.
+    wide one tolerates occlusion. Return the largest vote.
     """
     count, height, width = labels.shape
     integrals = np.empty((count, height + 1, width + 1), np.int32)
@@ -94,7 +94,7 @@ def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def
             if wide > 0:
                 tight = _colored(integrals, c, at.tight)
                 total += min(wide * at.share, one) + min(tight * at.share, one)
-        # A camera that cannot see the point does not count, but the more agree the better.
+        # A camera that does not view the point does not count, but the more agree the better.
         votes[p] = total / number
         most = max(most, votes[p])
     return most
@@ -102,7 +102,7 @@ def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def
 
 @compiled
 def _take_best(points, votes, radius, out):  # type: ignore[no-untyped-def]
-    """Copy the best point (3,) to out, take all within `radius` [m] out of the vote; returns its vote."""
+    """Copy the best point (3,) to out, remove all within `radius` [m] from the vote; return its vote."""
     best = 0
     for p in range(len(votes)):
         if votes[p] > votes[best]:
@@ -152,7 +152,7 @@ def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
     vector, step = np.zeros(3), np.empty(3)
     for i in range(3):
         for k in range(3):
-            # A prior of 0.45 radii against a pixel.
+            # A prior of 0.45 radii, against measurements of one pixel.
             matrix[i, k] = 5.0 / radius**2 if i == k else 0.0
     for c in range(len(stats)):
         n, su, sv = 0.0, 0.0, 0.0
@@ -176,9 +176,9 @@ def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
 
 @compiled
 def next_place(points, votes, lenses, labels, pictures, radius, position):  # type: ignore[no-untyped-def]
-    """Put the best point into a position (3,) and centre it; returns its vote, and takes those near it out.
+    """Put the best point into a position (3,), remove those near it, and centre it; return its vote.
 
-    Centred, it projects to the centroids of the face pixels around it.
+    Centred, it projects to the centroids of the face-coloured pixels around it.
     """
     best = _take_best(points, votes, 2.0 * SEPARATION * radius, position)
     stats, before = np.empty((len(pictures), 7, 3)), np.empty(3)
@@ -193,7 +193,7 @@ def next_place(points, votes, lenses, labels, pictures, radius, position):  # ty
 
 
 def _grid(arena: Arena, step: float) -> FloatArray:
-    """Points (N, 3) [m] all over the arena, where an object's centre may be."""
+    """Grid points (N, 3) over the arena [m]."""
     bottom, top = arena.lowest, arena.ground + arena.height
     step = max(step, (4 * arena.radius**2 * (top - bottom) / MOST_POINTS) ** (1 / 3))
     across, up = math.ceil(2 * arena.radius / step), math.ceil((top - bottom) / step)
@@ -205,7 +205,7 @@ def _grid(arena: Arena, step: float) -> FloatArray:
 
 
 class PositionSearch:
-    """Finds where an object could be.
+    """Find candidate positions of an object.
 
     Args:
         cameras: of the label maps.
@@ -228,9 +228,9 @@ class PositionSearch:
         return np.stack(one, axis=1)
 
     def __call__(self, labels: Array, pictures: Array, most: int) -> Iterator[FloatArray]:
-        """Up to `most` centred positions (3,) [m] for label maps (C, h, w) of pictures (C,) of PICTURE.
+        """Up to `most` centred positions (3,) [m], for label maps (C, h, w) of pictures (C,) of PICTURE.
 
-        Best first; each is worked out when it is asked for.
+        Best first; each is computed when it is asked for.
         """
         votes = np.empty(len(self.points), np.float32)
         least = max(MIN_VOTE, MIN_SHARE * vote(labels, self.lenses, pictures, self.boxes, votes))
@@ -246,7 +246,7 @@ class PositionSearch:
 
 
 def _boxes(camera: Camera, points: FloatArray, radius: float, area: float) -> Array:
-    """(N,) of BOXES of one camera for points (N, 3) [m]; area: mean area of the object's projections [m²]."""
+    """(N,) of BOXES of one camera for points (N, 3) [m]; area: mean projected area of the object [m²]."""
     boxes = np.zeros(len(points), BOXES)
     depth = points @ camera.camera_from_world[2, :3] + camera.camera_from_world[2, 3]
     pixels, size = camera.project_in_view(points), np.array([camera.width, camera.height])
