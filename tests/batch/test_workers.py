@@ -97,8 +97,9 @@ def test_an_interrupt_ends_the_processes_at_once(tmp_path):
         until(lambda: mark.exists() and mark.read_text())
         signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
 
+    workers.warm_up()  # or else `processes` does, and may take longer than `until` waits
+    threading.Thread(target=interrupt, daemon=True).start()
     with pytest.raises(KeyboardInterrupt), processes(1) as each:
-        threading.Thread(target=interrupt, daemon=True).start()
         list(each(sleep, [str(mark)]))
     until(lambda: not alive(int(mark.read_text())))
 

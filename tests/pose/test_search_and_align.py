@@ -12,7 +12,7 @@ from tracker import Arena, load_object
 from tracker.geometry import cuboid, so3
 from tracker.geometry.lens import project, stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.align import INSIDE, align, explanation_score, hear
+from tracker.pose.align import INSIDE, align, count_labels, explanation_score
 from tracker.pose.fit import SEEN
 from tracker.pose.rotations import ROTATIONS, even_rotations, likely_rotations, rotation_grid
 from tracker.pose.scale import label_camera, label_factors
@@ -167,7 +167,7 @@ def test_alignment_reaches_the_truth_from_far_away(scene):
 def test_explanation_counts_what_the_truth_shows(scene):
     cameras, labels, truth = scene
     seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
-    hear(lenses, labels, pictures_of(labels), FACES, truth.rotation, truth.position, STILL, seen)
+    count_labels(lenses, labels, pictures_of(labels), FACES, truth.rotation, truth.position, STILL, seen)
     for c in range(3):
         shown = np.count_nonzero(labels[c])
         assert abs(seen["predicted"][c] - shown) < 0.06 * shown
@@ -182,7 +182,7 @@ def test_explanation_counts_what_the_truth_shows(scene):
 def test_pixels_inside_a_face_keep_away_from_its_outline(scene):
     cameras, labels, truth = scene
     seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
-    hear(lenses, labels, pictures_of(labels), FACES, truth.rotation, truth.position, STILL, seen)
+    count_labels(lenses, labels, pictures_of(labels), FACES, truth.rotation, truth.position, STILL, seen)
     corners, checked = cuboid.corners(MODEL.size) @ truth.rotation.T + truth.position, 0
     for c, camera in enumerate(cameras):
         pixels = camera.project(corners).astype(np.float32)
@@ -204,7 +204,7 @@ def test_a_worse_pose_scores_less(scene):
     seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
 
     def score(position, rotation):
-        hear(lenses, labels, pictures_of(labels), FACES, rotation, position, STILL, seen)
+        count_labels(lenses, labels, pictures_of(labels), FACES, rotation, position, STILL, seen)
         return explanation_score(seen)
 
     best = score(truth.position, truth.rotation)

@@ -6,7 +6,7 @@ import pytest
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.pose.solution import ROWS, SOLUTION, UNKNOWNS
-from tracker.pose.support import EDGE, FLAT, FREE, contacts_of, lean, leaner, table_of
+from tracker.pose.support import EDGE, FLAT, FREE, apply_table, contacts_of, reduce_by_table, table_of
 
 HALF = np.array([0.02, 0.0325, 0.05])
 TABLE = table_of(Arena(center=(0.03, -0.02), table=0.01, table_std=(1e-3, 5e-3)))
@@ -43,8 +43,8 @@ def leaned(rotation: np.ndarray, position: np.ndarray, solution) -> tuple[float,
     n = UNKNOWNS
     solution["rotation"], solution["position"] = rotation, position
     solution["covariance"] = np.linalg.inv(solution["known"][:n, :n])[:6, :6]
-    odds = lean(TABLE, HALF, solution)
-    leaner(solution)
+    odds = apply_table(TABLE, HALF, solution)
+    reduce_by_table(solution)
     return odds, solution["covariance"].copy()
 
 

@@ -80,7 +80,7 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
 
 
 @compiled
-def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no-untyped-def]
+def _count_camera(lenses, c, labels, box, rotation, position, one):  # type: ignore[no-untyped-def]
     """Compare camera c's label map (h, w) with a pose, and add up its pixels in the record `one` (SEEN).
 
     The record's counts are zero before. Outlines of faces are taken to be straight between their corners.
@@ -130,11 +130,11 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
 
 
 @compiled
-def hear(lenses, labels, pictures, box, rotation, position, lags, seen):  # type: ignore[no-untyped-def]
+def count_labels(lenses, labels, pictures, box, rotation, position, lags, seen):  # type: ignore[no-untyped-def]
     """Count what all label maps (C, h, w) show of a pose (3, 3), (3,) [m] into seen (C,) of SEEN.
 
-    pictures (C,) of PICTURE; box as in `explain`; lags (C, 6): how far each camera sees the object displaced
-    [m, rad].
+    pictures (C,) of PICTURE; box as in `_count_camera`; lags (C, 6): displacements in the cameras' views [m,
+    rad].
     """
     turned, moved = np.empty((3, 3)), np.empty(3)
     for c in range(len(seen)):
@@ -146,7 +146,7 @@ def hear(lenses, labels, pictures, box, rotation, position, lags, seen):  # type
             continue
         copy_pose(rotation, position, turned, moved)
         apply_update(turned, moved, lags[c])
-        explain(lenses, c, labels[c], box, turned, moved, one)
+        _count_camera(lenses, c, labels[c], box, turned, moved, one)
         one.elsewhere = pictures[c].colored - one.agree - one.wrong - one.extra
 
 
@@ -257,5 +257,5 @@ def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, 
         if align(lenses, labels, pictures, box, rotations[h], positions[h], reaches, strips) == 0:
             scores[h] = IMPOSSIBLE
             continue
-        hear(lenses, labels, judges, box, rotations[h], positions[h], lags, seen)
+        count_labels(lenses, labels, judges, box, rotations[h], positions[h], lags, seen)
         scores[h] = explanation_score(seen)

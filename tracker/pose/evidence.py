@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array
-from tracker.pose.align import hear
+from tracker.pose.align import count_labels
 from tracker.pose.fit import Evidence
 
 SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
@@ -315,7 +315,7 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
                 changed[i] = half[i] * factor if i == axis else half[i]
             for i in range(3):
                 moved[i] = position[i] + side * rotation[i, axis] * (half[axis] - changed[axis])
-            hear(lenses, labels, pictures, (changed, face_labels), rotation, moved, lags, other)
+            count_labels(lenses, labels, pictures, (changed, face_labels), rotation, moved, lags, other)
             total, most = 0.0, 0.0
             for c in range(len(seen)):
                 if seen[c].predicted > 0:
@@ -329,14 +329,14 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
 def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
     """Count what label maps show of an object and return `weighed`; or, if `ask`, return `_resized`.
 
-    Label maps and place (rotation, position, lags) are as of `hear`, which fills seen (C,) of SEEN. For
-    cameras left_out (C,), colours beside the object count as seen elsewhere: a noisy or flooded image shows
-    them all over. If `ask`, seen must be filled already.
+    Label maps and place (rotation, position, lags) are as of `count_labels`, which fills seen (C,) of SEEN.
+    For cameras left_out (C,), colours beside the object count as seen elsewhere: a noisy or flooded image
+    shows them all over. If `ask`, seen must be filled already.
     """
     if ask:
         return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0, 0.0
     rotation, position, lags = place
-    hear(lenses, labels, pictures, box, rotation, position, lags, seen)
+    count_labels(lenses, labels, pictures, box, rotation, position, lags, seen)
     for c in range(len(seen)):
         if left_out[c]:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0

@@ -34,7 +34,7 @@ from tracker.pose.solve import (
     with_edges,
 )
 from tracker.pose.strips import collect, edge_strips
-from tracker.pose.support import lean, leaner, mark_feet
+from tracker.pose.support import apply_table, mark_feet, reduce_by_table
 from tracker.pose.views import mask_of, pixels_of
 
 # Lengths in pixels are for an object of reference size (`scale`), unless stated otherwise.
@@ -157,7 +157,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
 
 
 @compiled
-def _lay(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
+def _lay_strips(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
     """Lay strips along the edges at the present pose, as a step of the schedule demands."""
     mark_feet(model.table, model.half, solution)
     rotation, position = np.empty((3, 3)), np.empty(3)
@@ -208,7 +208,7 @@ def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignor
 
 
 @compiled
-def _take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untyped-def]
+def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-untyped-def]
     """Count the strips and estimate the blurs; return the residuals' robust standard deviation [px].
 
     likely: blur of an image if neither it nor any other shows any.
@@ -346,7 +346,7 @@ def _solved(model, solution, cameras, share, late):  # type: ignore[no-untyped-d
         return False
     finish(solution)
     if model.table.known and late:
-        solution.stands = lean(model.table, model.half, solution)
+        solution.stands = apply_table(model.table, model.half, solution)
     return True
 
 
@@ -363,11 +363,11 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
     rotation, position = np.empty((3, 3)), np.empty(3)
     while step < len(schedule.blur) and not solution.converged:
         if stray:
-            _lay(model, pictures, solution, cameras, schedule, step, work)
+            _lay_strips(model, pictures, solution, cameras, schedule, step, work)
             share, stated = 1.0, 1.0
         copy_pose(solution.rotation, solution.position, rotation, position)
         _measure_all(model, pictures, cameras, schedule, step, work)
-        scatter = _take_stock(solution, cameras, start.blur, work, seen)
+        scatter = _estimate_blurs(solution, cameras, start.blur, work, seen)
         if not schedule.moves:
             step, stray = step + 1, False
             continue
@@ -396,7 +396,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
     if not (schedule.moves and marginal(solution)):
         solution.converged = False
     elif model.table.known and late:
-        leaner(solution)
+        reduce_by_table(solution)
     add_model_errors(solution.covariance, radius)
 
 

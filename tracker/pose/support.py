@@ -152,8 +152,8 @@ def _way(rows, spread, noise, value, weights, force):  # type: ignore[no-untyped
 
 
 @compiled
-def leaner(solution):  # type: ignore[no-untyped-def]
-    """Reduce a pose's covariance (6, 6) by what `lean` found."""
+def reduce_by_table(solution):  # type: ignore[no-untyped-def]
+    """Reduce a pose's covariance (6, 6) by what `apply_table` found."""
     columns, less, covariance = solution.columns, solution.less, solution.covariance
     for i in range(6):
         for k in range(i + 1):
@@ -213,7 +213,7 @@ def _mix(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def lean(table, half, solution):  # type: ignore[no-untyped-def]
+def apply_table(table, half, solution):  # type: ignore[no-untyped-def]
     """Move a step's pose towards where the table makes it likely.
 
     By the images alone the pose is Gaussian around the step's result. The prior is a mixture of Gaussians and

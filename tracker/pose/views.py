@@ -99,7 +99,7 @@ def mask_of(picture):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def look(image, normalise, pictures, c):  # type: ignore[no-untyped-def]
+def estimate_light(image, normalise, pictures, c):  # type: ignore[no-untyped-def]
     """Fill in the light of camera c's image (H, W, 3), and its noise; normalise: of ColorModel."""
     picture = pictures[c]
     picture.loud = noise_level(image) >= LOUD
@@ -221,7 +221,7 @@ class Reader:
                 pictures["address"][c] = image.__array_interface__["data"][0]
                 pictures["height"][c], pictures["width"][c] = image.shape[:2]
                 if fresh is None or fresh[c]:
-                    look(image, self.colors.normalise, pictures, c)
+                    estimate_light(image, self.colors.normalise, pictures, c)
         return pictures
 
     def labelled(
