@@ -1,4 +1,4 @@
-"""What is closed at the end of a `with` block."""
+"""A base class for resources that a `with` block closes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ Own = TypeVar("Own", bound="Closing")
 
 
 class Closing:
-    """A context manager that closes itself."""
+    """A context manager that closes itself on exit."""
 
     def close(self) -> None:
-        """Give back what is held outside of Python."""
+        """Release what is held outside of Python."""
         raise NotImplementedError
 
     def __enter__(self: Own) -> Own:

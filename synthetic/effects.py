@@ -1,7 +1,7 @@
-"""Which of the real world's imperfections the pictures show, beyond those that all pictures do.
+"""Optional imperfections of the real world in the images.
 
-Each can be had alone. Without any the pictures are, to the bit, those of a tidy world; an effect draws its
-parameters from a stream of its own, so that switching one on or off changes no draw of any other.
+Each can be switched on alone. Without any, the images are those of a tidy world, to the bit. Each
+effect draws its parameters from its own random stream, so switching one on or off changes no other's draws.
 """
 
 from __future__ import annotations
@@ -20,61 +20,61 @@ class Effects:
     """One switch for each effect."""
 
     chamfers: bool = False
-    """Edges of the object are rounded or chamfered by up to 1 mm, about as recorded ones, with glints and
+    """The object's edges are rounded or chamfered by up to 1 mm, about like recorded ones, with glints and
     dark seams."""
     focus: bool = False
     """Blur differs from camera to camera, and with depth."""
     response: bool = False
     """Each camera has a response exponent, a black level and vignetting of its own."""
     surface: bool = False
-    """Faces have texture, prints with rounded borders, and a gloss each."""
+    """Faces have texture, prints with rounded borders, and different gloss."""
     reflections: bool = False
-    """Object, table and fingers give each other of their colours."""
+    """Object, table and fingers reflect each other's colours."""
     contact: bool = False
-    """Where the object stands, its foot and the table are in each other's shade."""
+    """The foot of the object and the table around it shade each other."""
     table: bool = False
-    """The table is semi-gloss, with soft highlights, scratches and dust; crosses and rings are painted on it
-    in the colours of faces."""
+    """The table is semi-gloss, with soft highlights, scratches and dust; crosses and rings in the colours of
+    faces are painted on it."""
     clutter: bool = False
-    """Tape, cables, cloth and tools on the wall, at its foot and outside, half of them in the colours of
+    """Tape, cables, cloth and tools lie on the wall, at its foot and outside, half of them in the colours of
     faces; never in front of the object."""
     sizes: bool = False
     """Each axis of the object is up to 0.3 mm longer or shorter than stated."""
     fringes: bool = False
     """Lateral chromatic aberration."""
     skewed_psf: bool = False
-    """Points are drawn out to comets."""
+    """Points are smeared to comets."""
     fixed_pattern: bool = False
-    """Pixels have gains and offsets of their own, which stay."""
+    """Pixels have constant gains and offsets of their own."""
     drift: bool = False
-    """Exposure changes slowly through a film; in single scenes it is another one."""
+    """Exposure changes slowly through a film; a single scene has one other exposure."""
     sharpening: bool = False
     """An unsharp mask, as some cameras have it."""
     calibration: bool = False
-    """The calibration that is given out is wrong beyond the deviations that it states."""
+    """The given calibration is wrong by more than the deviations that it states."""
     compression: bool = False
-    """JPEG and H.264, as recordings go through them."""
+    """Images are compressed by JPEG or H.264, as in recordings."""
     timing: bool = False
-    """In films exposure takes time, and cameras are grabbed one after another."""
+    """In films exposure is not instantaneous, and cameras are grabbed one after another."""
     motion_blur: bool = False
-    """Exposure takes time; in half of the single scenes the object is on its way."""
+    """Exposure is not instantaneous; in half of the single scenes the object moves."""
 
     @classmethod
     def none(cls) -> Effects:
-        """The tidy world."""
+        """Return no effects: the tidy world."""
         return cls()
 
     @classmethod
     def all(cls) -> Effects:
-        """Every effect."""
+        """Return every effect."""
         return cls(**dict.fromkeys(NAMES, True))
 
     @classmethod
     def only(cls, *names: str) -> Effects:
-        """These effects and no others.
+        """Return these effects and no others.
 
         Raises:
-            EffectError: there is none of this name.
+            EffectError: no effect has this name.
         """
         for name in names:
             if name not in NAMES:
@@ -83,10 +83,10 @@ class Effects:
 
     @classmethod
     def of(cls, chosen: str | Iterable[str]) -> Effects:
-        """The effects that names or a text say: `none`, `world` for all of them, or names between commas.
+        """Return the effects that names or a text list: `none`, `world` for all, or names with commas.
 
         Raises:
-            EffectError: there is none of this name.
+            EffectError: no effect has this name.
         """
         if not isinstance(chosen, str):
             return cls.only(*chosen)
@@ -103,9 +103,9 @@ class Effects:
 
 
 NAMES = tuple(field.name for field in dataclasses.fields(Effects))
-"""All effects."""
+"""Names of all effects."""
 
 
 def stream(name: str, seed: int, *numbers: int) -> np.random.Generator:
-    """The random numbers of one effect, for the scene or picture that `numbers` say."""
+    """Return the random stream of one effect, for the scene or image that `numbers` identify."""
     return np.random.default_rng([seed, zlib.crc32(name.encode()), *numbers])

@@ -1,4 +1,4 @@
-"""Errors of the generator of synthetic images that its user can mend."""
+"""Errors of the generator of synthetic images that its user can correct."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from tracker.errors import TrackerError
 
 
 class AssetError(TrackerError):
-    """The robot's description or meshes cannot be had."""
+    """The robot's description or meshes are not available."""
 
 
 class EffectError(TrackerError):
-    """There is no such effect."""
+    """An effect does not exist."""

@@ -1,4 +1,4 @@
-"""What a frame is: one picture of each camera, and the truth."""
+"""A frame: one image of each camera, and the ground truth."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ from tracker.geometry import so3
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture of each camera, and the truth."""
+    """One image of each camera, and the ground truth."""
 
     index: int
     """Number of the frame."""
     timestamp: float
     """[s]"""
     images: tuple[Image, ...]
-    """(H, W, 3) uint8 BGR, as the cameras give them, distorted; raw ones (H, W), an RGGB mosaic."""
+    """(H, W, 3) uint8 BGR, distorted, as cameras return them; raw ones are RGGB mosaics (H, W)."""
     labels: tuple[Image, ...]
-    """(H, W) uint8, what most of a pixel shows: 0 other, 1 red … 6 yellow; of dice their number."""
+    """(H, W) uint8 label map, by majority: 0 other, 1 red … 6 yellow; of dice their number."""
     visible_fraction: FloatArray
-    """(cameras,) visible pixels of the object, of those it has without robot; 0 where there are none."""
+    """(cameras,) share of the object's pixels that the robot leaves visible; 0 where there are none."""
     visible_px: Array
     """(cameras,) visible pixels of the object."""
     scene: PlatformScene
     """The scene itself, in the simulation's world."""
     renderer: str
-    """Which renderer made it."""
+    """Name of the renderer."""
     calibrated: Calibrated
-    """The cameras as they are and as their calibration states them."""
+    """The true cameras and what their calibration states."""
     stamps: FloatArray
-    """(cameras,) when each picture was taken: the middle of its exposure [s]; the latest is `timestamp`."""
+    """(cameras,) timestamp of each image: the middle of its exposure [s]; the latest is `timestamp`."""
     scenes: tuple[PlatformScene, ...]
     """The scene at each camera's stamp."""
     alone: tuple[Image, ...]
-    """(H, W) uint8, the labels if there were nothing but the objects."""
+    """(H, W) uint8 label map of the objects alone, without robot or surroundings."""
 
     @property
     def objects(self) -> tuple[ObjectState, ...]:
-        """The object, or all dice, exactly, at `timestamp` and in the calibrated world; empty: none."""
+        """Exact states of the object or all dice at `timestamp`, in the calibrated world; empty: none."""
         return tuple(self.calibrated.in_calibrated_world(state) for state in self.scene.objects)
 
     @property
     def objects_at_stamps(self) -> tuple[tuple[ObjectState, ...], ...]:
-        """The same at the stamp of each camera."""
+        """Exact states of the objects at each camera's stamp."""
         return tuple(
             tuple(self.calibrated.in_calibrated_world(state) for state in scene.objects)
             for scene in self.scenes
@@ -58,7 +58,7 @@ class Frame:
 
     @property
     def rig(self) -> CameraRig:
-        """The cameras as they truly are."""
+        """The true cameras."""
         return self.calibrated.rig
 
     @property
@@ -67,14 +67,14 @@ class Frame:
         return self.calibrated.given
 
     def truth(self, names: tuple[str, ...]) -> dict[str, Any]:
-        """The entry of `ground_truth.json` for cameras of these names."""
+        """Return the entry of `ground_truth.json`, for cameras of these names."""
         cameras: dict[str, dict[str, Any]] = {}
         for c, (name, camera) in enumerate(zip(names, self.rig, strict=True)):
             own = cameras[name] = {
                 "visible_fraction": float(self.visible_fraction[c]),
                 "visible_px": int(self.visible_px[c]),
             }
-            # Its calibration if that is not as stated, and its stamp and poses if they are its own.
+            # The true calibration if the stated one differs; stamp and poses if they are the camera's own.
             if self.calibrated.calibrated_from_world is not None:
                 for key in ("matrix", "distortion", "camera_from_world"):
                     own[key] = getattr(camera, key).tolist()
@@ -91,7 +91,7 @@ class Frame:
 
 
 def _told(states: tuple[ObjectState, ...]) -> Any:
-    """Nothing, one pose, or those of all dice."""
+    """Return None, one pose, or those of all dice."""
     poses = [
         {
             "position": state.position.tolist(),

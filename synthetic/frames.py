@@ -1,8 +1,8 @@
-"""Frames of the simulated platform in memory: pictures, labels and the exact truth.
+"""Frames of the simulated platform in memory: images, label maps and exact ground truth.
 
-A frame depends on the seed and its number alone: not on how many are asked for, in which order, or by how
-many workers. Frames of a sequence come in chunks of one length, each a motion of its own that is simulated
-from its start.
+A frame depends on the seed and its number alone: not on how many frames are made, in which order, or by how
+many workers. Frames of a sequence come in chunks of one length; each is a separate motion, simulated from its
+start.
 """
 
 from __future__ import annotations
@@ -33,58 +33,58 @@ from tracker.conventions import FloatArray, Image
 from tracker.errors import TrackerError
 
 CHUNK = 100
-"""Frames of a sequence that are one motion, by default."""
+"""Default number of frames of one motion in a sequence."""
 
 PERIOD = 0.1
-"""Time between the stamps of single scenes [s]."""
+"""Interval between the timestamps of single scenes [s]."""
 
 EMPTY_SHARE = 0.05
-"""Share of single scenes without an object, by default."""
+"""Default share of single scenes without an object."""
 
 _SCENE, _CAMERAS, _NOISE = range(3)
-"""Streams of random numbers of one seed."""
+"""Random streams of one seed."""
 
 
 class DatasetError(TrackerError):
-    """Frames that cannot be made, or a folder that cannot take them."""
+    """Frames cannot be made, or a folder cannot hold them."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FrameOptions:
-    """What decides the pixels of all frames, apart from the cameras."""
+    """Everything that determines the pixels of all frames, except the cameras."""
 
     object_name: str
-    """cube_v1 … cuboid_2x2x8_v2, a file as `tracker.load_object` takes it, or `dice`."""
+    """cube_v1 … cuboid_2x2x8_v2, a file for `tracker.load_object`, or `dice`."""
     seed: int
-    """Of everything random."""
+    """Seed of all randomness."""
     quality: str = "default"
     """`fast`, `default` or `best`."""
     sequence: bool = False
-    """Frames follow each other in time; else every frame is a scene of its own."""
+    """Frames follow each other in time; otherwise every frame is a separate scene."""
     size: int = 270
-    """Height of the pictures [px], 270 or 540."""
+    """Height of the images [px], 270 or 540."""
     rate: float = 10.0
-    """Frames of a sequence per second [Hz]."""
+    """Frame rate of a sequence [Hz]."""
     kind: str | None = None
-    """Kind of the single scenes, or of the motions of a sequence; None: drawn."""
+    """Kind of the single scenes, or of a sequence's motions; None: drawn."""
     dropped: float = 0.02
-    """Probability that a picture of a sequence is missing."""
+    """Probability that a frame of a sequence is missing."""
     path: str | None = None
-    """How the pictures are recorded, see `Sensor.path`; None: drawn."""
+    """How the images are recorded, see `Sensor.path`; None: drawn."""
     shadows: bool | None = None
-    """None: as the quality says."""
+    """Whether lamps cast shadows; None: by the quality."""
     empty: float = EMPTY_SHARE
     """Share of single scenes without an object."""
     length: int = CHUNK
-    """Frames of a sequence that are one motion."""
+    """Number of frames of one motion in a sequence."""
     effects: tuple[str, ...] = ()
-    """Which of `synthetic.effects.NAMES` the pictures show."""
+    """Effects in the images, of `synthetic.effects.NAMES`."""
 
     look_alike: str | None = None
-    """Which of `synthetic.world.look_alikes.KINDS` stands in the object's place; None: the object itself."""
+    """Kind of look-alike in the object's place, of `synthetic.world.look_alikes.KINDS`; None: the object."""
     raw: bool = False
-    """Pictures are the mosaics (H, W) that cameras record; only where those are kept: of size 540, or on the
-    path `old`, whose small pictures are mosaics again."""
+    """Return the mosaics (H, W) that cameras record. Only for size 540, where they are kept, or the path
+    `old`, whose small images are mosaics again."""
 
     def __post_init__(self) -> None:
         valid = {"quality": tuple(QUALITIES), "size": (270, 540), "look_alike": (None, *KINDS)}
@@ -92,7 +92,7 @@ class FrameOptions:
             if getattr(self, key) not in values:
                 known = ", ".join(map(str, values))
                 raise DatasetError(f"{key}: found {getattr(self, key)!r}, expected one of {known}")
-        # In one order, whatever the order asked for.
+        # In the order of NAMES, whatever the order in which they were given.
         object.__setattr__(self, "effects", Effects.of(self.effects).names)
         if self.look_alike is not None and self.object_name == DICE:
             raise DatasetError("look_alike: found dice, expected a cube or cuboid")
@@ -116,7 +116,7 @@ class FrameOptions:
 
 
 class FrameMaker(Closing):
-    """Makes the frames of one set of options; holds simulation and renderer. A context manager."""
+    """Makes the frames for one set of options; owns the simulation. A context manager."""
 
     def __init__(self, options: FrameOptions, rig: CameraRig | None = None) -> None:
         self.options = options
@@ -130,16 +130,16 @@ class FrameMaker(Closing):
         self._platform = self._stack.enter_context(Platform(options.object_name))
 
     def close(self) -> None:
-        """Free the simulation; the renderer stays, one for each process."""
+        """Free the simulation; the renderer is shared by the process and stays."""
         self._stack.close()
 
     def chunk(
         self, number: int, chosen: Container[int] | None = None, emptied: Container[int] = ()
     ) -> Iterator[Frame]:
-        """The frames of a chunk in order, or those whose numbers are in `chosen`.
+        """Yield the frames of a chunk in order, or only those whose numbers are in `chosen`.
 
-        Those whose numbers are in `emptied` are given a second time, after the first if that is chosen, with
-        the same light, fingers and noise but without any object.
+        Frames whose numbers are in `emptied` are also yielded without any object (after the first version if
+        that is chosen), with the same light, fingers and noise.
         """
         crew = self._crew(number)
         first = number * self.options.chunk
@@ -148,7 +148,7 @@ class FrameMaker(Closing):
             place = (index - first) % crew.group
             if place == 0:
                 taken = []
-            # Of a group of coded pictures each needs those before.
+            # In a group of compressed images, each needs those before it.
             left = range(index, index - place + crew.group)
             if chosen is not None and not any(k in chosen or k in emptied for k in left):
                 continue
@@ -161,24 +161,24 @@ class FrameMaker(Closing):
             taken.append(frame.images)
 
     def of_scene(self, number: int, scene: PlatformScene) -> Frame:
-        """A frame of a scene made elsewhere."""
+        """Return a frame of a scene made elsewhere."""
         crew, stamp = self._crew(number), number * PERIOD
         return self._recorded(self._frame(number, stamp, self._still_at(scene, number), crew), [], crew)
 
     def _still_at(self, tidy: PlatformScene, number: int) -> SceneAt:
-        """A single scene with effects, around its time stamp."""
+        """Return a single scene with effects, as a function of time around its timestamp."""
         scene = self._dressed(tidy, number)
         return still_at(scene, number * PERIOD, self._effects, self.options.seed, number)
 
     def _dressed(self, tidy: PlatformScene, number: int) -> PlatformScene:
-        """A scene with a look-alike, if one is chosen, and with effects."""
+        """Return a scene with a look-alike, if one is chosen, and with effects."""
         kind, seed = self.options.look_alike, self.options.seed
         if kind is not None:
             tidy = look_alike(tidy, kind, stream("look_alike", seed, number))
         return with_effects(tidy, self._effects, seed, number)
 
     def _crew(self, number: int) -> Crew:
-        """The cameras as they are for a chunk."""
+        """Draw the cameras of a chunk."""
         rng = self._rng(_CAMERAS, number)
         sensor = self._quality.sensor(rng, self.options.path)
         film = self.options.sequence
@@ -188,7 +188,7 @@ class FrameMaker(Closing):
         return np.random.default_rng([self.options.seed, stream, number])
 
     def _scenes(self, number: int) -> Iterator[tuple[float, SceneAt]]:
-        """Time stamps and the scenes around them, by the time."""
+        """Yield timestamps and, for each, the scene as a function of time."""
         options, rng = self.options, self._rng(_SCENE, number)
         if not options.sequence:
             present = bool(rng.random() >= options.empty)
@@ -197,7 +197,7 @@ class FrameMaker(Closing):
             return
         from synthetic.world.motion import film
 
-        # Dropped frames: more time than undisturbed frames would take.
+        # Dropped frames need a longer simulation than the frames alone would.
         seconds = (1.2 * options.length / (1.0 - options.dropped) + 10.0) / options.rate
         steps = film(
             self._platform,
@@ -213,14 +213,14 @@ class FrameMaker(Closing):
             def at(
                 time: float, own: float = own, stamp: float = stamp, tidy_at: SceneAt = scene_at
             ) -> PlatformScene:
-                # At its stamp exactly: a sum of times and back is not that.
+                # At the stamp itself use its own time: adding and subtracting would round it.
                 tidy = tidy_at(own if time == stamp else own + (time - stamp))
                 return self._dressed(tidy, number)
 
             yield stamp, at
 
     def _frame(self, index: int, timestamp: float, scene_at: SceneAt, crew: Crew) -> Frame:
-        """The frame before it is recorded."""
+        """Return the frame before it is recorded."""
         noise = self._rng(_NOISE, index)
         scene = scene_at(timestamp)
         stamps, shutters = self._exposures(timestamp, scene, scene_at, crew)
@@ -248,7 +248,7 @@ class FrameMaker(Closing):
     def _exposures(
         self, timestamp: float, scene: PlatformScene, scene_at: SceneAt, crew: Crew
     ) -> tuple[FloatArray, list[tuple[PlatformScene, ...]]]:
-        """When each camera takes its picture, and what there is while its shutter is open."""
+        """Return each camera's timestamp, and the scenes while its shutter is open."""
         stamps, timing = np.full(len(self.rig), timestamp), crew.timing
         if timing is None:
             return stamps, [(scene,)] * len(self.rig)
@@ -266,7 +266,7 @@ class FrameMaker(Closing):
         return stamps, shutters
 
     def _recorded(self, frame: Frame, before: list[tuple[Image, ...]], crew: Crew) -> Frame:
-        """The frame as it comes out of a recording in which those pictures came before."""
+        """Return the frame as it comes out of a recording in which the images `before` came first."""
         images = crew.recorded([*before, frame.images], raw=self.options.raw)
         return dataclasses.replace(frame, images=images)
 
@@ -287,21 +287,21 @@ def frames(
     first: int = 0,
     **more: Any,
 ) -> Iterator[Frame]:
-    """Frames `first` … `first + count - 1` of the platform with this object.
+    """Yield frames `first` … `first + count - 1` of the platform with this object.
 
     Args:
         object_name: cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2 or dice.
         count: number of frames.
-        seed: of everything random.
+        seed: seed of all randomness.
         rig: the cameras, scaled to `size`; by default those of the simulated platform.
         quality: `fast`, `default` or `best`.
-        sequence: a motion, instead of single scenes.
-        size: height of the pictures [px].
+        sequence: one continuous motion per chunk, instead of single scenes.
+        size: height of the images [px].
         first: number of the first frame.
         more: other fields of `FrameOptions`.
 
     Raises:
-        TrackerError: an option is not valid, or robot meshes cannot be had.
+        TrackerError: an option is invalid, or the robot's meshes are not available.
     """
     options = FrameOptions(object_name, seed, quality, sequence, size, **more)
     with FrameMaker(options, rig) as maker:

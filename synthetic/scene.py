@@ -1,7 +1,7 @@
-"""What is to be seen: bodies with meshes and materials at exact places, and the light on them.
+"""A scene: bodies with meshes and materials at exact poses, and the light on them.
 
-This is what the simulated platform hands to the renderers. Positions are in the world's frame [m],
-colours are linear blue-green-red reflectances from 0 to 1.
+The simulated platform passes it to the renderers. Positions are in the world's frame [m]; colours are linear
+blue-green-red reflectances from 0 to 1.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from tracker.conventions import Array, FloatArray
 from tracker.objects.model import CuboidModel, load_object
 
 DRAWN_STD = 1e-4
-"""Standard deviation of the rim of an object that is drawn with sharp edges [m]."""
+"""Standard deviation of the rim width of an object that is drawn with sharp edges [m]."""
 
 
 def drawn(name: str) -> CuboidModel:
-    """One of the package's objects as it is drawn, if not worn: its colours end at its edges."""
+    """Return one of the package's objects as drawn without wear: its colours end at its edges."""
     return dataclasses.replace(load_object(name), rim=0.0, rim_std=DRAWN_STD)
 
 
 def direction(azimuth: float, elevation: float = 0.0) -> FloatArray:
-    """Unit vector (3,) at an angle around z from x, and at one above the horizon [rad]."""
+    """Return the unit vector (3,) at an azimuth from x about z, and an elevation above the horizon [rad]."""
     level = np.cos(elevation)
     return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
 
 
 def transform(rotation: Array, position: npt.ArrayLike) -> FloatArray:
-    """The transform (4, 4) of a rotation (3, 3) and a position (3,) [m]."""
+    """Return the transform (4, 4) of a rotation (3, 3) and a position (3,) [m]."""
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = rotation, position
     return result
@@ -47,10 +47,10 @@ def _frozen(array: Any) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles of one colour group each; several bodies may share a mesh."""
+    """Triangles with one colour group each; several bodies may share a mesh."""
 
     key: str
-    """Unique name; renderers keep what they have uploaded under it."""
+    """Unique name, by which renderers cache the mesh."""
     vertices: FloatArray
     """(V, 3) [m] in the body's frame."""
     triangles: Array
@@ -61,7 +61,7 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One rigid thing in view."""
+    """A rigid body in view."""
 
     name: str
     mesh: Mesh
@@ -70,18 +70,18 @@ class Body:
     colors: FloatArray
     """(G, 3) linear BGR reflectance of each colour group."""
     labels: Array
-    """(G,) uint8: 0 for what is no object; 1 red … 6 yellow of a cuboid's faces; 1 … 25 of dice."""
+    """(G,) uint8: 0 for non-objects; 1 red … 6 yellow for a cuboid's faces; 1 … 25 for dice."""
     gloss: float = 0.0
     """Strength of highlights, 0 to 1."""
     texture: float = 0.0
     """Relative standard deviation of the reflectance over the surface (grain, dirt)."""
     faces: bool = False
-    """Groups 0 to 5 are the faces of a cuboid along the body's axes, in the order of FACE_NAMES."""
+    """Whether groups 0 to 5 are a cuboid's faces along the body's axes, in the order of FACE_NAMES."""
     rim: float = 0.0
-    """How far within its edges the colours of such a cuboid end where it is worn, about [m]."""
+    """Approximate distance from its edges at which a worn cuboid's colours end [m]."""
     coats: FloatArray | None = None
-    """(G, 2) clear coat of each colour group: how much of it there is, 0 to 1, and by how much it blurs what
-    it mirrors [rad]; None: there is none."""
+    """(G, 2) clear coat of each colour group: its amount, 0 to 1, and the blur of what it mirrors [rad];
+    None: no coat."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "world_from_body", _frozen(self.world_from_body))
@@ -98,7 +98,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """A lamp that is far away."""
+    """A distant lamp."""
 
     direction: FloatArray
     """(3,) unit vector from the scene to the lamp."""
@@ -109,17 +109,17 @@ class Lamp:
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """All light: lamps and an ambient part from everywhere."""
+    """All light: lamps and an isotropic ambient part."""
 
     ambient: FloatArray
     """(3,) linear BGR."""
     lamps: tuple[Lamp, ...] = ()
     sky: int = 12
-    """Directions from which the ambient light is looked at for shade; few give cloudy shade on the wall."""
+    """Number of directions of the ambient light that are tested for shade; few give blotchy shade."""
 
 
 class Patches(NamedTuple):
-    """Small parts of surfaces that light what is near them."""
+    """Small patches of surfaces that light what is near them."""
 
     places: FloatArray
     """(N, 3) [m] in the world."""
@@ -128,23 +128,23 @@ class Patches(NamedTuple):
     areas: FloatArray
     """(N,) [m²]."""
     light: FloatArray
-    """(N, 3) BGR that comes from them, as reflectance × irradiance."""
+    """(N, 3) BGR light that they emit, as reflectance × irradiance."""
     owners: Array
-    """(N,) names of the bodies that they are part of; of kernels their numbers."""
+    """(N,) names of the bodies to which they belong; the kernels take their numbers."""
 
     def chosen(self, which: Array) -> Patches:
-        """Those where `which` (N,) is true."""
+        """Return the patches where `which` (N,) is true."""
         return Patches(*(column[which] for column in self))
 
     @staticmethod
     def joined(parts: Sequence[Patches]) -> Patches:
-        """All of several."""
+        """Concatenate several sets of patches."""
         return Patches(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectState:
-    """Where one object is, exactly."""
+    """The exact pose of one object."""
 
     name: str
     position: FloatArray
@@ -155,7 +155,7 @@ class ObjectState:
 
 @dataclass(frozen=True, eq=False)
 class PlatformScene:
-    """Everything that a camera can see, and the truth about it."""
+    """Everything visible to a camera, and the ground truth."""
 
     bodies: tuple[Body, ...]
     lighting: Lighting
@@ -164,25 +164,25 @@ class PlatformScene:
     robot_position: FloatArray = field(default_factory=lambda: np.zeros(9))
     """(9,) joint angles [rad]."""
     about: dict[str, Any] = field(default_factory=dict)
-    """What kind of scene it is, for the ground truth file (JSON values only)."""
+    """Description of the scene for the ground truth file (JSON values only)."""
     patches: Patches | None = None
-    """What lights its neighbours; None: nothing does."""
+    """Patches that light their neighbours; None: no such light."""
     contact: tuple[float, float] = (0.0, 0.0)
-    """Share of the sky's light that a cuboid and the table take from each other where it stands, 0 to 1, and
-    how far that reaches [m]: see `synthetic.render.shadows`."""
+    """Share of the sky's light that a cuboid and the table hide from each other where it stands, 0 to 1, and
+    the reach of this shade [m]: see `synthetic.render.shadows`."""
 
     @property
     def cuboid(self) -> Body | None:
-        """The body with faces; None: there is no object, or dice are."""
+        """The body with faces; None: there is no object, or it is dice."""
         return next((body for body in self.bodies if body.faces), None)
 
     def with_cuboid(self, change: Callable[[Body], Body]) -> PlatformScene:
-        """The same with a changed cuboid, if there is one."""
+        """Return the scene with a changed cuboid, if there is one."""
         bodies = tuple(change(body) if body.faces else body for body in self.bodies)
         return dataclasses.replace(self, bodies=bodies)
 
     def emptied(self) -> PlatformScene:
-        """The same without its objects, and without what stands in for them."""
+        """Return the scene without its objects and look-alikes."""
         gone = {body.name for body in self.bodies if np.any(body.labels)}
         bodies = tuple(body for body in self.bodies if body.name not in gone)
         patches = self.patches

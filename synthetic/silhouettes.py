@@ -1,4 +1,4 @@
-"""Where the robot is in the cameras' pictures, from the angles of its joints."""
+"""Silhouettes of the robot in the cameras' images, from its joint angles."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from tracker.errors import TrackerError
 
 
 class FingerMasks(Closing):
-    """Silhouettes of the platform's robot in a rig's pictures; a context manager.
+    """Silhouettes of the platform's robot in a rig's images; a context manager.
 
-    They know of no object, so what covers a finger is in them, too. Leave out pixels in the object's colours
-    before you give them to `detect` or `update` as `hidden`: `examples/hidden_fingers.py`.
+    They ignore objects, so they include what covers a finger. Remove pixels in the object's colours before
+    you pass them to `detect` or `update` as `hidden`: `examples/hidden_fingers.py`.
 
     Args:
         rig: the cameras, by their calibration.
-        margin: by how much the masks are wider than the robot [px].
+        margin: how far the masks extend beyond the robot [px].
 
     Raises:
-        AssetError: the robot's meshes cannot be had.
+        AssetError: the robot's meshes are not available.
         TrackerError: the margin is negative.
     """
 
@@ -49,13 +49,13 @@ class FingerMasks(Closing):
         self._world.close()
 
     def __call__(self, joints: Sequence[float] | Array) -> list[Array | None]:
-        """For each camera the pixels (H, W) bool that the robot covers.
+        """Return for each camera the pixels (H, W) bool that the robot covers.
 
-        joints: angles (9,) [rad] in the order of the platform's logs, see `tracker.logs.paired`; where one is
+        joints: angles (9,) [rad] in the order of the platform's logs, see `tracker.logs.paired`; if one is
             NaN, as before the first step of a log, each mask is None.
 
         Raises:
-            TrackerError: they are no nine numbers.
+            TrackerError: they are not nine numbers.
         """
         angles = float_array(joints, (9,), "joints", TrackerError, finite=False)
         if not np.isfinite(angles).all():

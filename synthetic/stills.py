@@ -1,7 +1,7 @@
-"""Stills: what cameras of any kind make of one scene of the platform, and the truth.
+"""Stills: images that cameras of any kind take of one scene of the platform, and the ground truth.
 
-Everything that the frames of `synthetic.frames` have beyond that (a robot's recordings, effects, sizes) is
-left out; neither OpenGL nor, where there are no fingers, PyBullet is needed.
+They leave out what the frames of `synthetic.frames` add (a robot's recordings, effects, sizes). They need no
+OpenGL and, without fingers, no PyBullet.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ POINTS = 2
 """Points per pixel along each axis."""
 
 _LAID = {kind: share for kind, share in CUBOID_KINDS.items() if kind != "thrown"}
-"""Kinds of scene that need no physics."""
+"""Kinds of scene that need no physics, with their probabilities."""
 
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """Pictures of a scene, one per camera, and the truth."""
+    """Images of a scene, one per camera, and the ground truth."""
 
     scene: PlatformScene
-    """What they show."""
+    """The scene in the images."""
     images: list[Image]
     """(H, W, 3) uint8, BGR."""
     labels: list[Image]
-    """(H, W) uint8: the label of what most of the pixel shows; 0 for what is no object."""
+    """(H, W) uint8 label map, by majority in each pixel; 0 for non-objects."""
     visible_fraction: FloatArray
-    """(cameras,) object pixels seen, of those seen without fingers; 0 where there are none."""
+    """(cameras,) share of the object's pixels that the fingers leave visible; 0 where there are none."""
 
     @property
     def position(self) -> FloatArray:
-        """(3,) the object's centre [m]; of a scene with one object only."""
+        """(3,) the object's centre [m], for scenes with one object."""
         return self.scene.objects[0].position
 
     @property
     def rotation(self) -> FloatArray:
-        """(3, 3) world from object; of a scene with one object only."""
+        """(3, 3) world_from_object, for scenes with one object."""
         return self.scene.objects[0].rotation
 
 
@@ -64,7 +64,7 @@ def take(
     points: int = POINTS,
     shadows: bool = False,
 ) -> Still:
-    """Pictures of `scene` by all cameras. `rng` draws the sensor's noise and gains, and nothing else."""
+    """Take images of `scene` with all cameras. `rng` draws the sensor's noise and gains, and nothing else."""
     images, labels, fractions = [], [], []
     for camera in cameras:
         lens = Lens(camera, points)
@@ -80,7 +80,7 @@ def take(
 def bare_scene(
     model: CuboidModel, rng: np.random.Generator, *, kind: str | None = None, object_present: bool = True
 ) -> PlatformScene:
-    """A scene without the robot, drawn from `rng`; `kind` is "rest", "tilted", "air" or drawn as well."""
+    """Draw a scene without the robot; `kind` is "rest", "tilted", "air", or drawn as well."""
     shares = np.array(list(_LAID.values()))
     kind = kind or str(rng.choice(list(_LAID), p=shares / shares.sum()))
     return random_scene(Platform(model), rng, fingers="none", kind=kind, object_present=object_present)
@@ -89,7 +89,7 @@ def bare_scene(
 def posed_scene(
     model: CuboidModel, pose: tuple[Array, Array] | None, rng: np.random.Generator
 ) -> PlatformScene:
-    """A scene without the robot, with the object where `pose` says; None: nowhere.
+    """Return a scene without the robot, with the object at `pose`; None: without the object.
 
     Args:
         model: the object.
@@ -103,6 +103,6 @@ def posed_scene(
 
 
 def scene_with_fingers(model: CuboidModel, rng: np.random.Generator, *, near: float = 0.5) -> PlatformScene:
-    """A scene drawn from `rng`; each finger is near the object with the probability `near`."""
+    """Draw a scene in which each finger is near the object with the probability `near`."""
     with Platform(model) as platform:
         return random_scene(platform, rng, occlusion=near)

@@ -1,1 +1,1 @@
-"""From a scene to a picture: lens, sensor, noise."""
+"""From a scene to an image: lens, sensor, noise."""

@@ -1,4 +1,4 @@
-"""What recordings do to pictures: JPEG of the picture or of its mosaic, or H.264."""
+"""Compression artefacts of recordings: JPEG of the image, JPEG of its mosaic, or H.264."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from tracker.conventions import Image
 from tracker.errors import install
 
 GROUP = 10
-"""Pictures of a film from one that is coded by itself to the next."""
+"""Interval between the key frames of a film [images]."""
 
 KINDS = {"jpeg": 0.5, "mosaic": 0.2, "h264": 0.3}
-"""Ways to code, and how often each is drawn: JPEG of the picture; JPEG of the mosaic's four colours side by
-side, as image stores hold them; H.264."""
+"""Kinds of compression and their probabilities: JPEG of the image; JPEG of the mosaic's four colour planes
+side by side, as image stores hold them; H.264."""
 
 
 @dataclass(frozen=True)
 class Compression:
-    """How one recording is coded."""
+    """Compression of one recording."""
 
     kind: str
     """One of KINDS."""
     quality: int
-    """Of JPEG, 1 to 100; colours at half the resolution but for mosaics, which have none. Recorded photos are
-    of 95 (scripts/measure_cameras.py)."""
+    """JPEG quality, 1 to 100. Chroma is stored at half the resolution, except in mosaics, which have none.
+    Recorded photos have quality 95 (scripts/measure_cameras.py)."""
     crf: int
-    """Of H.264, 0 (without loss) to 51."""
+    """Rate factor of H.264, 0 (lossless) to 51."""
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Compression:
-        """A recording that people would keep."""
+        """Draw the compression of a recording that people would keep."""
         kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
         return cls(kind, int(rng.integers(80, 99)), int(rng.integers(17, 27)))
 
     def applied(self, pictures: Sequence[Image]) -> Image:
-        """The last of these pictures (H, W, 3) BGR as it comes out of the recording.
+        """Return the last of these images (H, W, 3) BGR, compressed and decompressed.
 
         Args:
-            pictures: those of one camera, each after the other, from one on that is coded by itself; H.264
-                tells each from the one before.
+            pictures: consecutive images of one camera, beginning at a key frame: H.264 predicts each image
+                from the one before.
 
         Raises:
             EffectError: PyAV, the extra `video`, is missing.
@@ -67,7 +67,7 @@ def _jpeg(picture: Image, quality: int) -> Image:
 
 
 def _quadrants(raw: Image) -> Image:
-    """Red and green above blue and the other green (H, W)."""
+    """Return the mosaic's colour planes in one image (H, W): red and green above blue and the other green."""
     above, below = (raw[0::2, 0::2], raw[0::2, 1::2]), (raw[1::2, 1::2], raw[1::2, 0::2])
     return np.vstack([np.hstack(above), np.hstack(below)])
 
@@ -89,7 +89,7 @@ def _filmed(pictures: Sequence[Image], crf: int) -> Image:
     height, width = pictures[0].shape[:2]
     coder = av.CodecContext.create("libx264", "w")
     coder.width, coder.height, coder.pix_fmt, coder.time_base = width, height, "yuv420p", Fraction(1, 10)
-    # No picture waits for later ones, and one thread: the bits depend on nothing else.
+    # Zero latency: no image waits for later ones. One thread: the bits depend on nothing but the images.
     coder.options = {"crf": str(crf), "preset": "veryfast", "tune": "zerolatency", "threads": "1"}
     decoder = av.CodecContext.create("h264", "r")
     packets = []

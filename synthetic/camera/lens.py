@@ -1,7 +1,7 @@
-"""From a calibrated camera to a wide pinhole view without distortion, and back to the camera's pixels.
+"""Maps between a calibrated camera's pixels and a wide pinhole view without distortion.
 
-The way back takes, for each of a lattice of points within every pixel, the ray that OpenCV's inverse of the
-lens gives, iterated to convergence; the tracker's own projection has no part in it.
+Each pixel is sampled on a lattice of points. Their rays come from OpenCV's inverse of the lens, iterated
+to convergence. The tracker's own projection is not used.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 
 _MARGIN_PX = 2
-"""The view reaches beyond the outermost ray, so that interpolation never leaves it."""
+"""Margin of the view beyond the outermost ray [px], so that interpolation stays inside the view."""
 
 _TOLERANCE_PX = 1e-6
 
 
 class Lens:
-    """A camera's lens at a given supersampling: the view to render, and the way back to the image."""
+    """A camera's lens at a given supersampling: the view to render, and the map from it to the image."""
 
     def __init__(self, camera: Camera, supersampling: int) -> None:
-        """Points per pixel along each axis: 1 is fast, 2 the default, 3 or 4 for the best pictures."""
+        """Set the points per pixel along each axis: 1 is fast, 2 the default, 3 or 4 for the best images."""
         self.camera = camera
         self.supersampling = supersampling
         lens = camera.width, camera.height, camera.matrix.tobytes(), camera.distortion.tobytes()
@@ -39,14 +39,14 @@ class Lens:
     def to_camera(
         self, layer: Array, mode: Literal["mean", "label"], stretch: FloatArray | None = None
     ) -> Array:
-        """What the camera's pixels (H, W, …) see of a layer of `view` (h, w, …).
+        """Resample a layer (h, w, …) of `view` to the camera's pixels (H, W, …).
 
-        With `stretch` (channels,) each channel's picture is so much larger, about the principal point; for
-        means only.
+        `stretch` (channels,), for means only, magnifies each channel by its factor about the principal
+        point.
 
         Modes:
-            mean: the average over the pixel's square, as float32; for colours, and for a mask the share.
-            label: the most frequent label at the points of the pixel, of equals the least; as uint8.
+            mean: the mean over the pixel's square, as float32; for colours, and for the coverage of masks.
+            label: the most frequent label among the pixel's points, the smallest in a tie; as uint8.
         """
         s, size = self.supersampling, (self.camera.height, self.camera.width)
         if mode == "mean":
@@ -66,7 +66,7 @@ class Lens:
         return _most_frequent(fine.reshape(size[0], s, size[1], s))
 
     def _stretched(self, size: float) -> tuple[Array, Array]:
-        """Where in the view a picture that is `size` times as large has its points."""
+        """Return the maps (x, y) into the view for an image magnified by `size` about the principal point."""
         if size == 1.0:
             return self._map_x, self._map_y
         height, width = self._map_x.shape
@@ -75,7 +75,7 @@ class Lens:
             (middle + (np.arange(count) - middle) / size).astype(np.float32)
             for middle, count in zip(center, (width, height), strict=True)
         )
-        # Of points beyond the border, less than one, the border's take the place.
+        # Points less than one pixel beyond the border take the border's value.
         grid = np.broadcast_to(x, (height, width)).copy(), np.broadcast_to(y[:, None], (height, width)).copy()
         maps = (
             np.asarray(cv2.remap(part, *grid, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
@@ -88,10 +88,10 @@ class Lens:
 def _tables(
     name: str, width: int, height: int, matrix: bytes, distortion: bytes, s: int
 ) -> tuple[PinholeView, Array, Array]:
-    """What a lens does, wherever its camera stands.
+    """Return the view of a lens, independent of the camera's pose, and the maps from the image into it.
 
-    The view that holds s × s rays of each pixel, spread evenly over its square, at s times the image's
-    resolution; and x and y in it of each point of the image, (H s, W s) float32 [px].
+    The view holds s × s rays per pixel, evenly spread over its square, at s times the image's resolution.
+    The maps are x and y in the view for each point of the image, (H s, W s) float32 [px].
     """
     own = np.frombuffer(matrix).reshape(3, 3)
     columns, rows = ((np.arange(count * s) + 0.5) / s - 0.5 for count in (width, height))
@@ -108,12 +108,12 @@ def _tables(
 
 
 def rays_of(name: str, pixels: Array, matrix: Array, distortion: Array) -> FloatArray:
-    """Normalised coordinates (N, 2) that the camera `name` shows at pixels (N, 2), iterated to convergence.
+    """Return normalised coordinates (N, 2) of pixels (N, 2) of the camera `name`, iterated to convergence.
 
-    matrix (3, 3) and distortion (5,) to (14,) as of `Camera`.
+    matrix (3, 3) and distortion (5,) to (14,) are those of `Camera`.
 
     Raises:
-        CalibrationError: the lens has no inverse at some of them.
+        CalibrationError: the lens model cannot be inverted at some of the pixels.
     """
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-11)
     if hasattr(cv2, "undistortPointsIter"):  # until OpenCV 5, undistortPoints takes no criteria
@@ -131,8 +131,8 @@ def rays_of(name: str, pixels: Array, matrix: Array, distortion: Array) -> Float
 
 
 def seen_at(rays: Array, matrix: Array, distortion: Array) -> FloatArray:
-    """Pixels (N, 2) of rays (N, 2): OpenCV's model, without the derivatives that `projectPoints` adds."""
-    if len(distortion) > 5:  # rare enough for them
+    """Project rays (N, 2) to pixels (N, 2) by OpenCV's model, without the derivatives of `projectPoints`."""
+    if len(distortion) > 5:  # rare, so the derivatives do not matter
         ahead = np.insert(rays, 2, 1.0, axis=1)
         pixels, _ = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), matrix, distortion)
         return np.asarray(pixels.reshape(-1, 2), np.float64)
@@ -147,14 +147,14 @@ def seen_at(rays: Array, matrix: Array, distortion: Array) -> FloatArray:
 
 
 def _most_frequent(blocks: Array) -> Array:
-    """Most frequent value of each block; blocks (H, s, W, s) uint8, result (H, W)."""
+    """Return the most frequent value (H, W) of each block; blocks (H, s, W, s) uint8."""
     height, s, width, _ = blocks.shape
     values = blocks.transpose(0, 2, 1, 3).reshape(height, width, s * s)
     out = values[..., 0].copy()
     mixed = (values != values[..., :1]).any(axis=-1)
     rows = values[mixed]
     counts = (rows[:, :, None] == rows[:, None, :]).sum(axis=-1)
-    # Of equally frequent values the least one: nothing (0) before a label.
+    # In a tie the smallest value wins: background (0) before a label.
     best = np.where(counts == counts.max(axis=1, keepdims=True), rows, 255).min(axis=1, initial=255)
     out[mixed] = best
     return np.asarray(out)

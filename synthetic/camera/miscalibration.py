@@ -1,7 +1,7 @@
-"""Calibrations that are wrong: their world is not the table's, and cameras are not where they say.
+"""Wrong calibrations: their world frame is not the table's, and the stated cameras differ from the true ones.
 
-What is defined by a calibration cannot be wrong: a world that floats above the table is a world all the
-same, and truth is given in it. What cameras do not agree on are errors.
+A calibration defines its world frame, so that frame cannot be wrong even if it floats above the table: ground
+truth is given in it. Only disagreements between cameras are errors.
 """
 
 from __future__ import annotations
@@ -19,42 +19,42 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 FLOAT, TILT = 0.006, np.radians(0.5)
-"""Greatest height of the calibrated world's z = 0 above the table [m], and angle between them [rad]."""
+"""Largest height of the calibrated world's z = 0 above the table [m], and largest tilt between them [rad]."""
 
 FREEDOM = 3.0
-"""Of Student's t, by which errors are drawn: one in 17 is beyond three scales, of a Gaussian one in 370."""
+"""Degrees of freedom of Student's t for the errors: 1 in 17 exceeds three scales; of a Gaussian 1 in 370."""
 
 STATED = 4.8e-4, 2.7e-3
-"""Typical standard deviations that calibrations state: of translations [m] and of turns [rad]
+"""Typical standard deviations that calibrations state: of translations [m] and of rotations [rad]
 (scripts/fit_rigs.py)."""
 
 FOCAL, ASPECT, CENTER, LENS, DECENTERING = 1e-3, 5e-4, 0.5, 0.01, 2e-4
-"""Scales of the errors of focal length and of its ratio of both axes, of the principal point [px of 270], of
-the second radial coefficient, which the others follow, and of both tangential ones."""
+"""Scales of the errors of the focal length (relative), of the ratio of both, of the principal point
+[px at 270 px], of the second radial coefficient (the others follow it), and of both tangential ones."""
 
 KNOCKED = 0.04
-"""Share of cameras that were knocked since they were calibrated."""
+"""Share of cameras that were knocked after their calibration."""
 
 KNOCK = 0.003, np.radians(0.5)
-"""By so much, either moved [m] or turned [rad]."""
+"""Size of a knock: either a translation [m] or a rotation [rad]."""
 
 _BOARD = np.array([[x, y, 0.0] for x in np.linspace(-0.14, 0.14, 7) for y in np.linspace(-0.14, 0.14, 7)])
-"""Where a board lay [m] when the cameras' poses were found, with their lenses as stated."""
+"""Board points [m] by which the cameras' poses were calibrated, with their lenses as stated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A rig as it is and as its calibration states it."""
+    """A true rig and what its calibration states."""
 
     rig: CameraRig
-    """The cameras as they truly are, in the calibrated world."""
+    """The true cameras, in the calibrated world."""
     given: CameraRig
-    """What a user is given."""
+    """The cameras as stated by the calibration, which a user is given."""
     calibrated_from_world: FloatArray | None = None
-    """(4, 4) from the world of the simulation [m]; None: the same world."""
+    """(4, 4) transform from the simulation's world [m]; None: both worlds are the same."""
 
     def in_calibrated_world(self, state: ObjectState) -> ObjectState:
-        """Where an object of the simulation is in the calibrated world, exactly."""
+        """Return the exact pose of a simulated object in the calibrated world."""
         if self.calibrated_from_world is None:
             return state
         rotation, shift = self.calibrated_from_world[:3, :3], self.calibrated_from_world[:3, 3]
@@ -62,12 +62,12 @@ class Calibrated:
 
 
 def exactly(rig: CameraRig) -> Calibrated:
-    """A calibration without any error."""
+    """Return a calibration without any error."""
     return Calibrated(rig, rig)
 
 
 def miscalibrated(rig: CameraRig, rng: np.random.Generator) -> Calibrated:
-    """A wrong calibration of a rig that is given in the simulation's world."""
+    """Draw a wrong calibration of a rig that is given in the simulation's world."""
     height, angle, azimuth = rng.uniform(0.0, FLOAT), rng.uniform(0.0, TILT), rng.uniform(0.0, 2.0 * np.pi)
     turn = so3.exp(angle * direction(azimuth))
     floating = transform(turn, turn @ [0.0, 0.0, -height])
@@ -78,18 +78,18 @@ def miscalibrated(rig: CameraRig, rng: np.random.Generator) -> Calibrated:
 
 
 def stated(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """True cameras as one more calibration states them."""
+    """Draw what one more calibration of the true cameras states."""
     return dataclasses.replace(rig, cameras=tuple(_given(camera, rng) for camera in rig))
 
 
 def _posed(camera: Camera, camera_from_world: FloatArray) -> Camera:
-    """The camera elsewhere; products of transforms lose what rounding takes."""
+    """Return the camera at another pose, whose rotation is made orthonormal again after rounding."""
     u, _, vt = np.linalg.svd(camera_from_world[:3, :3])
     return dataclasses.replace(camera, camera_from_world=transform(u @ vt, camera_from_world[:3, 3]))
 
 
 def _given(camera: Camera, rng: np.random.Generator) -> Camera:
-    """A camera as its calibration states it."""
+    """Draw what a calibration states of a camera."""
     turn_std = np.exp(rng.normal(0.0, 0.25)) * STATED[1]
     move_std = np.exp(rng.normal(0.0, 0.15)) * STATED[0]
     board = _with_board(camera, _with_wrong_lens(camera, rng))
@@ -100,7 +100,7 @@ def _given(camera: Camera, rng: np.random.Generator) -> Camera:
     knocked, turned, axis = rng.random() < KNOCKED, rng.random() < 0.5, rng.standard_normal(3)
     axis /= np.linalg.norm(axis)
     if knocked and turned:
-        # About the camera itself: what it sees turns as a whole.
+        # A rotation about the camera's centre: the whole image shifts.
         own[:3] = so3.exp(KNOCK[1] * axis) @ own[:3]
     elif knocked:
         own[:3, 3] += KNOCK[0] * axis
@@ -114,7 +114,7 @@ def _given(camera: Camera, rng: np.random.Generator) -> Camera:
 
 
 def _heavy(rng: np.random.Generator, count: int) -> FloatArray:
-    """Errors of unit scale; those beyond eight would have been noticed."""
+    """Draw heavy-tailed errors of unit scale, clipped at 8: larger ones would have been noticed."""
     return np.clip(rng.standard_t(FREEDOM, count), -8.0, 8.0)
 
 
@@ -124,14 +124,14 @@ def _with_wrong_lens(camera: Camera, rng: np.random.Generator) -> Camera:
     matrix[(0, 1), (0, 1)] *= 1.0 + FOCAL * errors[0]
     matrix[1, 1] *= 1.0 + ASPECT * errors[1]
     matrix[:2, 2] += CENTER * camera.height / 270 * errors[2:4]
-    # Radial coefficients are found together: scripts/fit_rigs.py.
+    # Radial coefficients are correlated: scripts/fit_rigs.py.
     distortion[[0, 1, 4]] += LENS * errors[4] * np.array([-0.153, 1.0, -2.06])
     distortion[2:4] += DECENTERING * errors[5:7]
     return dataclasses.replace(camera, matrix=matrix, distortion=distortion)
 
 
 def _with_board(true: Camera, stated: Camera) -> Camera:
-    """`stated`, placed where a board seen by `true` shows it to be: a wrong lens puts a camera elsewhere."""
+    """Return `stated` at the pose that a board seen by `true` gives: a wrong lens moves the camera's pose."""
     rotation, translation = true.camera_from_world[:3, :3], true.camera_from_world[:3, 3]
     start, _ = cv2.Rodrigues(rotation.copy())
     pixels, _ = cv2.projectPoints(_BOARD, start, translation, true.matrix, true.distortion)

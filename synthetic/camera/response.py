@@ -1,8 +1,8 @@
-"""How one camera turns light into values: response and noise, fixed pattern, drift, sharpening.
+"""How one camera turns light into pixel values: response and noise, fixed pattern, drift, sharpening.
 
-`scripts/measure_cameras.py` measures recorded pictures: noise against brightness is that of exponents from
-1.4 to 2.4, in the median 1.9 in blue and red and 1.5 in green; on photos of a board 18 to 35 %, in the
-median 27 %, of the light is lost at half the height from the centre, as cos⁴ of the angle says.
+Measured on recorded images by `scripts/measure_cameras.py`: noise against brightness fits exponents of 1.4 to
+2.4 (median 1.9 in blue and red, 1.5 in green); on photos of a board 18 to 35 % (median 27 %) of the light is
+lost at half the height from the centre, as the cos⁴ law predicts.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from synthetic.camera.sensor import BLACK, RESPONSE_GAMMA, Sensor, linear
 from tracker.conventions import Array, FloatArray, Image
 
 LEVELS = (40.0, 120.0)
-"""At which the noise is known."""
+"""Pixel values at which the noise is known."""
 
 LEAST = 20.0
-"""Level below which the noise of light grows no more."""
+"""Pixel value below which the noise is that of this value: its variance grows no more."""
 
 NOISE = ((6.9, 2.7), (4.3, 2.4), (5.9, 2.05))
-"""Standard deviation of blue, green and red noise at these levels [steps of 8 bits], medians of mosaics."""
+"""Standard deviation of blue, green and red noise at LEVELS [steps of 8 bits], medians of mosaics."""
 
 OLD_NOISE = 0.85, 0.5
-"""Share of it at these levels in the recordings that were mosaicked twice."""
+"""Factor on the noise at LEVELS in the recordings that were mosaicked twice."""
 
 MIDDLE = 0.2
-"""Light whose value stays whatever the exponent: exposure is set by the picture."""
+"""Light whose value is the same for all exponents, since exposure is chosen by looking at the image."""
 
 
 @dataclass(frozen=True)
 class Response:
-    """What one camera does to light."""
+    """Tone response, black level, vignetting and noise of one camera."""
 
     exponent: float
     """value = 255 · (light - black) ** (1 / exponent)."""
     black: float
-    """Of the typical black level."""
+    """Black level relative to the typical one."""
     vignetting: float
     """Share of light lost in the image's corners."""
     noise: float
-    """Of the typical noise."""
+    """Noise relative to the typical one."""
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Response:
-        """A camera like the measured ones."""
+        """Draw a camera like the measured ones."""
         return cls(
             exponent=float(rng.uniform(1.5, 2.0)),
             black=float(rng.uniform(0.5, 1.7)),
@@ -58,11 +58,11 @@ class Response:
 
     @property
     def gain(self) -> float:
-        """Factor on light that keeps the value of MIDDLE."""
+        """Factor on light that keeps the value at MIDDLE."""
         return float(MIDDLE ** (self.exponent / RESPONSE_GAMMA - 1.0))
 
     def of(self, sensor: Sensor) -> Sensor:
-        """The sensor with this response; as bright as before in the mean over the picture."""
+        """Return the sensor with this response and the same mean brightness over the image."""
         light = (1 - sensor.vignetting / 3) / (1 - self.vignetting / 3) * self.gain
         blue, green, red = (self.gain * self.black * level for level in BLACK)
         share = self.noise * (0.7 if sensor.binned else 1.0)
@@ -78,9 +78,9 @@ class Response:
 
 
 def _power(noise: FloatArray, exponent: float) -> tuple[float, float, float]:
-    """Variance at light 1, power of light, and least light to which that holds, by the noise at LEVELS.
+    """Fit the noise at LEVELS: variance at light 1, power of light, least light for which the power holds.
 
-    With the exponents of the range no constant and shot noise alone would give what is measured of red.
+    In this range of exponents, constant plus shot noise alone cannot explain the noise measured in red.
     """
     light = linear(np.array(LEVELS), exponent)
     # dv/dlight = 255 / exponent · light ** (1 / exponent - 1).
@@ -91,26 +91,26 @@ def _power(noise: FloatArray, exponent: float) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Sharpening:
-    """A mask of one camera: value + amount · (value - value blurred by sigma).
+    """Unsharp mask of one camera: value + amount · (value - value blurred by sigma).
 
-    The platform's recorded mosaics show none: beside the step of sharp edges they are 0.05 of the step
-    brighter and darker than a blurred step is, half of which the objects' rims explain
-    (scripts/measure_cameras.py). Cameras that interpolate their own mosaic sharpen.
+    The platform's recorded mosaics show none: beside sharp edges they overshoot a blurred step by 0.05 of
+    the step on both sides, half of which the objects' rims explain (scripts/measure_cameras.py). Cameras that
+    interpolate their own mosaic do sharpen.
     """
 
     amount: float
-    """0: none."""
+    """Strength; 0: no sharpening."""
     sigma: float
-    """Of the blurred picture that is taken off [px of a picture 540 px high]."""
+    """Sigma of the blurred image that is subtracted [px of an image 540 px high]."""
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Sharpening:
-        """Of three cameras two do it."""
+        """Draw a camera; two of three sharpen."""
         amount, sigma = rng.uniform(-0.3, 0.6), rng.uniform(0.6, 1.4)
         return cls(float(max(amount, 0.0)), float(sigma))
 
     def applied(self, picture: Image) -> Image:
-        """A picture (H, W, 3) uint8 sharpened."""
+        """Return the image (H, W, 3) uint8 sharpened."""
         if self.amount == 0:
             return picture
         sigma = max(0.4, self.sigma * picture.shape[0] / 540)
@@ -121,9 +121,9 @@ class Sharpening:
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """What differs from pixel to pixel and stays: gains and offsets, a part of both common to a column.
+    """Constant differences between pixels: gains and offsets, both partly common to a column.
 
-    Data sheets by EMVA 1288 give sensors of cheap industrial cameras a photo response non-uniformity of 0.4
+    EMVA 1288 data sheets give the sensors of cheap industrial cameras a photo response non-uniformity of 0.4
     to 1.5 %, and offsets of 2 to 10 electrons of 20,000.
     """
 
@@ -132,15 +132,15 @@ class FixedPattern:
     offset: float
     """Standard deviation of the offset [light 1]."""
     seed: int
-    """Of the pattern itself."""
+    """Seed of the pattern."""
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> FixedPattern:
-        """A sensor."""
+        """Draw a sensor."""
         return cls(float(rng.uniform(0.004, 0.015)), float(rng.uniform(1e-4, 5e-4)), int(rng.integers(2**62)))
 
     def applied(self, light: Array, *, binned: bool = False) -> Array:
-        """Light (H, W, 3) as pixels see it; where four `binned` ones make one they differ half as much."""
+        """Return light (H, W, 3) with the pattern; half as strong where `binned`, four pixels making one."""
         gains, offsets = _patterns(self.seed, light.shape[0], light.shape[1])
         share = 0.5 if binned else 1.0
         result: Array = light * (1 + np.float32(share * self.gain) * gains)
@@ -150,7 +150,7 @@ class FixedPattern:
 
 @lru_cache(maxsize=4)
 def _patterns(seed: int, height: int, width: int) -> Array:
-    """(2, H, W, 1) float32 of standard deviation 1, a fifth of whose variance is by column."""
+    """Return patterns (2, H, W, 1) float32 of standard deviation 1; a fifth of the variance is by column."""
     rng = np.random.default_rng(seed)
     own = rng.standard_normal((2, height, width, 1), dtype=np.float32)
     columns = rng.standard_normal((2, 1, width, 1), dtype=np.float32)
@@ -159,13 +159,13 @@ def _patterns(seed: int, height: int, width: int) -> Array:
 
 @dataclass(frozen=True)
 class Drift:
-    """Exposure that changes slowly: lamps warm up, clouds pass, a cheap camera's control follows the arms.
+    """Slow changes of exposure: lamps warm up, clouds pass, a cheap camera's control follows the arms.
 
-    Up to 15 % up and down within 4 to 40 s; single scenes show one moment of it, a constant factor.
+    Up to 15 % up and down within 4 to 40 s; a single scene shows one moment of it, a constant factor.
     """
 
     amplitude: float
-    """Of the logarithm of the exposure."""
+    """Amplitude of the logarithm of the exposure."""
     period: float
     """[s]"""
     phase: float
@@ -173,10 +173,10 @@ class Drift:
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Drift:
-        """A camera on a day."""
+        """Draw the drift of one camera on one day."""
         period = np.exp(rng.uniform(np.log(4.0), np.log(40.0)))
         return cls(float(rng.uniform(0.02, 0.15)), float(period), float(rng.random()))
 
     def at(self, time: float) -> float:
-        """Factor on the exposure at a time [s]."""
+        """Return the factor on the exposure at a time [s]."""
         return float(np.exp(self.amplitude * np.sin(2 * np.pi * (time / self.period + self.phase))))

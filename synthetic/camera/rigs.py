@@ -1,4 +1,4 @@
-"""Which cameras look at the simulated platform."""
+"""Camera rigs of the simulated platform."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STANDARD, PERTURBED, RANDOM = "simulation", "perturbed", "random"
 """Names of calibrations that need no files."""
 
 ROBOTS = ("r1", "r3", "r4", "r5", "r6", "r7", "r8")
-"""Robots whose recorded calibrations have a name, where the recorded data are at hand."""
+"""Robots whose recorded calibrations can be named, where the recorded data are available."""
 
 RECORDED = Path(os.environ.get("TRACKER_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 """Folder of recorded data; its `calibration/robots` holds a file like r1_camera60.yml for each camera."""
@@ -37,17 +37,17 @@ _FOCALS_PX = ((294.2, 295.9), (293.1, 294.6), (295.0, 296.3))
 _PRINCIPAL_POINTS_PX = ((138.4, 136.1), (132.7, 139.8), (140.2, 133.5))
 _AZIMUTHS_DEG = (60, 180, 300)
 _GAPS_DEG = np.array([30.0, 270.0, 150.0])
-"""Middles of the gaps between the fingers' bases where recorded calibrations have cameras 60, 180 and 300."""
+"""Middles of the gaps between the fingers' bases, for recorded cameras 60, 180 and 300."""
 
 _POSITIONS_M = ((0.345, 0.392), (0.328, 0.408), (0.339, 0.398))
 _TARGETS_M = ((0.004, -0.006, 0.012), (-0.005, 0.002, 0.004), (0.002, 0.007, 0.008))
 
 
 def default_cameras(width: int = 270) -> tuple[Camera, ...]:
-    """Three cameras, 60, 180 and 300 degrees around the arena, with square images of `width` pixels.
+    """Return three cameras, 60, 180 and 300 degrees around the arena, with square images of `width` pixels.
 
-    They differ a little from each other, as on a real platform, and their standard deviations are zero:
-    images rendered through them obey them exactly.
+    They differ a little from each other, as on a real platform. Their standard deviations are zero: images
+    rendered through them obey them exactly.
     """
     return tuple(_camera(index).resized(width, width) for index in range(len(_AZIMUTHS_DEG)))
 
@@ -74,18 +74,18 @@ def _camera(index: int) -> Camera:
 
 
 def standard_rig() -> CameraRig:
-    """The simulated platform's cameras, 540×540, at 60, 180 and 300 degrees."""
+    """Return the simulated platform's cameras, 540×540, at 60, 180 and 300 degrees."""
     return CameraRig(default_cameras(540))
 
 
 def choose_rig(calibration: str, seed: int) -> CameraRig:
-    """The rig that `calibration` names.
+    """Return the rig that `calibration` names.
 
     Args:
         calibration: `simulation`; `perturbed`: another platform, built a little differently; `random`:
-            cameras somewhere around the arena; `r1`, `r3` … `r8`: a robot's, of the recorded data; or a
-            folder with one platform file for each camera.
-        seed: of `perturbed` and `random`.
+            cameras somewhere around the arena; `r1`, `r3` … `r8`: that robot's rig of the recorded data; or
+            a folder with one platform file for each camera.
+        seed: seed of `perturbed` and `random`.
 
     Raises:
         CalibrationError: the files are missing or malformed.
@@ -112,7 +112,7 @@ def choose_rig(calibration: str, seed: int) -> CameraRig:
 
 
 def perturbed_rig(rng: np.random.Generator) -> CameraRig:
-    """Cameras that differ from the standard ones about as much as real platforms do from each other."""
+    """Draw cameras that differ from the standard ones about as much as real platforms do from each other."""
     rig = standard_rig()
     return dataclasses.replace(rig, cameras=tuple(_perturbed(camera, rng) for camera in rig))
 
@@ -132,11 +132,11 @@ def _perturbed(camera: Camera, rng: np.random.Generator) -> Camera:
 
 
 def random_rig(rng: np.random.Generator) -> CameraRig:
-    """Three cameras around the arena, 540×540, which obey their calibration exactly.
+    """Draw three cameras around the arena, 540×540, which obey their calibration exactly.
 
-    Lenses are as the 21 of seven robots are (`scripts/fit_rigs.py`). Those robots are one design: distances,
-    heights and directions vary two to three times as much here, and each camera is anywhere in its gap
-    between the bases of two fingers, which those robots have at 90, 210 and 330 degrees.
+    Lenses vary like the 21 lenses of seven robots (`scripts/fit_rigs.py`). Those robots share one design;
+    distances, heights and directions vary two to three times as much here, and each camera is anywhere in its
+    gap between the bases of two fingers, which those robots have at 90, 210 and 330 degrees.
     """
     azimuths = _GAPS_DEG + rng.uniform(-25.0, 25.0, 3)
     names = (f"camera{nominal}" for nominal in _AZIMUTHS_DEG)
@@ -145,7 +145,7 @@ def random_rig(rng: np.random.Generator) -> CameraRig:
 
 
 def _random(name: str, azimuth_deg: float, rng: np.random.Generator) -> Camera:
-    """One camera at 270×270."""
+    """Draw one camera at 270×270."""
     elevation, azimuth = np.radians(rng.uniform(42.0, 64.0)), np.radians(azimuth_deg)
     distance = float(np.clip(rng.normal(0.534, 0.034), 0.46, 0.61))
     target = np.array([*rng.normal(0.0, 0.02, 2), 0.0])
@@ -159,7 +159,7 @@ def _random(name: str, azimuth_deg: float, rng: np.random.Generator) -> Camera:
     matrix = np.eye(3)
     matrix[0, 0], matrix[1, 1] = fx, fx * rng.normal(1.0044, 0.0015)
     matrix[:2, 2] = 134.5 + rng.normal([6.2, 4.1], [3.3, 5.4])
-    # Of k1, k2 and k3 the data tell one far better than the three.
+    # k1, k2 and k3 are correlated: the data determine one combination far better than all three.
     more = 0.039 * float(np.clip(rng.normal(), -2.0, 2.0))
     k1, k3 = -0.237 - 0.153 * more + rng.normal(0.0, 0.004), -0.086 - 2.06 * more + rng.normal(0.0, 0.015)
     p1, p2 = rng.normal([-0.0024, 0.0001], [0.0007, 0.0002])
@@ -168,7 +168,7 @@ def _random(name: str, azimuth_deg: float, rng: np.random.Generator) -> Camera:
 
 
 def sized(rig: CameraRig, height: int) -> CameraRig:
-    """The rig of pictures scaled to `height` [px], whose widths stay even for the colour mosaic."""
+    """Return the rig with images scaled to `height` [px] and widths kept even for the colour mosaic."""
     widths = [2 * round(camera.width * height / camera.height / 2) for camera in rig]
     cameras = tuple(camera.resized(width, height) for camera, width in zip(rig, widths, strict=True))
     return dataclasses.replace(rig, cameras=cameras)

@@ -1,9 +1,9 @@
-"""From light to bytes: what the platform's cameras make of what falls on them.
+"""The sensor model of the platform's cameras: from light to 8-bit values.
 
-The figures of `Sensor.sample` are measured on recorded pictures. These are, to the bit, bilinear
-interpolations of an RGGB mosaic; the noise of the mosaic falls from 10 steps in the dark to 2 in the light,
-as a square-root response to light with constant and shot noise explains (and nothing linear does); dark
-channels of pure colours are 0, and green ends at 249 where it is saturated.
+The figures of `Sensor.sample` are measured on recorded images. These are, to the bit, bilinear interpolations
+of an RGGB mosaic. The mosaic's noise falls from 10 steps in the dark to 2 in bright parts; a square-root
+response with constant and shot noise explains it, no linear one does. Dark channels of pure colours are
+0, and green saturates at 249.
 """
 
 from __future__ import annotations
@@ -17,68 +17,68 @@ import numpy as np
 from tracker.conventions import Array, FloatArray, Image
 
 RESPONSE_GAMMA = 2.0
-"""value = 255 · light ** (1 / gamma) in the platform's pictures; measured on their noise: 1.5 to 1.9."""
+"""Exponent: value = 255 · light ** (1 / gamma) in the platform's images; their noise gives 1.5 to 1.9."""
 
 BLACK = (0.010, 0.003, 0.006)
-"""Typical blue, green and red light that the platform's pictures lack: in what is dark there 97, 77 and 92 %
-of the values are 0, whatever the noise."""
+"""Typical black level of blue, green and red [light 1]: in dark parts of the platform's images 97, 77 and
+92 % of the values are 0 in spite of the noise."""
 
 PATHS = ("plain", "new", "old")
 
 
 def linear(levels: Array, gamma: float = RESPONSE_GAMMA) -> FloatArray:
-    """Light that gives the 8-bit `levels` in a picture of exposure 1."""
+    """Return the light that gives the 8-bit `levels` in an image of exposure 1."""
     return (np.asarray(levels, dtype=np.float64) / 255.0) ** gamma
 
 
 @dataclass(frozen=True, eq=False)
 class CameraSettings:
-    """How one camera is set and lit, which stays while it records."""
+    """Settings and lighting of one camera, constant while it records."""
 
     gains: FloatArray
-    """(3,) factors of blue, green and red light: exposure times white balance."""
+    """(3,) factors on blue, green and red light: exposure times white balance."""
     slope: FloatArray
-    """(2,) relative gain of light from the image's centre to its right and to its lower border."""
+    """(2,) relative change of light from the image's centre to its right and to its lower border."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A kind of camera. Light 1 becomes 255 where exposure and gains are 1."""
+    """A kind of camera. Light 1 gives the value 255 where exposure and gains are 1."""
 
     psf_sigma: float = 0.7
-    """Standard deviation [px of the light's grid] of the Gaussian blur of lens and focus, on top of the
+    """Standard deviation of the Gaussian blur of lens and focus [px of the light's grid], in addition to the
     pixel's own square."""
     exposure: tuple[float, float] = (1.0, 1.0)
-    """Least and largest factor on all channels of a camera; log-uniform, drawn for each camera."""
+    """Smallest and largest factor on all channels; log-uniform, drawn for each camera."""
     white_balance: float = 0.0
-    """Each channel of each camera gets a gain that is log-uniform in 1 / (1 + w) ... 1 + w."""
+    """w: each channel of each camera gets a gain that is log-uniform in 1 / (1 + w) ... 1 + w."""
     vignetting: float = 0.0
     """Share of light lost in the image's corners; grows with the square of the distance to its centre."""
     ramp: float = 0.0
-    """Largest gain or loss of light at an image's border, along a random direction, for each camera."""
+    """Largest relative change of light at an image's border, along a random direction for each camera."""
     full_well: float = np.inf
-    """Electrons [1] at light 1: shot noise has the variance light · raw gain / full_well; infinite: none."""
+    """Electrons at light 1: shot noise has the variance light · raw gain / full_well; infinite: none."""
     read_noise: float = 0.0
-    """Standard deviation of the noise without light [1/255 of light 1], which the raw gain multiplies."""
+    """Standard deviation of the noise without light [1/255 of light 1], before the raw gain multiplies it."""
     raw_gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """By how much blue, green and red are amplified to make grey grey; they amplify noise as well."""
+    """Gains of blue, green and red that make grey grey; they amplify noise as well."""
     black: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Blue, green and red light that is subtracted as black level [1]; what is below becomes 0."""
+    """Black level of blue, green and red [light 1], which is subtracted; lower light becomes 0."""
     gamma: float = 1.0
     """value = 255 · (light - black) ** (1 / gamma)."""
     ceiling: tuple[float, float, float] = (255.0, 255.0, 255.0)
     """Values of blue, green and red where the sensor is saturated, at light 1 [steps of 8 bits]."""
     gain: float = 1.0
-    """Factor on all light, beside exposure and white balance."""
+    """Factor on all light, besides exposure and white balance."""
     noise: tuple[tuple[float, float, float], ...] | None = None
-    """Of blue, green and red the variance at light 1, the power of light by which it changes, and the least
-    light for that. None: as `full_well`, `read_noise` and `raw_gains` say."""
+    """For blue, green and red: variance at light 1, power of light by which it grows, and least light for
+    which that holds. None: noise by `full_well`, `read_noise` and `raw_gains`."""
     binned: bool = False
-    """Whether four recorded pixels make one of the light's grid."""
+    """Whether four recorded pixels make one pixel of the light's grid."""
     path: str = "plain"
-    """`plain`: three colours for each pixel. `new`: a mosaic (RGGB), interpolated; halved after a median over
-    3 pixels. `old`: a mosaic, interpolated; when halved mosaicked and interpolated once more, so that colours
-    bleed at edges."""
+    """`plain`: three colours for each pixel. `new`: interpolated from a mosaic (RGGB); halved after a median
+    over 3 pixels. `old`: interpolated from a mosaic; when halved, mosaicked and interpolated once more, so
+    that colours bleed at edges."""
 
     def __post_init__(self) -> None:
         if self.path not in PATHS:
@@ -86,12 +86,12 @@ class Sensor:
 
     @classmethod
     def clean(cls) -> Sensor:
-        """Blur and rounding only: no noise and no difference between cameras."""
+        """Return a sensor with blur and rounding only: no noise and no difference between cameras."""
         return cls(gamma=RESPONSE_GAMMA)
 
     @classmethod
     def realistic(cls) -> Sensor:
-        """Noise, mosaic, small differences of colour and brightness, on the pictures' own grid."""
+        """Return a sensor with noise, mosaic and small camera differences, on the images' own grid."""
         return cls(
             exposure=(1.0, 1.56),
             white_balance=0.04,
@@ -106,11 +106,11 @@ class Sensor:
 
     @classmethod
     def sample(cls, rng: np.random.Generator, path: str | None = None) -> Sensor:
-        """Cameras as on one of the platform's robots on one day, for linear light on a grid of 540 px.
+        """Draw a sensor like those of one of the platform's robots on one day, for light on a 540 px grid.
 
         Args:
-            rng: source of all differences.
-            path: `new` or `old`; by default drawn.
+            rng: source of all randomness.
+            path: `new` or `old`; drawn by default.
         """
         drawn = ("new", "old")[int(rng.integers(2))]
         blue, green, red = (float(part) for part in np.multiply(BLACK, rng.uniform(0.7, 1.2)))
@@ -131,7 +131,7 @@ class Sensor:
         )
 
     def settings(self, rng: np.random.Generator) -> CameraSettings:
-        """One camera of this kind. The same draws whatever the options, so that sensors can be compared."""
+        """Draw one camera of this kind. All sensors use the same draws, so that they can be compared."""
         exposure = np.exp(rng.uniform(*np.log(self.exposure)))
         gains = np.exp(rng.uniform(-1.0, 1.0, 3) * np.log1p(self.white_balance))
         angle, slope = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, 1.0) * self.ramp
@@ -147,15 +147,15 @@ class Sensor:
         pattern: Callable[[Array], Array] | None = None,
         finish: Callable[[Image], Image] | None = None,
     ) -> Image:
-        """The picture (H, W, 3) uint8 that one camera takes of `light` (H, W, 3), BGR.
+        """Return the image (H, W, 3) uint8 BGR that one camera takes of `light` (H, W, 3).
 
         Args:
-            light: linear, the mean over each pixel.
+            light: linear light, the mean over each pixel.
             rng: draws the noise, and the settings where none are given.
-            settings: which camera takes it.
-            halved: H and W must be even; the picture comes out at half of them, by the sensor's path.
-            pattern: what its pixels make of the light that falls on them, before there is noise.
-            finish: what the camera does to its picture before it gives it out, and before it is halved.
+            settings: settings of the camera.
+            halved: return the image at half the resolution, by the sensor's path; H and W must be even.
+            pattern: applied to the light on the pixels, before noise is added.
+            finish: the camera's own processing of its image, before it is halved.
         """
         settings = settings or self.settings(rng)
         light = np.asarray(light, dtype=np.float32)
@@ -192,7 +192,7 @@ class Sensor:
     def _digits(
         self, light: Array, gain: Array | float, channel: int | slice, rng: np.random.Generator
     ) -> Array:
-        """Values of `light` whose last axis, or all of it, is `channel`."""
+        """Return the values of `light`; `channel` is that of its last axis, or of all of it."""
         light = light * (gain * self.gain)
         raw_gain = np.asarray(self.raw_gains, dtype=np.float32)[channel]
         if self.noise is not None or self.read_noise > 0 or np.isfinite(self.full_well):
@@ -221,7 +221,7 @@ class Sensor:
 
 
 def mosaicked(image: Image) -> Image:
-    """The one colour (H, W) that each pixel of an RGGB sensor keeps of an image (H, W, 3) BGR."""
+    """Return the one colour (H, W) that each pixel of an RGGB sensor keeps of an image (H, W, 3) BGR."""
     raw = image[:, :, 1].copy()
     raw[0::2, 0::2] = image[0::2, 0::2, 2]
     raw[1::2, 1::2] = image[1::2, 1::2, 0]
@@ -229,6 +229,6 @@ def mosaicked(image: Image) -> Image:
 
 
 def demosaicked(raw: Array) -> Image:
-    """The image (H, W, 3) BGR that OpenCV interpolates from an RGGB mosaic (H, W), as the platform does."""
-    # OpenCV names a pattern by its second row's second and third pixel: "BG" is RGGB.
+    """Interpolate an RGGB mosaic (H, W) to an image (H, W, 3) BGR with OpenCV, as the platform does."""
+    # OpenCV names a pattern by the second and third pixel of its second row: "BG" is RGGB.
     return np.asarray(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR), dtype=np.uint8)

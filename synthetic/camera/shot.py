@@ -1,4 +1,4 @@
-"""One camera's picture of a scene: render wide, bend by the lens, expose."""
+"""One camera's image of a scene: render a wide view, distort it by the lens, expose."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
 
 SENSOR_HEIGHT = 540
-"""Height [px] at which the platform's cameras take pictures, and for which `Sensor.sample` is measured."""
+"""Height of the images that the platform's cameras take [px]; `Sensor.sample` is measured at it."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Quality:
-    """How much work goes into a picture."""
+    """How much work is spent on an image."""
 
     name: str
-    """For the ground truth and the command line."""
+    """Name in the ground truth and on the command line."""
     sensor_height: int | None
-    """The light falls on so many rows [px], then the picture is halved if need be; None: as given out."""
+    """Rows of the sensor's grid [px]; a smaller image is halved from it. None: rows of the output image."""
     points: int
     """Points per pixel of the sensor's grid, along each axis."""
     shadows: bool
     """Whether lamps cast shadows."""
 
     def sensor(self, rng: np.random.Generator, path: str | None = None) -> Sensor:
-        """A kind of camera drawn from `rng`; where it works at half the resolution its figures are scaled."""
+        """Draw a kind of camera; its figures are scaled where it works at half the resolution."""
         sensor = Sensor.sample(rng, path)
         if self.sensor_height is not None:
             return sensor
-        # One pixel has the charge of four: less noise, and a blur of half as many, wider pixels.
+        # One pixel collects the charge of four: less noise, and half the blur in pixels twice as wide.
         return dataclasses.replace(
             sensor,
             psf_sigma=float(np.hypot(0.5 * sensor.psf_sigma, 0.3)),
@@ -60,14 +60,14 @@ QUALITIES = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CameraShot:
-    """What one camera gives, and the truth of each of its pixels."""
+    """One camera's image, and the ground truth of its pixels."""
 
     image: Image
     """(H, W, 3) uint8 BGR."""
     labels: Image
-    """(H, W) uint8 of what is visible."""
+    """(H, W) uint8 label map of what is visible."""
     alone: Image
-    """(H, W) uint8 of what would be visible without robot."""
+    """(H, W) uint8 label map of the objects alone, without the robot."""
 
 
 def shoot(
@@ -77,27 +77,27 @@ def shoot(
     quality: Quality,
     noise: np.random.Generator,
 ) -> CameraShot:
-    """The picture that a camera takes.
+    """Take an image with one camera.
 
     Args:
         renderer: renders `scenes`.
-        scenes: what there is while the shutter is open, at equal intervals: the light is their mean, the
-            labels are those of the middle one.
+        scenes: scenes at equal intervals while the shutter is open; the light is their mean, the label maps
+            are those of the middle one.
         unit: the camera.
-        quality: how much work goes into the picture.
+        quality: how much work is spent on the image.
         noise: draws the noise and nothing else.
     """
     camera = unit.camera
     halved = quality.sensor_height is not None and quality.sensor_height > camera.height
     factor = 2 if halved else 1
-    # A fine picture is already sampled finely.
+    # An image at full resolution is already sampled finely.
     points = max(1, quality.points // 2) if quality.sensor_height is None and camera.height > 400 else 0
     points = points or quality.points
     lens = Lens(camera.resized(camera.width * factor, camera.height * factor), points)
     views = [renderer.render(scene, lens.view, shadows=quality.shadows) for scene in scenes]
     light = sum((_light(layers, lens, unit) for layers in views[1:]), _light(views[0], lens, unit))
     middle = views[len(views) // 2]
-    # The lattice of the fine camera's points is that of the camera itself: the view is the same.
+    # The fine camera's lattice of points is also the camera's own, so both share one view.
     coarse = Lens(camera, points * factor)
     pattern = unit.fixed_pattern
     return CameraShot(
@@ -117,7 +117,7 @@ def shoot(
 
 
 def _light(layers: Layers, lens: Lens, unit: Unit) -> Array:
-    """Light (H, W, 3) on the sensor's grid, as far as the lens decides it."""
+    """Return the light (H, W, 3) on the sensor's grid, after the effects of the lens."""
     light = lens.to_camera(layers.color, "mean", None if unit.fringes is None else unit.fringes.stretch)
     if unit.focus is not None:
         light = unit.focus.blurred(light, lens.to_camera(layers.nearness, "mean"))

@@ -1,6 +1,6 @@
-"""The cameras as they are for a scene or a film: each a unit of its own, and what they have in common.
+"""The cameras of a scene or film: each a unit with its own effects, and the effects that they share.
 
-They run free and are grabbed one after another, and exposure takes time.
+They run free and are grabbed one after another, and exposures are not instantaneous.
 """
 
 from __future__ import annotations
@@ -25,61 +25,61 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 PERIOD = 0.010
-"""Of cameras that run free [s]: what is grabbed is up to so much older than what is newest."""
+"""Period of free-running cameras [s]: a grabbed image is up to this much older than the newest one."""
 
 EXPOSURES = 0.0015, 0.010
-"""Least and greatest time of exposure [s]; the platform's is 1.5 ms."""
+"""Shortest and longest exposure time [s]; the platform's is 1.5 ms."""
 
 IN_ROOM_LIGHT = 0.004, 0.015
-"""Least and greatest time of exposure of a camera without the platform's lamps [s]."""
+"""Shortest and longest exposure time of a camera without the platform's lamps [s]."""
 
 STEP, MOST = 1.0, 6
-"""Motion [px] between two of an exposure's scenes, which the lens blurs away, and most of such scenes."""
+"""Motion between consecutive scenes of an exposure [px], which the lens's blur hides; most such scenes."""
 
 STILL = 0.02
-"""A motion of less [px] is none."""
+"""Motion that is ignored if smaller [px]."""
 
 _RADIUS = 0.05
-"""Of what turns, from its origin [m]."""
+"""Radius at which a body's rotation is converted to a displacement [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """How the cameras of a film are timed."""
+    """Exposure and clocks of the cameras of a film."""
 
     exposure: float
-    """[s]"""
+    """Exposure time [s]."""
     phases: FloatArray
-    """(cameras,) of their periods when the film begins, 0 to 1."""
+    """(cameras,) phases within their periods when the film begins, 0 to 1."""
     drifts: FloatArray
-    """(cameras,) by how much each clock is fast."""
+    """(cameras,) relative rates by which the clocks are fast."""
 
     @classmethod
     def sample(cls, rng: np.random.Generator, cameras: int) -> Timing:
-        """Exposure by whatever light there is; clocks as quartzes are."""
+        """Draw an exposure for any lighting, and clocks with the drift of quartz crystals."""
         exposure = np.exp(rng.uniform(*np.log(EXPOSURES)))
         return cls(float(exposure), rng.uniform(0.0, 1.0, cameras), rng.normal(0.0, 1e-4, cameras))
 
     @classmethod
     def together(cls, rng: np.random.Generator, cameras: int) -> Timing:
-        """Exposure alone: all cameras at once."""
+        """Draw an exposure only: all cameras expose at once."""
         return cls(float(np.exp(rng.uniform(*np.log(IN_ROOM_LIGHT)))), np.zeros(cameras), np.zeros(cameras))
 
     def stamps(self, time: float) -> FloatArray:
-        """(cameras,) the middle of each camera's exposure [s]; the latest is `time`."""
+        """Return (cameras,) the middle of each camera's exposure [s]; the latest is `time`."""
         ages = PERIOD * ((self.phases + self.drifts * time / PERIOD) % 1.0)
         result: FloatArray = time - (ages - ages.min())
         return result
 
     def shutter(self, stamp: float, motion: float) -> list[float]:
-        """Times [s] at which scenes are to be averaged, where things move by `motion` [px] meanwhile."""
+        """Return times [s] of the scenes to average, for a motion of `motion` [px] during the exposure."""
         count = min(MOST, 1 + round(motion / STEP))
         times = stamp + self.exposure * ((np.arange(count) + 0.5) / count - 0.5)
         return [float(time) for time in times]
 
 
 def motion_px(first: PlatformScene, second: PlatformScene, focal: float, distance: float = 0.45) -> float:
-    """By how many pixels anything moves at most, seen from so far [m] through a focal length [px]."""
+    """Return the largest motion [px] of any body, seen from a distance [m] with a focal length [px]."""
     most = 0.0
     for a, b in zip(first.bodies, second.bodies, strict=True):
         if a.world_from_body is b.world_from_body or np.array_equal(a.world_from_body, b.world_from_body):
@@ -95,29 +95,29 @@ Drawn = TypeVar("Drawn")
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """One camera and what is its own; None: it has no such effect."""
+    """One camera and its own effects; None: without that effect."""
 
     camera: Camera
-    """As it truly is."""
+    """The true camera."""
     sensor: Sensor
-    """What it makes of light."""
+    """Its sensor."""
     settings: CameraSettings
-    """How it is set and lit."""
+    """Its settings and lighting."""
     focus: Focus | None = None
-    """Blur in place of the sensor's."""
+    """Blur that replaces the sensor's."""
     fringes: Fringes | None = None
-    """How colours come apart."""
+    """Lateral chromatic aberration."""
     skewed_psf: Coma | None = None
-    """How points are drawn out."""
+    """Skewed point spread."""
     sharpening: Sharpening | None = None
-    """What it does to its pictures."""
+    """Unsharp mask."""
     fixed_pattern: FixedPattern | None = None
-    """How its pixels differ."""
+    """Constant differences between pixels."""
     drift: Drift | None = None
-    """How its exposure changes."""
+    """Slow changes of exposure."""
 
     def at(self, time: float) -> Unit:
-        """The camera as it is at a time [s]."""
+        """Return the camera as it is at a time [s]."""
         if self.drift is None:
             return self
         gains = self.settings.gains * self.drift.at(time)
@@ -132,21 +132,21 @@ _OWN: dict[str, Callable[[np.random.Generator], object]] = {
     "fixed_pattern": FixedPattern.sample,
     "drift": Drift.sample,
 }
-"""Effects that are fields of `Unit`, in their order."""
+"""Effects that are fields of `Unit`, in the order of its fields."""
 
 
 def units_of(
     rig: CameraRig, sensor: Sensor, rng: np.random.Generator, effects: Effects, seed: int, number: int
 ) -> tuple[Unit, ...]:
-    """The units of a rig.
+    """Draw the units of a rig.
 
     Args:
         rig: the cameras.
-        sensor: what they have in common.
+        sensor: the sensor that they share.
         rng: draws the settings.
-        effects: which imperfections they have, each drawn from a stream of its own.
-        seed: of the effects' streams.
-        number: of the scene or film, for the same.
+        effects: their effects, each drawn from a stream of its own.
+        seed: seed of the effects' streams.
+        number: number of the scene or film, for the effects' streams.
     """
 
     def drawn(name: str, sample: Callable[[np.random.Generator], Drawn]) -> list[Drawn | None]:
@@ -169,25 +169,25 @@ class Crew:
     """The cameras of a scene or film."""
 
     units: tuple[Unit, ...]
-    """Each camera, in the simulation's world."""
+    """The cameras, in the simulation's world."""
     calibrated: Calibrated
-    """The same in the calibrated world, and the stated cameras."""
+    """The true cameras in the calibrated world, and the stated ones."""
     timing: Timing | None = None
-    """When their pictures are taken; None: all at once and in no time."""
+    """When their images are taken; None: all at once and instantaneously."""
     compression: Compression | None = None
-    """What recording does to them; None: nothing."""
+    """Compression of the recording; None: none."""
 
     @property
     def group(self) -> int:
-        """Number of pictures of a film from one that needs none of those before to the next."""
+        """Interval between the film's key frames [images]."""
         return GROUP if self.compression is not None and self.compression.kind == "h264" else 1
 
     def recorded(self, taken: Sequence[tuple[Image, ...]], *, raw: bool) -> tuple[Image, ...]:
-        """The last of the pictures of all cameras as a recording gives them back.
+        """Return the last images of all cameras as they come out of a recording.
 
         Args:
-            taken: (H, W, 3) BGR of each camera, from the beginning of the last group on.
-            raw: they are recorded and given back as mosaics (H, W).
+            taken: images (H, W, 3) BGR of each camera, from the last key frame on.
+            raw: record and return mosaics (H, W).
         """
         images = taken[-1]
         if self.compression is not None:
@@ -208,7 +208,7 @@ def crew_of(
     *,
     film: bool,
 ) -> Crew:
-    """The cameras of scene or film `number`; arguments as of `units_of`. Only films are grabbed in turn."""
+    """Draw the cameras of scene or film `number`, see `units_of`; only films are grabbed in turn."""
     timing = None
     if effects.timing and film:
         timing = Timing.sample(stream("timing", seed, number), len(rig))

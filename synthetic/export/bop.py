@@ -1,11 +1,11 @@
-"""Data sets in the layout of the BOP challenge: undistorted pictures, millimetres, OpenCV's camera axes.
+"""Data sets in the layout of the BOP challenge: undistorted images, millimetres, OpenCV's camera axes.
 
     bop/camera.json, dataset_info.json, models/{models_info.json, obj_000001.ply},
     bop/test/000001/{rgb, mask, mask_visib}_CAMERA/, {scene_camera, scene_gt, scene_gt_info}_CAMERA.json
 
-Pictures and masks are undistorted with the same camera matrix, mosaics after they were demosaicked. Cameras
-are stated as they truly are, also where the calibration that is given to users is another, and each pose is
-that of its picture's own moment.
+Images and masks are undistorted with the same camera matrix; mosaics are demosaicked first. Cameras are the
+true ones, even where users are given another calibration, and each pose is that at its image's own
+timestamp.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _MM = 1000.0
 
 
 def write_bop_frame(root: Path, frame: Frame) -> None:
-    """Write the undistorted pictures and the masks of a frame."""
+    """Write a frame's undistorted images and masks."""
     scene, objects = root / SCENE_FOLDER, len(frame.objects)
     for camera, *layers in zip(frame.rig, frame.images, frame.alone, frame.labels, strict=True):
         image, alone, labels = layers
@@ -49,22 +49,22 @@ def write_bop_frame(root: Path, frame: Frame) -> None:
         for kind, layer in (("mask", alone), ("mask_visib", labels)):
             straight = undistorted(layer, camera, cv2.INTER_NEAREST)
             for number in range(objects):
-                # The six labels of a single object are its faces, those of dice their numbers.
+                # The six labels of a single object are its faces, those of dice are their numbers.
                 mask = straight > 0 if objects == 1 else straight == number + 1
                 path = scene / f"{kind}_{camera.name}" / f"{name}_{number:06d}.png"
                 write_png(path, np.where(mask, np.uint8(255), np.uint8(0)))
 
 
 def write_png(path: Path, image: Image) -> None:
-    """Write an image; OSError where that fails."""
+    """Write an image; OSError if that fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    # Level 1: a third of the time of the default, files 10 % larger.
+    # Level 1 takes a third of the default's time and gives files 10 % larger.
     _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     path.write_bytes(data.tobytes())
 
 
 def undistorted(image: Image, camera: Camera, interpolation: int) -> Image:
-    """The picture that the camera of the same matrix without distortion would have taken."""
+    """Return the image that the same camera would have taken without distortion."""
     size, straight = (camera.width, camera.height), np.eye(3)
     maps = cv2.initUndistortRectifyMap(
         camera.matrix, camera.distortion, straight, camera.matrix, size, cv2.CV_32FC1
@@ -75,14 +75,14 @@ def undistorted(image: Image, camera: Camera, interpolation: int) -> Image:
 def finish_bop(
     root: Path, rig: CameraRig, entries: Sequence[dict[str, Any]], object_name: str, *, raw: bool = False
 ) -> None:
-    """Write the JSON files and the model, from the truth of all frames and the masks.
+    """Write the JSON files and the model, from the ground truth of all frames and the masks.
 
     Args:
         root: the layout's folder.
-        rig: the cameras, where a frame's truth does not say what they are.
-        entries: the frames' truth, see `Frame.truth`.
-        object_name: what lies there.
-        raw: whether the frames' pictures are mosaics.
+        rig: the cameras, unless a frame's ground truth states others.
+        entries: the frames' ground truth, see `Frame.truth`.
+        object_name: name of the object.
+        raw: whether the frames' images are mosaics.
     """
     size = np.full(3, DIE_SIZE) if object_name == DICE else load_object(object_name).size
     scene = root / SCENE_FOLDER
@@ -133,7 +133,7 @@ def _pose(transform: FloatArray, kind: str) -> dict[str, list[float]]:
 
 
 def _world_from_object(item: dict[str, Any]) -> FloatArray:
-    # By another package's conversion of quaternions than the tracker's.
+    # Converted by another package than the tracker's own code, as an independent check.
     x, y, z, w = item["orientation_xyzw"]
     result: FloatArray = trimesh.transformations.quaternion_matrix([w, x, y, z])  # type: ignore[no-untyped-call]
     result[:3, 3] = item["position"]
@@ -146,7 +146,7 @@ def _read_mask(path: Path) -> Array:
 
 
 def _seen(alone: Array, visible: Array) -> dict[str, Any]:
-    """What the two masks of an object say; -1 where nothing is seen, as the layout wants it."""
+    """Return an object's entries from its two masks; -1 where nothing is visible, as the layout requires."""
     left, top, width, height = cv2.boundingRect(visible.astype(np.uint8))
     whole, count = int(alone.sum()), int(visible.sum())
     return {
@@ -159,7 +159,7 @@ def _seen(alone: Array, visible: Array) -> dict[str, Any]:
 
 
 def _outline_box(camera: Camera, size: FloatArray, camera_from_object: FloatArray) -> list[int]:
-    """Left, top, width and height [px] of the projected outline, which may leave the image."""
+    """Return left, top, width and height [px] of the projected outline, which may leave the image."""
     vector, _ = cv2.Rodrigues(camera_from_object[:3, :3])
     points, _ = cv2.projectPoints(
         corners(size), vector, camera_from_object[:3, 3], camera.matrix, np.zeros(5)

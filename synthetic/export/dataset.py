@@ -1,7 +1,7 @@
-"""Data sets in folders: pictures and labels of each frame, the calibration, and the truth in one file.
+"""Data sets in folders: images and label maps of each frame, the calibration, and one file of ground truth.
 
-A frame's folder appears whole or not at all, and `ground_truth.json` is replaced whole; so a run that was
-interrupted is continued by calling `make_dataset` again, and what is there is not made again.
+A frame's folder and `ground_truth.json` are written atomically. An interrupted run is therefore continued by
+calling `make_dataset` again, which skips the frames that exist.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from tracker.files import write_whole
 TRUTH_FILE = "ground_truth.json"
 
 MAX_FRAMES = 1_000_000
-"""Names of frames have six digits."""
+"""Largest number of frames: their names have six digits."""
 
 _SAVE_EVERY = 2.0
-"""Least time between two savings of the truth [s]; more where saving takes long."""
+"""Shortest time between two savings of the ground truth [s]; longer where saving takes long."""
 
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """What is in a data set."""
+    """Contents of a data set."""
 
     frames: FrameOptions
-    """What decides the pixels, apart from the cameras."""
+    """Everything that determines the pixels, except the cameras."""
     count: int
     """Number of frames."""
     calibration: str = "simulation"
@@ -52,21 +52,21 @@ class DatasetOptions:
     """Add the data set in the BOP layout, in the folder `bop`."""
 
     def rig(self) -> CameraRig:
-        """The cameras that the data set uses."""
+        """Return the cameras of the data set."""
         return sized(choose_rig(self.calibration, self.frames.seed), self.frames.size)
 
     def settings(self) -> dict[str, Any]:
-        """What must be the same where a run continues another one."""
+        """Return the settings that a run and its continuation must share."""
         result = asdict(self.frames)
-        for key in ("seed", "object_name"):  # they stand in the truth already
+        for key in ("seed", "object_name"):  # stored elsewhere in the ground truth
             del result[key]
-        result["effects"] = list(self.frames.effects)  # as JSON gives it back
+        result["effects"] = list(self.frames.effects)  # as JSON returns it
         named = self.calibration in KNOWN
         return {**result, "calibration": self.calibration if named else "folder", "bop": self.bop}
 
 
 def make_worker(options: DatasetOptions, folder: Path) -> Callable[[Sequence[int]], Iterator[dict[str, Any]]]:
-    """What makes and writes the frames of these numbers, all of one chunk, and gives their truth."""
+    """Return a function that makes and writes frames of one chunk by their numbers and yields their truth."""
     cv2.setNumThreads(1)  # workers share the machine already
     maker = FrameMaker(options.frames, options.rig())
 
@@ -82,7 +82,7 @@ def make_worker(options: DatasetOptions, folder: Path) -> Callable[[Sequence[int
 
 
 def write_frame(folder: Path, frame: Frame, names: tuple[str, ...]) -> None:
-    """Write the pictures and labels of a frame into a folder of its number, whole or not at all."""
+    """Write a frame's images and label maps to a folder named by its number, atomically."""
     final = folder / f"{frame.index:06d}"
     temporary = Path(tempfile.mkdtemp(prefix=f".{final.name}.", dir=folder))
     try:
@@ -95,7 +95,7 @@ def write_frame(folder: Path, frame: Frame, names: tuple[str, ...]) -> None:
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o777 & ~umask)
-        if final.exists():  # written by an interrupted run that had not noted its truth yet
+        if final.exists():  # written by an interrupted run that had not yet saved its ground truth
             shutil.rmtree(final)
         os.rename(temporary, final)
     except BaseException:
@@ -110,16 +110,16 @@ def make_dataset(
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Make a data set, or what is missing of it.
+    """Make a data set, or the missing frames of one.
 
     Args:
-        options: what is in it; the pixels depend on nothing else.
-        folder: where; made if need be.
-        workers: number of processes; with 1 this one does all the work.
-        progress: called with the number of frames done and of all.
+        options: contents; nothing else affects the pixels.
+        folder: target folder; created if missing.
+        workers: number of processes; 1: this process does all the work.
+        progress: called with the number of finished frames and of all frames.
 
     Returns:
-        Number of frames that were made now.
+        Number of frames made by this call.
 
     Raises:
         TrackerError: an option is invalid, the folder holds something else, or a worker failed.
@@ -154,7 +154,7 @@ def make_dataset(
 
 
 class _Truth:
-    """The truth file of a data set."""
+    """The ground truth file of a data set."""
 
     def __init__(self, path: Path, head: dict[str, Any], frames: dict[int, dict[str, Any]]) -> None:
         self._path, self._head, self._frames = path, head, frames
@@ -162,7 +162,7 @@ class _Truth:
 
     @classmethod
     def open(cls, root: Path, options: DatasetOptions) -> _Truth:
-        """That of a new folder, or of one made with the same options."""
+        """Open that of a folder made with the same options, or start one in a new folder."""
         head: dict[str, Any] = {
             "seed": options.frames.seed,
             "object": options.frames.object_name,
@@ -190,17 +190,17 @@ class _Truth:
         return cls(path, head, frames)
 
     def done(self, root: Path) -> set[int]:
-        """Numbers of the frames that are there with their truth."""
+        """Return the numbers of the frames that exist together with their ground truth."""
         return {number for number in self._frames if (root / f"{number:06d}").is_dir()}
 
     def add(self, entry: dict[str, Any]) -> None:
-        """One more frame; saved now and then."""
+        """Add a frame's entry; save the file at intervals."""
         self._frames[int(entry["frame"])] = entry
         if time.monotonic() >= self._next_save:
             self.save()
 
     def entries(self) -> list[dict[str, Any]]:
-        """Of all frames, in order."""
+        """Return the entries of all frames, in order."""
         return [self._frames[number] for number in sorted(self._frames)]
 
     def save(self) -> None:

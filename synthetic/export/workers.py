@@ -1,4 +1,4 @@
-"""Runs tasks in several processes; each result comes as soon as it is there."""
+"""Runs tasks in several processes and yields each result as soon as it is ready."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ class WorkerError(TrackerError):
 
 
 Factory = Callable[[], Callable[[Any], Iterator[Any]]]
-"""Makes what turns a task into results, in the process that does the tasks; it can be pickled."""
+"""Makes, in the process that does the tasks, the function from a task to its results; can be pickled."""
 
 _POLL_SECONDS = 1.0
 _RESULT, _FAILURE, _END = range(3)
 
 
 def run_tasks(factory: Factory, tasks: Sequence[Any], workers: int) -> Generator[Any, None, None]:
-    """The results of all tasks, in whatever order they come; with 1 worker in this process.
+    """Yield the results of all tasks, in order of completion; with 1 worker in this process.
 
     Raises:
-        WorkerError: a worker ended by itself, or raised anything but a TrackerError or OSError.
+        WorkerError: a worker process ended unexpectedly, or raised anything but a TrackerError or OSError.
         TrackerError: a worker raised it.
     """
     if not tasks:
@@ -36,7 +36,7 @@ def run_tasks(factory: Factory, tasks: Sequence[Any], workers: int) -> Generator
         for task in tasks:
             yield from work(task)
         return
-    # Spawned: neither OpenGL nor compiled threads survive a fork.
+    # Spawned processes: neither OpenGL nor compiled threads survive a fork.
     context = multiprocessing.get_context("spawn")
     todo: Any = context.Queue()
     results: Any = context.Queue(maxsize=64)
@@ -77,7 +77,7 @@ def _collect(processes: Sequence[Any], results: Any) -> Iterator[Any]:
 
 
 def _work(factory: Factory, todo: Any, results: Any) -> None:
-    # The process that started us is interrupted as well, and ends us.
+    # An interrupt also reaches the parent process, which ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         work = factory()

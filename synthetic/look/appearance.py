@@ -1,7 +1,7 @@
-"""Colours and light: those of the real platforms, with what varies from one to the next.
+"""Colours and light of the real platforms, with their variation from one to the next.
 
-Colours are linear BGR reflectances; those written here as levels are what a picture shows of them, from 0
-to 1, in light of irradiance 1.
+Colours are linear BGR reflectances. Constants given as levels are pixel values from 0 to 1 in an image under
+light of irradiance 1.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ COPPER = np.array([3.0, 54.0, 102.0]) / 255
 DICE_BLUE = np.array([203.0, 119.0, 6.0]) / 255
 PIP_WHITE = np.array([207.0, 207.0, 207.0]) / 255
 CROSS_BLUE = np.array([110.0, 50.0, 20.0]) / 255
-"""Levels (3,)."""
+"""Levels (3,), BGR."""
 
 _DARKEST = 0.001
 
@@ -33,19 +33,19 @@ class Look:
     """The colours of everything in a scene."""
 
     robot: FloatArray
-    """(4, 3) shell, joints and motors, rubber tips, copper."""
+    """(4, 3) of shell, joints and motors, rubber tips, copper."""
     faces: FloatArray
-    """(6, 3) faces of a cuboid in the order of FACE_NAMES."""
+    """(6, 3) of a cuboid's faces in the order of FACE_NAMES."""
     dice: FloatArray
     """(25, 3)"""
     pips: FloatArray
-    """(3,) of all dice."""
+    """(3,) of the pips of all dice."""
     table: FloatArray
     """(3,)"""
     wall: FloatArray
     """(3,)"""
     floor: FloatArray
-    """(3,) what is seen beyond the wall."""
+    """(3,) of what is visible beyond the wall."""
     cross: FloatArray
     """(3,)"""
     cross_size: FloatArray
@@ -58,7 +58,7 @@ class Look:
 
 
 def random_look(rng: np.random.Generator, model: CuboidModel | None) -> Look:
-    """Colours drawn from `rng`; `model`: the object, None for dice."""
+    """Draw colours from `rng`; `model`: the object, None for dice."""
     dark = bool(rng.random() < DARK_ROBOTS)
     shell = rng.uniform(0.15, 0.25) if dark else rng.uniform(0.66, 0.86)
     robot = np.stack(
@@ -78,7 +78,7 @@ def random_look(rng: np.random.Generator, model: CuboidModel | None) -> Look:
         robot=_linear(robot),
         faces=np.clip(faces, _DARKEST, 1.0),
         dice=_linear(dice),
-        # Without draws of their own, which would change all that follows.
+        # No draws of their own: these would change everything drawn later.
         pips=_linear(PIP_WHITE * (1 + (tints[0] - 1) / 4 + (brightness - 1) / 2)),
         table=_linear(rng.uniform(0.15, 0.27) * rng.normal([1.0, 1.0, 1.0], 0.025)),
         wall=_linear(rng.uniform(0.45, 0.62) * rng.normal([1.02, 1.0, 0.98], 0.015)),
@@ -92,7 +92,7 @@ def random_look(rng: np.random.Generator, model: CuboidModel | None) -> Look:
 
 
 def random_lighting(rng: np.random.Generator) -> Lighting:
-    """Light from everywhere and one to three lamps: about 1 on a surface that faces up."""
+    """Draw ambient light and one to three lamps, with irradiance about 1 on a surface that faces up."""
     total = np.exp(rng.normal(0.0, 0.08)) * rng.normal(1.0, 0.015, 3)
     ambient_share = rng.uniform(0.5, 0.85)
     count = int(rng.integers(1, 4))
@@ -101,13 +101,13 @@ def random_lighting(rng: np.random.Generator) -> Lighting:
     for share in shares:
         azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(48, 88))
         towards = direction(azimuth, elevation)
-        # A lamp's share is what it gives to the table, except that a low lamp would dazzle the sides.
+        # A lamp's share is its irradiance on the table; capped, since a low lamp would dazzle the sides.
         color = total * share / max(towards[2], 0.75) * rng.normal(1.0, 0.02, 3)
         lamps.append(Lamp(towards, color))
     return Lighting(total * ambient_share, tuple(lamps))
 
 
 def _linear(levels: Array) -> FloatArray:
-    """Reflectances of what a picture shows at these levels (0 to 1)."""
+    """Return the reflectances of levels (0 to 1) in an image."""
     result: FloatArray = np.clip(np.asarray(levels, dtype=np.float64), 0.0, 1.0) ** RESPONSE_GAMMA
     return np.maximum(result, _DARKEST)

@@ -1,6 +1,6 @@
-"""Colours of faces, measured on labelled pictures of the real platform.
+"""Colours of faces, measured on labelled images of the real platform.
 
-`scripts/measure_face_colors.py` writes the table: medians where the scene's greys are brought to level 115.
+`scripts/measure_face_colors.py` writes the table: medians, with the scene's greys scaled to level 115.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ TYPICAL_COLORS_BGR = np.array(
         [50, 220, 220],
     ]
 )
-"""(7, 3) typical value of each label's colour in an 8-bit picture; label 0 is not a face."""
+"""(7, 3) typical BGR value of each label's colour in an 8-bit image; label 0 is not a face."""
 TYPICAL_COLORS_BGR.flags.writeable = False
 
 SIDE_LIGHT = 0.4
-"""Light on a side of an object at rest as a share of that on its upper face: paints seen both ways are
-1.4 to 1.9 times as bright from above in pictures, which show about the square root of light."""
+"""Light on a side of an object at rest, relative to its upper face: in images, which show about the square
+root of light, paints that are seen both ways are 1.4 to 1.9 times as bright from above."""
 
 DARKEST = 0.002
-"""Least reflectance [1]: pictures show pure colours with dark channels at 0, yet no paint is black."""
+"""Smallest reflectance: dark channels of pure colours are 0 in images, yet no paint is black."""
 
 _SUBSTITUTE = "cube_v2"
-"""Whose colour stands in where no labelled picture shows one: the cuboid's yellow is of the same paint."""
+"""Object whose colours replace those that no labelled image shows: the cuboid's yellow is the same paint."""
 
 
 @functools.cache
@@ -49,17 +49,17 @@ def _table() -> dict[str, Any]:
 
 
 def reflectances(colors: str) -> FloatArray:
-    """(7, 3) linear BGR reflectance by label of the object with the colour model `colors`.
+    """Return (7, 3) linear BGR reflectance by label of the object with the colour model `colors`.
 
-    Under light 1 a face has the level measured on upper faces in a picture of exposure 1, whose greys are at
-    level 115. What is known of sides only is brought to the light that an upper face gets.
+    Under light 1 a face has the level measured on upper faces in an image of exposure 1, whose greys are at
+    level 115. Colours measured on sides only are scaled to the light on an upper face.
     """
     gamma, objects = float(_table()["gamma"]), _table()["objects"]
     entries = {**objects[_SUBSTITUTE], **objects[colors]} if colors in objects else {}
     result: FloatArray = (TYPICAL_COLORS_BGR / 255.0) ** gamma
     for color, entry in entries.items():
         light = 1.0 if entry["from_above"] > 0 else SIDE_LIGHT
-        # Pictures lack the black level; without it the dark channels would be lost twice.
+        # Images have the black level subtracted; without adding it, dark channels would lose it twice.
         result[COLOR_NAMES.index(color)] = (linear(np.array(entry["bgr"]), gamma) + BLACK) / light
     result[1:] = np.clip(result[1:], DARKEST, 0.98)
     return result

@@ -1,1 +1,1 @@
-"""Renderers: from a scene and a pinhole view to exact labels and linear light."""
+"""Renderers: from a scene and a pinhole view to exact label maps and linear light."""

@@ -1,4 +1,4 @@
-"""What the ray through each pixel's centre meets: body, colour group, point and normal."""
+"""Intersections of the rays through pixel centres with surfaces: body, colour group, point and normal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tracker.conventions import Array, Image
 
 
 class Hits(NamedTuple):
-    """One value per pixel of a view; points and normals mean nothing where body is -1."""
+    """One value per pixel of a view; points and normals are undefined where body is -1."""
 
     body: Array
     """(h, w) int16 number of the body, or -1."""
@@ -26,7 +26,7 @@ class Hits(NamedTuple):
 
 
 def empty_hits(height: int, width: int) -> Hits:
-    """Hits to be filled in."""
+    """Return hits to be filled in."""
     return Hits(
         np.full((height, width), -1, np.int16),
         np.zeros((height, width), np.int32),
@@ -36,9 +36,9 @@ def empty_hits(height: int, width: int) -> Hits:
 
 
 def hits_of_codes(codes: Array, view: PinholeView, surfaces: Surfaces, at: Array | None = None) -> Hits:
-    """Meet each pixel's ray with the triangle that its code names.
+    """Intersect each pixel's ray with the triangle that its code names.
 
-    With `at` (N,), places in the flattened `codes`, only theirs: hits of the shape (1, N).
+    With `at` (N,), indices into the flattened `codes`, only these pixels: hits of shape (1, N).
     """
     hits = empty_hits(*codes.shape) if at is None else empty_hits(1, len(at))
     if len(surfaces.groups):
@@ -51,10 +51,10 @@ def hits_of_codes(codes: Array, view: PinholeView, surfaces: Surfaces, at: Array
 
 
 def shared(codes: Array, surfaces: Surfaces, block: int) -> tuple[Array, Array]:
-    """Which pixels are looked at where those of a block share a look at a colour group.
+    """Choose one pixel per colour group in each block, whose shading all its pixels of that group share.
 
     Returns:
-        Their places (N,) in the flattened `codes`, and the one of these (h, w) that stands for each pixel.
+        Indices (N,) of the chosen pixels in the flattened `codes`, and for each pixel (h, w) its row of them.
     """
     stands = np.empty(codes.shape, np.int32)
     at = np.empty(codes.size, np.int64)
@@ -63,7 +63,7 @@ def shared(codes: Array, surfaces: Surfaces, block: int) -> tuple[Array, Array]:
 
 @compiled
 def _row(code: int, surfaces: Surfaces) -> int:
-    """Row of the colour group of what a code other than 0 names."""
+    """Return the row of the colour group of a code other than 0."""
     body = int(code >> BODY_SHIFT) - 1
     triangle = surfaces.first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
     return int(surfaces.first_group[body] + surfaces.groups[triangle])
@@ -92,7 +92,7 @@ def _share(codes: Array, block: int, surfaces: Surfaces, at: Array, stands: Arra
 
 
 def labels_of_codes(codes: Array, surfaces: Surfaces) -> Image:
-    """Labels (h, w) of codes."""
+    """Return the label map (h, w) of codes."""
     labels = np.zeros(codes.shape, np.uint8)
     _label(codes, surfaces, labels)
     return labels
@@ -137,7 +137,7 @@ def _meet(
         nx = pose[body, 0, 0] * bx + pose[body, 0, 1] * by + pose[body, 0, 2] * bz
         ny = pose[body, 1, 0] * bx + pose[body, 1, 1] * by + pose[body, 1, 2] * bz
         nz = pose[body, 2, 0] * bx + pose[body, 2, 1] * by + pose[body, 2, 2] * bz
-        # Scanned meshes turn some triangles inside out: what is seen is seen from outside.
+        # Some triangles of scanned meshes are inside out: turn every normal towards the camera.
         scale = 1.0 / np.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-30))
         if nx * wx + ny * wy + nz * wz > 0:
             scale = -scale
@@ -150,9 +150,9 @@ def _meet(
 def _barycentric(
     corners: Array, t: int, pose: Array, body: int, eye: Array, wx: float, wy: float, wz: float
 ) -> tuple[float, float, float]:
-    """Weights of corners 1 and 2 inside the triangle, and distance along the ray: Möller and Trumbore's.
+    """Return weights of corners 1 and 2, clamped to the triangle, and distance on the ray (Möller-Trumbore).
 
-    A pixel's centre may lie a rounding error outside of the triangle that OpenGL drew there.
+    A pixel's centre may be a rounding error outside the triangle that was rasterised there.
     """
     ox, oy, oz = eye[0] - pose[body, 0, 3], eye[1] - pose[body, 1, 3], eye[2] - pose[body, 2, 3]
     px, py, pz = _turned_back(pose, body, ox, oy, oz)
@@ -163,7 +163,7 @@ def _barycentric(
     hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
     qx, qy, qz = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
     determinant = ax * hx + ay * hy + az * hz
-    if abs(determinant) < 1e-18:  # seen along its plane: any point of it will do
+    if abs(determinant) < 1e-18:  # seen edge-on: any point of it will do
         middle = px * dx + py * dy + pz * dz
         return 0.0, 0.0, -middle / (dx * dx + dy * dy + dz * dz)
     u = (px * hx + py * hy + pz * hz) / determinant
@@ -177,7 +177,7 @@ def _barycentric(
 
 @compiled
 def _turned_back(pose: Array, body: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A direction of the world in a body's frame."""
+    """Rotate a direction from the world into a body's frame."""
     return (
         pose[body, 0, 0] * x + pose[body, 1, 0] * y + pose[body, 2, 0] * z,
         pose[body, 0, 1] * x + pose[body, 1, 1] * y + pose[body, 2, 1] * z,
@@ -187,6 +187,6 @@ def _turned_back(pose: Array, body: int, x: float, y: float, z: float) -> tuple[
 
 @compiled
 def _edge(corners: Array, t: int, k: int) -> tuple[float, float, float]:
-    """From a triangle's corner 0 to its corner k."""
+    """Return the edge from a triangle's corner 0 to its corner k."""
     first, last = corners[t, 0], corners[t, k]
     return last[0] - first[0], last[1] - first[1], last[2] - first[2]

@@ -1,7 +1,7 @@
-"""What a renderer takes and gives, and which triangle each pixel shows: a rasteriser with a depth buffer.
+"""A renderer's input and output types, and a rasteriser with a depth buffer.
 
-In a picture without distortion 1 / depth changes evenly over a triangle: each pixel keeps the triangle whose
-1 / depth is greatest at its centre.
+In an undistorted image 1 / depth is linear over a triangle; each pixel keeps the triangle with the largest
+1 / depth at its centre.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tracker.conventions import Array, FloatArray, Image
 
 @dataclass(frozen=True, eq=False)
 class PinholeView:
-    """A camera without distortion: u = fx X/Z + cx, v = fy Y/Z + cy, pixel centres at whole numbers."""
+    """A camera without distortion: u = fx X/Z + cx, v = fy Y/Z + cy, with pixel centres at integers."""
 
     width: int
     """[px]."""
@@ -37,32 +37,32 @@ class PinholeView:
     camera_from_world: FloatArray
     """(4, 4) [m]; OpenCV's axes: x to the right, y down, z forward."""
     block: int = 1
-    """Pixels within squares of this size may share the light of one of them where they show one surface: a
-    camera's pixel that consists of so many has exact edges, and is looked at about once."""
+    """Pixels in a square block of this size may share the shading of one of them where they show the same
+    surface: a camera's pixel made of one block has exact edges and is shaded about once."""
 
 
 @dataclass(frozen=True, eq=False)
 class Layers:
-    """What a view shows, one value per pixel: that of the point that the pixel's central ray meets."""
+    """Output of a view, one value per pixel: that of the point hit by the ray through its centre."""
 
     color: npt.NDArray[np.float32]
     """(h, w, 3) linear BGR light: reflectance × irradiance, may exceed 1."""
     labels: Image
-    """(h, w) uint8 label of the visible surface; 0 for what is no object."""
+    """(h, w) uint8 label of the visible surface; 0 for non-objects."""
     alone: Image
-    """(h, w) uint8 labels if there were nothing but the objects, as the base of visible fractions."""
+    """(h, w) uint8 labels of the objects alone, the denominator of visible fractions."""
     nearness: npt.NDArray[np.float32]
     """(h, w) 1 / depth along the view's axis [1/m]; 0 where nothing is."""
 
 
 _NEAR_M = 0.02
-"""What is nearer to the camera's plane is not drawn [m]."""
+"""Distance of the near plane [m]; nothing nearer is drawn."""
 
 
 def paint(view: PinholeView, bodies: Iterable[tuple[int, Mesh, FloatArray]]) -> tuple[Array, Array]:
-    """Codes (h, w) uint32 of bodies, each with its number, mesh and world_from_body (4, 4), and 1 / depth.
+    """Rasterise bodies, each with its number, mesh and world_from_body (4, 4).
 
-    The latter is (h, w) float32 [1/m], 0 where nothing is.
+    Return codes (h, w) uint32 and 1 / depth (h, w) float32 [1/m]; both are 0 where nothing is.
     """
     codes = np.zeros((view.height, view.width), np.uint32)
     nearness = np.zeros(codes.shape, np.float32)
@@ -70,7 +70,7 @@ def paint(view: PinholeView, bodies: Iterable[tuple[int, Mesh, FloatArray]]) -> 
     for number, mesh, world_from_body in bodies:
         camera_from_body = view.camera_from_world @ world_from_body
         vertices = np.asarray(mesh.vertices) @ camera_from_body[:3, :3].T + camera_from_body[:3, 3]
-        # Always copied: the kernel is compiled for arrays that can be written to.
+        # Always copied: the kernel is compiled for writable arrays.
         triangles = np.asarray(mesh.triangles).astype(np.int32)
         _draw(vertices, triangles, lens, (number + 1) << BODY_SHIFT, nearness, codes)
     return codes, nearness
@@ -78,7 +78,7 @@ def paint(view: PinholeView, bodies: Iterable[tuple[int, Mesh, FloatArray]]) -> 
 
 @compiled
 def _draw(vertices: Array, triangles: Array, lens: Array, first: int, nearness: Array, codes: Array) -> None:
-    """Draw triangles of vertices (V, 3) [m] in the camera's frame; triangle t has the code first + t."""
+    """Rasterise triangles of vertices (V, 3) [m] in the camera's frame; triangle t has the code first + t."""
     seen, corners = np.empty(vertices.shape), np.ones((4, 3))
     _project(vertices, lens, seen)
     for t in range(triangles.shape[0]):
@@ -94,7 +94,7 @@ def _draw(vertices: Array, triangles: Array, lens: Array, first: int, nearness: 
 
 @compiled
 def _project(points: Array, lens: Array, out: Array) -> None:
-    """Pixels and 1 / depth (N, 3) of points (N, 3) [m] in the camera's frame."""
+    """Project points (N, 3) [m] in the camera's frame to pixels and 1 / depth (N, 3)."""
     for n in range(points.shape[0]):
         near = 1.0 / points[n, 2]
         out[n, 0] = lens[0] * points[n, 0] * near + lens[2]
@@ -104,7 +104,7 @@ def _project(points: Array, lens: Array, out: Array) -> None:
 
 @compiled
 def _in_front(vertices: Array, triangles: Array, t: int, corners: Array) -> int:
-    """Number of corners of what of a triangle is in front of the camera, and they themselves in `corners`."""
+    """Clip a triangle at the near plane; fill `corners` with its polygon and return the number of corners."""
     count = 0
     for k in range(3):
         a, b = triangles[t, k], triangles[t, (k + 1) % 3]
@@ -123,7 +123,7 @@ def _in_front(vertices: Array, triangles: Array, t: int, corners: Array) -> int:
 
 @compiled
 def _fill(seen: Array, a: int, b: int, c: int, code: int, nearness: Array, codes: Array) -> None:
-    """Draw the triangle of three rows (u, v, 1 / depth) of `seen`, row by row."""
+    """Rasterise, row by row, the triangle of three rows (u, v, 1 / depth) of `seen`."""
     height, width = codes.shape
     ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
     if max(ax, bx, cx) < 0 or min(ax, bx, cx) > width - 1:
@@ -148,7 +148,7 @@ def _fill(seen: Array, a: int, b: int, c: int, code: int, nearness: Array, codes
         first = int(left)
         start = np.float32(seen[a, 2] + along_y * (j - ay) + along_x * (left - ax))
         step, own = np.float32(along_x), np.uint32(code)
-        # Numbers of one size, and no branch: eight pixels at once.
+        # Numbers of one size and no branch, so that eight pixels are processed at once.
         for k in range(int(right) - first + 1):
             near = start + step * np.float32(k)
             seen_now, shown = nearness[j, first + k], codes[j, first + k]
@@ -158,9 +158,9 @@ def _fill(seen: Array, a: int, b: int, c: int, code: int, nearness: Array, codes
 
 @compiled
 def _edge(px: float, py: float, qx: float, qy: float) -> tuple[float, float, float, float]:
-    """The upper end (x, y) of an edge, the y of its lower one, and by how much x changes with y.
+    """Return the upper end (x, y) of an edge, the y of its lower end, and the slope dx/dy.
 
-    From the upper end, whichever comes first: triangles that share an edge leave no gap.
+    Starting at the upper end in either direction, triangles that share an edge leave no gap.
     """
     if py == qy:
         return px, np.inf, -np.inf, 0.0

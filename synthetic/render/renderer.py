@@ -1,7 +1,7 @@
-"""The renderer: a scene and a pinhole view in, linear light and exact labels out.
+"""The renderer: from a scene and a pinhole view to linear light and exact label maps.
 
-A rasteriser says which triangle each pixel shows; the light follows from where the pixel's ray meets it. It
-needs neither OpenGL nor a screen. The tests ask pyrender for the same labels.
+A rasteriser finds each pixel's triangle; light is computed where the pixel's ray hits it. It needs neither
+OpenGL nor a screen. The tests compare its label maps with pyrender's.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from synthetic.render.surfaces import SurfaceStore
 from synthetic.scene import PlatformScene
 
 KEPT = 6
-"""Scenes whose surfaces and shadows are kept: those of one open shutter, which all cameras look at."""
+"""Number of scenes whose surfaces and shadows are cached: those of one exposure, shared by all cameras."""
 
 
 class Renderer:
-    """Renders scenes; same scene and view, same bits."""
+    """Renders scenes deterministically: the same scene and view give the same bits."""
 
     name = "raster"
-    """Stands in the ground truth."""
+    """Name in the ground truth."""
 
     def __init__(self) -> None:
         self._surfaces = functools.lru_cache(KEPT)(SurfaceStore().of_scene)
         self._shadows = functools.lru_cache(KEPT)(self._shadows_of)
 
     def render(self, scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> Layers:
-        """What `view` shows of `scene`; without `shadows` light passes through everything, and it is fast."""
+        """Render `view` of `scene`; without `shadows` nothing blocks light, which is faster."""
         surfaces = self._surfaces(scene)
         bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
         codes, nearness = paint(view, bodies)
@@ -56,5 +56,5 @@ class Renderer:
 
 @functools.cache
 def shared_renderer() -> Renderer:
-    """The renderer, one for each process."""
+    """Return the renderer that the process shares."""
     return Renderer()

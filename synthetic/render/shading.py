@@ -1,9 +1,9 @@
-"""Linear light of what is seen: reflectance × irradiance, highlights, and what near things give each other.
+"""Linear light of visible surfaces: reflectance × irradiance, highlights, and light between near surfaces.
 
 light = reflectance · (ambient · sky + Σ lamps · max(0, n·l) · lit) + gloss · highlights + coat · mirrored.
 
-A patch of area A whose light is E (as reflectance × irradiance) gives a point at the distance d the
-irradiance E cos θ cos θ' A / (π d² + A), exact far away and at most E close by. Nothing stands in its way.
+A patch of area A with light E (reflectance × irradiance) gives a point at distance d the irradiance
+E cos θ cos θ' A / (π d² + A): exact far away and at most E close by. Occlusion is ignored.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ _SIZES_M = (0.0011, 0.006, 0.03)
 """Sizes of grain, scratches and blotches [m]."""
 
 _CELLS = 32
-"""The noise repeats after so many cells along each axis; the sizes do so at different places."""
+"""Period of the noise along each axis [cells]; each size therefore repeats at other distances."""
 
 _NORMAL_REFLECTANCE = 0.04
-"""Of a coat of refractive index 1.5, seen along its normal."""
+"""Reflectance at normal incidence of a clear coat of refractive index 1.5."""
 
 _LAMP_HALF_WIDTH = 0.17
-"""Of lamps as they are mirrored [rad]: panels and tubes, wider than the disks that cast the shadows."""
+"""Angular half width of mirrored lamps [rad]: panels and tubes, wider than the disks that cast shadows."""
 
 _TABLE, _WALL, _CEILING = 0.04, 0.25, 1.1
-"""Radiance of what is mirrored, of the ambient light."""
+"""Radiance of mirrored surroundings, relative to the ambient light."""
 
 _WALL_TOP = 0.45
-"""Sine of the height up to which the wall stands around the arena."""
+"""Sine of the elevation of the wall's top around the arena."""
 
 Vector = tuple[float, float, float]
-"""In the world, or blue, green and red."""
+"""A vector in the world, or blue, green and red."""
 
 Light = tuple[Array, Array, Array]
 """Ambient light (3,), directions to the lamps (N, 3) and their colours (N, 3)."""
 
 
 def shade(hits: Hits, view: PinholeView, surfaces: Surfaces, lighting: Lighting, reach: Array) -> Array:
-    """Linear BGR light (h, w, 3) float32; black where nothing is hit.
+    """Return linear BGR light (h, w, 3) float32; black where nothing is hit.
 
-    `reach` (h, w, 1 + lamps) float32 is the share of the sky and of each lamp that gets there.
+    `reach` (h, w, 1 + lamps) float32 is the unoccluded share of the sky and of each lamp.
     """
     color = np.zeros((*hits.body.shape, 3), np.float32)
     if not len(surfaces.gloss):
@@ -120,7 +120,7 @@ def _shade(
 
 @compiled
 def _highlight(nx: float, ny: float, nz: float, hx: float, hy: float, hz: float) -> float:
-    """Blinn's highlight with the exponent 32; (hx, hy, hz) lies halfway between lamp and eye."""
+    """Return Blinn's highlight with exponent 32; (hx, hy, hz) is the unnormalised half vector."""
     product = nx * hx + ny * hy + nz * hz
     if product <= 0:
         return 0.0
@@ -133,7 +133,7 @@ def _highlight(nx: float, ny: float, nz: float, hx: float, hy: float, hz: float)
 
 @lru_cache(maxsize=1)
 def _lattice() -> Array:
-    """(32, 32, 32) float32 random values, scaled so that the sum of all sizes deviates by about 1."""
+    """Return random values (32, 32, 32) float32, scaled so that the sum of all sizes has deviation ~1."""
     values = np.random.default_rng(0).uniform(-1.0, 1.0, (_CELLS,) * 3)
     scaled: Array = values * np.sqrt(3.0 / (len(_SIZES_M) * (2.0 / 3.0) ** 3))
     return scaled.astype(np.float32)
@@ -143,13 +143,13 @@ def _lattice() -> Array:
 def _grain(
     cells: Array, world_from_body: Array, body: int, point: Vector, seed: int, footprint: float
 ) -> float:
-    """Noise at a point of the world; sizes that a pixel of `footprint` [m] does not resolve are left out."""
+    """Return noise at a point of the world, without sizes that a pixel of `footprint` [m] cannot resolve."""
     pose = world_from_body
     qx, qy, qz = point[0] - pose[body, 0, 3], point[1] - pose[body, 1, 3], point[2] - pose[body, 2, 3]
     x = pose[body, 0, 0] * qx + pose[body, 1, 0] * qy + pose[body, 2, 0] * qz
     y = pose[body, 0, 1] * qx + pose[body, 1, 1] * qy + pose[body, 2, 1] * qz
     z = pose[body, 0, 2] * qx + pose[body, 1, 2] * qy + pose[body, 2, 2] * qz
-    # Off the origin by shares of a cell that depend on the body, so that no face lies in a lattice plane.
+    # Shift by fractions of a cell that depend on the body, so that no face lies in a lattice plane.
     x += 1e-3 * ((seed & 255) + 0.37)
     y += 1e-3 * (((seed >> 8) & 255) + 0.71)
     z += 1e-3 * (((seed >> 16) & 255) + 0.13)
@@ -163,7 +163,7 @@ def _grain(
 
 @compiled
 def _noise(cells: Array, x: float, y: float, z: float) -> float:
-    """Random values at whole numbers, and a smooth way between them."""
+    """Interpolate smoothly between the random values at integer coordinates."""
     floor_x, floor_y, floor_z = np.floor(x), np.floor(y), np.floor(z)
     u, v, w = _smooth(x - floor_x), _smooth(y - floor_y), _smooth(z - floor_z)
     i, j, k = int(floor_x) & (_CELLS - 1), int(floor_y) & (_CELLS - 1), int(floor_z) & (_CELLS - 1)
@@ -177,15 +177,15 @@ def _noise(cells: Array, x: float, y: float, z: float) -> float:
 
 @compiled
 def _smooth(share: float) -> float:
-    """From 0 to 1 with level ends: linear steps would show the lattice's planes."""
+    """Return a step from 0 to 1 with level ends; a linear one would show the lattice's planes."""
     return share * share * (3.0 - 2.0 * share)
 
 
 @compiled
 def _mirrored(normal: Vector, view: Vector, blur: float, light: Light, reach: Array) -> Vector:
-    """Light (blue, green, red) that a whole coat sends from around towards the unit vector v.
+    """Return the light (blue, green, red) that a full clear coat reflects towards the unit vector `view`.
 
-    Schlick's form of Fresnel's reflectance; a lamp is a Gaussian as wide as lamp and blur together.
+    Uses Schlick's approximation of Fresnel reflectance; a lamp is a Gaussian of lamp width and blur combined.
     """
     (nx, ny, nz), (vx, vy, vz) = normal, view
     ambient, directions, lamps = light
@@ -208,17 +208,17 @@ def _mirrored(normal: Vector, view: Vector, blur: float, light: Light, reach: Ar
 
 @compiled
 def _step(x: float) -> float:
-    """From 0 to 1 between -1 and 1."""
+    """Return a smooth step from 0 at -1 to 1 at 1."""
     x = min(max(0.5 + 0.5 * x, 0.0), 1.0)
     return x * x * (3.0 - 2.0 * x)
 
 
 _REACH_M = 0.06
-"""Farther from all patches than this their light is not looked at."""
+"""Distance from the outermost patch beyond which the patches' light is ignored [m]."""
 
 
 def add_bounced(color: Array, scene: PlatformScene, patches: Patches, hits: Hits, surfaces: Surfaces) -> None:
-    """Add to `color` (h, w, 3) what the scene's patches give to other bodies than their own."""
+    """Add to `color` (h, w, 3) the light of the scene's patches on bodies other than their own."""
     numbers = {body.name: number for number, body in enumerate(scene.bodies)}
     owners = np.array([numbers[name] for name in patches.owners.tolist()], dtype=np.int64)
     middle = patches.places.mean(axis=0)
@@ -250,7 +250,7 @@ def _add(color: Array, hits: Hits, reflectance: Array, middle: Array, reach2: fl
                 square = dx * dx + dy * dy + dz * dz
                 there = -(facing[k, 0] * dx + facing[k, 1] * dy + facing[k, 2] * dz)
                 if facing[k, 0] == 0 and facing[k, 1] == 0 and facing[k, 2] == 0:
-                    there = np.sqrt(square)  # a small round thing faces everything
+                    there = np.sqrt(square)  # a zero normal marks a round patch, which faces everything
                 if there <= 0:
                     continue
                 share = here * there / square * areas[k] / (np.pi * square + areas[k])

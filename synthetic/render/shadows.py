@@ -1,12 +1,12 @@
-"""Shadows: how much of the light of the sky and of each lamp gets to what a view shows.
+"""Shadows: the share of the light of the sky and of each lamp that reaches the visible points.
 
-Depth maps are seen from the lamps and from all over the sky. A map lies across the direction to the light and
-holds, per cell, how far towards the light the scene reaches.
+Depth maps are rendered from the lamps and from directions all over the sky. A map is perpendicular to the
+direction of the light and holds, per cell, how far towards the light the scene reaches.
 
-Maps have cells of millimetres and leave out what is closer: where a box stands, its foot and the table hide
-the sky from each other. A point at the distance d from the line of contact has dark ground next to it, a
-strip of width w, which fills 1 − d / √(d² + w²) of the half of its view that faces that ground; so much of
-the sky's light is taken, times a strength: most at the contact.
+Maps have cells of millimetres and miss finer shade: where a box stands, its foot and the table hide the sky
+from each other. Next to the line of contact lies a dark strip of ground of width w. At the distance d from
+that line, the strip fills 1 − d / √(d² + w²) of the half of a point's view that faces it. This share of the
+sky's light, times a strength, is removed; it is largest at the contact.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 
 _CENTER = (0.0, 0.0, 0.08)
-"""Middle of all maps [m]."""
+"""Centre of all maps [m]."""
 
 _REACH_M = 0.34
-"""Half the width of a map [m]: the arena and what stands in it."""
+"""Half width of a map [m]: it covers the arena and what stands in it."""
 
 _LAMP_CELLS, _SKY_CELLS = 288, 160
 _LAMP_DIRECTIONS = 7
 _LAMP_HALF_ANGLE = np.radians(7.0)
-"""Lamps are as wide as this: shadows are sharp at the foot of a thing and soft far from it."""
+"""Angular radius of lamps [rad]: shadows are sharp at the foot of a thing and soft far from it."""
 
 _SKY_TOP = 0.92
-"""Cosine range of the sky's directions is from 0.2 to this: lower ones the walls hide anyway."""
+"""Sine of the highest sky direction; the lowest is 0.2, since the walls hide lower ones anyway."""
 
 _BLOCK_RAD = 0.0055
-"""Pixels within squares of this size, below 3 mm at half a metre, share a look on the same surface."""
+"""Pixels in square blocks of this angle, less than 3 mm at 0.5 m, share one shadow test per surface."""
 
 _SAME_SURFACE = 0.97
-"""Least cosine between normals of the same surface."""
+"""Smallest cosine between normals that counts as the same surface."""
 
 _BOUNCED = 0.15
-"""Share of the sky's light that comes back from what hides it."""
+"""Share of the sky's light that is reflected by whatever occludes it."""
 
 _FLAT_M = 0.001
-"""Paint and dust are no higher above the table than this [m]."""
+"""Largest height of paint and dust above the table [m]."""
 
 Point = tuple[float, float, float]
-"""In the world [m], or a direction."""
+"""A point in the world [m], or a direction."""
 
 
 class Maps(NamedTuple):
     """Depth maps of several directions."""
 
     axes: Array
-    """(M, 3, 3) rows: across, across, towards the light."""
+    """(M, 3, 3) rows: two axes across the light, one towards it."""
     depths: Array
     """(M, K, K) float32 [m] along the third axis."""
     cell: float
@@ -64,21 +64,21 @@ class Maps(NamedTuple):
 
 
 class Shadows(NamedTuple):
-    """Maps of the lamps that cast shadows, _LAMP_DIRECTIONS of each in their order, and of the sky."""
+    """Maps of the lamps that cast shadows, _LAMP_DIRECTIONS for each in their order, and of the sky."""
 
     lamps: Maps
     sky: Maps
 
 
 def shadows_of(surfaces: Surfaces, lighting: Lighting) -> Shadows:
-    """Maps for the lamps and the sky above the bodies."""
+    """Render the depth maps of lamps and sky for the bodies."""
     lamps = np.array([lamp.direction for lamp in lighting.lamps if lamp.shadows], np.float64).reshape(-1, 3)
     spread = np.concatenate([_disk(lamp) for lamp in lamps]) if len(lamps) else lamps
     return Shadows(_maps(surfaces, spread, _LAMP_CELLS), _maps(surfaces, _sky(lighting.sky), _SKY_CELLS))
 
 
 def _disk(direction: FloatArray) -> FloatArray:
-    """Directions (N, 3) spread evenly over a lamp."""
+    """Return directions (N, 3) spread evenly over a lamp's disk."""
     n = np.arange(_LAMP_DIRECTIONS)
     radius = np.tan(_LAMP_HALF_ANGLE) * np.sqrt((n + 0.5) / _LAMP_DIRECTIONS)
     turn = n * np.pi * (3.0 - np.sqrt(5.0))
@@ -88,7 +88,7 @@ def _disk(direction: FloatArray) -> FloatArray:
 
 
 def _frame(direction: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vectors: along a direction, and two across it."""
+    """Return unit vectors along a direction, and two across it."""
     towards = direction / np.linalg.norm(direction)
     side = np.cross(towards, [1.0, 0.0, 0.0] if abs(towards[0]) < 0.7 else [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
@@ -96,7 +96,7 @@ def _frame(direction: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _sky(count: int) -> FloatArray:
-    """Directions (N, 3) spread over the upper hemisphere, in equal shares of a cosine-weighted sky."""
+    """Return directions (N, 3) over the upper hemisphere, of equal shares in a cosine-weighted sky."""
     n = np.arange(count)
     height = np.sqrt(0.04 + (_SKY_TOP**2 - 0.04) * (n + 0.5) / count)
     turn = n * np.pi * (3.0 - np.sqrt(5.0))
@@ -119,7 +119,7 @@ def _maps(surfaces: Surfaces, directions: FloatArray, cells: int) -> Maps:
 
 @compiled
 def _rasterise(points: Array, triangles: Array, depth: Array) -> None:
-    """Raise `depth` (K, K) to the triangles over each cell's centre; points (V, 3) in cells, cells, m."""
+    """Raise `depth` (K, K) to the triangles over cell centres; points (V, 3) in [cells], [cells], [m]."""
     size = depth.shape[0]
     for t in range(triangles.shape[0]):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -136,7 +136,7 @@ def _rasterise(points: Array, triangles: Array, depth: Array) -> None:
         along_x = (ab * (cy - ay) - ac * (by - ay)) / area
         along_y = (ac * (bx - ax) - ab * (cx - ax)) / area
         for j in range(top, bottom + 1):
-            # Row by row, since the squares around slivers are almost empty.
+            # Row by row, since the bounding boxes of slivers are almost empty.
             low, high = np.inf, -np.inf
             for px, py, qx, qy in ((ax, ay, bx, by), (bx, by, cx, cy), (cx, cy, ax, ay)):
                 if py != qy and min(py, qy) <= j <= max(py, qy):
@@ -150,16 +150,16 @@ def _rasterise(points: Array, triangles: Array, depth: Array) -> None:
 
 
 def take_shadows(reach: Array, hits: Hits, view: PinholeView, shadows: Shadows, lighting: Lighting) -> None:
-    """Set, in place, the shares of the sky and of the lamps with shadows in `reach` (h, w, 1 + lamps)."""
+    """Fill, in place, the sky's and the shadow-casting lamps' shares in `reach` (h, w, 1 + lamps)."""
     lamps = np.flatnonzero([lamp.shadows for lamp in lighting.lamps]) + 1
-    # Where pixels share their light those next to each other in `hits` are not so in the view.
+    # If pixels share their light, neighbours in `hits` are not neighbours in the view.
     block = max(int(_BLOCK_RAD * view.fx), 1) if view.block == 1 else 1
     _look(hits, shadows, lamps.astype(np.int64), block, reach)
 
 
 @compiled
 def sky_slope(nz: float) -> float:
-    """Share of the ambient light on a surface with a normal of height nz: the dark table sends back less."""
+    """Return the share of ambient light for a normal of height nz; less comes from the dark table below."""
     return 0.675 + 0.325 * nz
 
 
@@ -189,9 +189,9 @@ def _look(hits: Hits, shadows: Shadows, lamps: Array, block: int, out: Array) ->
 
 @compiled
 def _sky_share(maps: Maps, point: Point, normal: Point) -> float:
-    """Share of the sky over a surface that nothing hides, weighted by the cosine to its normal."""
+    """Return the unoccluded share of the sky above a surface, weighted by the cosine to its normal."""
     axes = maps.axes
-    seen = whole = 0.05  # where hardly any sky faces the surface, what there is comes from all around
+    seen = whole = 0.05  # where a surface faces hardly any sky, its light comes from all around
     for k in range(axes.shape[0]):
         cosine = normal[0] * axes[k, 2, 0] + normal[1] * axes[k, 2, 1] + normal[2] * axes[k, 2, 2]
         if cosine > 0:
@@ -202,7 +202,7 @@ def _sky_share(maps: Maps, point: Point, normal: Point) -> float:
 
 @compiled
 def _lamp_share(maps: Maps, k: int, point: Point, normal: Point) -> float:
-    """Share of a lamp whose disk nothing hides."""
+    """Return the unoccluded share of a lamp's disk."""
     seen = 0.0
     for direction in range(k * _LAMP_DIRECTIONS, (k + 1) * _LAMP_DIRECTIONS):
         seen += _clear(maps, direction, point, normal)
@@ -211,10 +211,10 @@ def _lamp_share(maps: Maps, k: int, point: Point, normal: Point) -> float:
 
 @compiled
 def _clear(maps: Maps, k: int, point: Point, normal: Point) -> float:
-    """Share of the four cells around a point that do not hide it; 1 outside of the map."""
+    """Return the weight of the four cells around a point that do not occlude it; 1 outside the map."""
     axes, depths, cell = maps.axes, maps.depths, maps.cell
     size, off = depths.shape[1], 1.5 * cell
-    # Off the surface by more than a cell, or it would hide the light from itself.
+    # Start more than one cell off the surface, or it would shadow itself.
     qx, qy, qz = (
         point[0] + off * normal[0] - _CENTER[0],
         point[1] + off * normal[1] - _CENTER[1],
@@ -240,12 +240,12 @@ def _clear(maps: Maps, k: int, point: Point, normal: Point) -> float:
 
 
 def hidden(distance: FloatArray, width: float) -> FloatArray:
-    """Share of the sky's light that a dark strip of `width` takes at a distance [m], 1 at its edge."""
+    """Return the share of the sky's light hidden by a dark strip of `width` at a distance [m], 1 at 0."""
     return 1.0 - distance / np.hypot(distance, width)
 
 
 def add_contact(reach: Array, hits: Hits, scene: PlatformScene) -> None:
-    """Take from the sky's share in `reach` (h, w, 1 + lamps) what the scene's contact hides; in place."""
+    """Remove from the sky's share in `reach` (h, w, 1 + lamps), in place, what the scene's contact hides."""
     strength, width = scene.contact
     box = next((n for n, body in enumerate(scene.bodies) if body.faces), None)
     if box is None or strength == 0:

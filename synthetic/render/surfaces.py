@@ -1,7 +1,7 @@
-"""The surfaces of a scene as flat arrays, for kernels that ask what a pixel's ray meets.
+"""The surfaces of a scene as flat arrays, for the kernels that intersect pixel rays.
 
-A renderer says which triangle of which body each pixel shows; everything else about the point follows from
-here, in the body's own frame.
+A rasteriser names each pixel's body and triangle; the rest of the point follows from these arrays, in
+the body's own frame.
 """
 
 from __future__ import annotations
@@ -17,39 +17,39 @@ from synthetic.scene import Mesh, PlatformScene
 from tracker.conventions import Array, FloatArray
 
 BODY_SHIFT = 24
-"""A pixel's code is (body + 1) << 24 | triangle, and 0 where there is nothing."""
+"""A pixel's code is (body + 1) << 24 | triangle, and 0 where nothing is."""
 
 MAX_BODIES = 255
 MAX_TRIANGLES = (1 << BODY_SHIFT) - 1
-"""Of one mesh; one less than fits, since the largest number means `some triangle of this body`."""
+"""Most triangles of a mesh; one less than fits, since the largest number means `any triangle of the body`."""
 
 _CREASE = np.cos(np.radians(35.0))
-"""Triangles whose normals differ by less than this angle are parts of one round surface."""
+"""Cosine of the angle between normals below which triangles belong to one smooth surface."""
 
 _WELD = 1e-6
-"""Vertices closer than this [m] are the same one: STL files repeat them in each triangle."""
+"""Distance below which vertices are merged [m]: STL files repeat them in each triangle."""
 
 _KEPT_MESHES = 256
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh as the kernels take it, in the body's frame."""
+    """A mesh in the form that the kernels need, in the body's frame."""
 
     vertices: Array
     """(V, 3) float32 [m]."""
     triangles: Array
     """(T, 3) int32 rows of `vertices`."""
     corners: Array
-    """(T, 3, 3) float32 [m], what both say together."""
+    """(T, 3, 3) float32 [m], the vertices of each triangle."""
     normals: Array
-    """(T, 3, 3) float32 outward unit normals at the corners, smooth across edges that are no creases."""
+    """(T, 3, 3) float32 outward unit normals at the corners, smooth across edges that are not creases."""
     groups: Array
     """(T,) int32."""
 
 
 class Surfaces(NamedTuple):
-    """All bodies of a scene; rows of bodies follow each other."""
+    """All bodies of a scene, with their rows concatenated."""
 
     vertices: Array
     """(V, 3) float32 [m], in the world."""
@@ -64,13 +64,13 @@ class Surfaces(NamedTuple):
     groups: Array
     """(T,) int32."""
     first_group: Array
-    """(B,) int64: where a body's rows of `colors` and `labels` start."""
+    """(B,) int64: first row of each body in `colors` and `labels`."""
     colors: Array
     """(G, 3) float32 linear BGR reflectance."""
     labels: Array
     """(G,) uint8."""
     coats: Array
-    """(G, 2) float32 as in `Body`."""
+    """(G, 2) float32, see `Body`."""
     world_from_body: FloatArray
     """(B, 4, 4)."""
     gloss: Array
@@ -78,23 +78,23 @@ class Surfaces(NamedTuple):
     texture: Array
     """(B,) float32."""
     grain_seeds: Array
-    """(B,) uint32: bodies of one name have one and the same grain."""
+    """(B,) uint32: bodies of the same name have the same grain."""
     is_object: Array
-    """(B,) bool: has a label."""
+    """(B,) bool: whether it has a label."""
 
 
 class SurfaceStore:
-    """Surfaces of meshes by key."""
+    """A cache of surfaces by their meshes' keys."""
 
     def __init__(self) -> None:
         self._meshes: OrderedDict[str, tuple[Mesh, Surface]] = OrderedDict()
 
     def of_scene(self, scene: PlatformScene) -> Surfaces:
-        """The surfaces of all bodies of `scene`, in their order."""
+        """Return the surfaces of all bodies of `scene`, in their order."""
         return _join(scene, [self.of_mesh(body.mesh) for body in scene.bodies])
 
     def of_mesh(self, mesh: Mesh) -> Surface:
-        """The surface of one mesh."""
+        """Return the surface of one mesh."""
         known = self._meshes.get(mesh.key)
         if known is None or not _same(known[0], mesh):
             self._meshes[mesh.key] = mesh, _surface(mesh)
@@ -105,7 +105,7 @@ class SurfaceStore:
 
 
 def _same(one: Mesh, other: Mesh) -> bool:
-    # A wrong row of a surface is read by compiled code, beyond its end too: names alone are not trusted.
+    # Compiled code would read wrong rows, even past the end, so equal keys are not trusted.
     return one is other or (
         np.array_equal(one.vertices, other.vertices)
         and np.array_equal(one.triangles, other.triangles)
@@ -126,7 +126,7 @@ def _surface(mesh: Mesh) -> Surface:
 
 
 def _corner_normals(corners: FloatArray) -> FloatArray:
-    """Normals (T, 3, 3): at each corner the mean over the triangles around it that belong to one surface."""
+    """Return normals (T, 3, 3), at each corner the mean over adjacent triangles of one smooth surface."""
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     flat = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
     places = np.round(corners.reshape(-1, 3) / _WELD).astype(np.int64)
@@ -136,8 +136,8 @@ def _corner_normals(corners: FloatArray) -> FloatArray:
     starts = np.searchsorted(vertex[order], np.arange(vertex.max(initial=-1) + 2))
     normals = np.repeat(flat, 3, axis=0)
     own = np.repeat(np.arange(len(flat)), 3)
-    # Corner i of a vertex meets corner i + shift of the same vertex, cyclically: all pairs, without a loop
-    # over vertices.
+    # Pair corner i of a vertex with corner i + shift of the same vertex, cyclically: this covers all pairs
+    # without a loop over vertices.
     degree = np.diff(starts)
     rank = np.arange(len(order)) - starts[vertex[order]]
     sums = np.zeros((len(order), 3))

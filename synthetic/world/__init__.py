@@ -1,1 +1,1 @@
-"""What happens on the simulated platform: robot, objects, where they are and how they move."""
+"""The simulated platform: robot, objects, their poses and motions."""

@@ -1,4 +1,4 @@
-"""Where motion happens, and acts of physics: objects are pushed by fingers, tumble, and fall."""
+"""The stage for motions, and acts simulated by physics: objects are pushed by fingers, tumble, and fall."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from synthetic.world.platform import Platform
 from tracker.conventions import Array, FloatArray
 
 PERIOD = 1 / 120
-"""Between two moments [s]; pictures are taken in between by interpolation."""
+"""Time between two moments [s]; images in between are interpolated."""
 
 JOINT_SPEED = 2.0
-"""Greatest rate [rad/s] of a joint that a plan contains."""
+"""Largest planned rate of a joint [rad/s]."""
 
 _SMOOTHSTEP_PEAK = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """Where everything is at one time."""
+    """Poses of objects and fingers at one time."""
 
     positions: FloatArray
     """(N, 3) of the objects [m]."""
@@ -37,17 +37,17 @@ class Moment:
 
 
 Moments = Iterator[Moment]
-"""An act: what happens, PERIOD after PERIOD."""
+"""An act: its moments, one per PERIOD."""
 
 
 class Stage(Closing):
-    """Objects and fingers in a world of their own, moved by physics or put where a plan says.
+    """Objects and fingers in a separate world, moved by physics or placed by a plan.
 
     Args:
-        platform: whose object it is; its own world answers the planners' questions.
+        platform: the platform with the object; the planners use its own world for collision tests.
         rng: source of all randomness of the acts.
-        states: where the objects are at first.
-        joints: (9,) where the fingers are at first [rad].
+        states: initial states of the objects.
+        joints: (9,) initial joint angles of the fingers [rad].
     """
 
     def __init__(
@@ -55,26 +55,26 @@ class Stage(Closing):
     ) -> None:
         self.platform, self.rng = platform, rng
         self.grip: dict[int, FloatArray] = {}
-        """Tips (3,) [m] in the object's frame of the fingers that hold the object; empty: it is free."""
+        """Tips (3,) [m], in the object's frame, of the fingers that hold the object; empty: it is free."""
         self.world = platform.new_world()
         self.world.let_fingers_collide()
         self.world.set_objects(states)
         self.world.set_joints(joints)
         self.target = np.array(joints, dtype=np.float64)
-        """(9,) where the motors are to go [rad]."""
+        """(9,) target angles of the motors [rad]."""
 
     def close(self) -> None:
-        """Frees the world."""
+        """Free the world."""
         self.world.close()
 
     def moment(self) -> Moment:
-        """How things are now."""
+        """Return the current moment."""
         positions, rotations = self.world.object_poses()
         lift_onto_table(self.platform.size, positions, rotations)
         return Moment(positions, rotations, self.world.joint_angles())
 
     def let_pass(self, target: Array | None = None) -> Moment:
-        """Lets physics act for a PERIOD while the motors go to `target` (9,) [rad], or stay where they go."""
+        """Simulate one PERIOD while the motors go to `target` (9,) [rad]; None: to their last target."""
         if target is not None:
             self.target = np.array(target, dtype=np.float64)
         self.world.steer(self.target)
@@ -82,7 +82,7 @@ class Stage(Closing):
         return self.moment()
 
     def put(self, position: Array, rotation: Array, joints: Array) -> Moment:
-        """Puts the one object and all fingers where a plan says, at rest."""
+        """Put the one object and all fingers at a planned pose, at rest."""
         self.world.set_objects(self.platform.object_states(position[None], rotation[None]))
         self.world.set_velocity(0, np.zeros(3), np.zeros(3))
         self.world.set_joints(joints)
@@ -90,12 +90,12 @@ class Stage(Closing):
         return Moment(position[None].copy(), rotation[None].copy(), self.target.copy())
 
     def follow(self, path: Array) -> Moments:
-        """Has the motors follow joint angles (M, 9) [rad], one row a PERIOD, while physics acts."""
+        """Simulate while the motors follow joint angles (M, 9) [rad], one row per PERIOD."""
         for target in path:
             yield self.let_pass(target)
 
     def settle(self, longest: float, least: float = 0.0) -> Moments:
-        """Lets physics act until the objects are at rest: between `least` and `longest` seconds."""
+        """Simulate until the objects are at rest: between `least` and `longest` seconds."""
         for count in range(round(longest / PERIOD)):
             yield self.let_pass()
             speeds = [self.world.speed(index) for index in range(self.platform.count)]
@@ -105,14 +105,14 @@ class Stage(Closing):
 
 
 def smooth_steps(seconds: float) -> FloatArray:
-    """Shares (M,) from just above 0 to 1 of a motion that starts and ends at rest, one a PERIOD."""
+    """Return shares (M,) of a motion, from just above 0 to 1, at rest at both ends, one per PERIOD."""
     count = max(2, int(np.ceil(seconds / PERIOD)))
     share = np.arange(1, count + 1) / count
     return share * share * (3 - 2 * share)
 
 
 def joint_path(start: Array, goal: Array, speed: float = JOINT_SPEED) -> FloatArray:
-    """Joint angles (M, 9) [rad] from `start` to `goal` (9,), no joint faster than `speed` [rad/s]."""
+    """Return joint angles (M, 9) [rad] from `start` to `goal` (9,), no joint faster than `speed` [rad/s]."""
     difference = np.asarray(goal) - np.asarray(start)
     share = smooth_steps(_SMOOTHSTEP_PEAK * float(np.abs(difference).max()) / speed)
     result: FloatArray = start + share[:, None] * difference
@@ -120,9 +120,9 @@ def joint_path(start: Array, goal: Array, speed: float = JOINT_SPEED) -> FloatAr
 
 
 def tip_path(start: Array, finger: int, goal: Array, speed: float) -> FloatArray | None:
-    """Joint angles (M, 9) [rad] with one tip on a straight line to `goal` (3,) [m]; None: out of reach.
+    """Return joint angles (M, 9) [rad] that move a tip straight to `goal` (3,) [m]; None: out of reach.
 
-    `speed` is the tip's greatest [m/s].
+    `speed` is the tip's largest speed [m/s].
     """
     origin = tips(start)[finger]
     distance = float(np.linalg.norm(goal - origin))
@@ -137,14 +137,14 @@ def tip_path(start: Array, finger: int, goal: Array, speed: float) -> FloatArray
 
 
 def with_finger(joints: Array, finger: int, angles: Array) -> FloatArray:
-    """Joint angles (9,) with those of one finger (3,) replaced."""
+    """Return joint angles (9,) with those of one finger (3,) replaced."""
     result = np.array(joints, dtype=np.float64)
     result[3 * finger : 3 * finger + 3] = angles
     return result
 
 
 PUSH_SPEEDS = (0.06, 0.2)
-"""Range of the greatest speed [m/s] of a finger that pushes."""
+"""Range of the largest speed of a finger that pushes [m/s]."""
 
 _APPROACH_HEIGHT = 0.105
 _RUN_UP = 0.012
@@ -153,20 +153,20 @@ _ATTEMPTS = 40
 
 
 def wait(stage: Stage, seconds: float) -> Moments:
-    """Nothing but physics happens."""
+    """Let nothing but physics act."""
     for _ in range(max(1, round(seconds / PERIOD))):
         yield stage.let_pass()
 
 
 def withdraw(stage: Stage) -> Moments:
-    """All fingers go out of the way; what they touch meanwhile moves."""
+    """Move all fingers out of the way; whatever they touch on the way moves."""
     goal = np.tile(REST, 3) + stage.rng.uniform(-0.08, 0.08, 9)
     yield from stage.follow(joint_path(stage.world.joint_angles(), goal))
     yield from stage.settle(1.0)
 
 
 def push(stage: Stage) -> Moments:
-    """A finger comes down beside an object and pushes it over the table."""
+    """Lower a finger beside an object and push the object over the table."""
     for _ in range(_ATTEMPTS):
         plan = _plan_push(stage)
         if plan is not None:
@@ -192,12 +192,12 @@ def push(stage: Stage) -> Moments:
 
 
 def _plan_push(stage: Stage) -> tuple[int, FloatArray, FloatArray, FloatArray, float] | None:
-    """A finger, its tip above, at the start and at the end of a push [m], and its speed [m/s]."""
+    """Return a finger, its tip above, at the start and at the end of a push [m], and its speed [m/s]."""
     rng, platform = stage.rng, stage.platform
     now = stage.moment()
     index = int(rng.integers(platform.count))
     center, rotation = now.positions[index], now.rotations[index]
-    # Towards the middle, and the more surely the nearer to the wall.
+    # Push towards the middle, within a narrower range of directions the nearer the object is to the wall.
     spread = np.pi * max(0.5, 1.0 - np.hypot(*center[:2]) / 0.25)
     azimuth = np.arctan2(-center[1], -center[0]) + rng.uniform(-spread, spread)
     along = direction(azimuth)
@@ -224,7 +224,7 @@ def _plan_push(stage: Stage) -> tuple[int, FloatArray, FloatArray, FloatArray, f
 
 
 def tumble(stage: Stage) -> Moments:
-    """Objects are flicked: a short push upwards and around makes them hop and roll over."""
+    """Flick objects: a short push with a torque makes them hop and roll over."""
     rng, world, platform = stage.rng, stage.world, stage.platform
     now = stage.moment()
     chosen = range(platform.count) if platform.count == 1 else rng.choice(platform.count, 4, replace=False)
@@ -239,7 +239,7 @@ def tumble(stage: Stage) -> Moments:
         speed, rate = rng.uniform(0.05, 0.25), rng.uniform(1.0, 4.0)
         along = direction(azimuth)
         velocity = speed * along + [0.0, 0.0, rng.uniform(0.3, 0.6)]
-        # It rolls the way that it flies, more or less.
+        # It rolls roughly in the direction of flight.
         axis = np.array([-along[1], along[0], 0.0]) + rng.normal(0.0, 0.3, 3)
         force = mass * (velocity / seconds + [0.0, 0.0, 9.81])
         turn = rate / seconds * axis / np.linalg.norm(axis)
@@ -257,7 +257,7 @@ def tumble(stage: Stage) -> Moments:
 
 
 def release(stage: Stage) -> Moments:
-    """The fingers let go of the object, which falls and comes to rest."""
+    """Let the fingers release the object, which falls and comes to rest."""
     now = stage.moment()
     outward, stage.grip = stage.grip, {}
     goal = now.joints.copy()

@@ -1,9 +1,9 @@
 """Finds the robot's description (URDF) and meshes.
 
-They are the plain data of the package robot_properties_fingers, a wheel of 4 MB. It is not a dependency
-of this project because it in turn requires the dynamics library pinocchio (380 MB with all that comes
-along), which its Python code needs and its files do not. Instead the first use lets pip download that one
-wheel without dependencies and keeps the few files that are needed in a cache:
+They are plain data of the package robot_properties_fingers, a wheel of 4 MB. It is not a dependency of this
+project because it requires the dynamics library pinocchio (380 MB with its dependencies), which its Python
+code needs and its files do not. Instead, the first use lets pip download that one wheel without dependencies
+and caches the few files that are needed. The places are searched in this order:
 
     $TRIFINGER_ASSETS                           if set: the folder that holds `urdf` and `meshes`
     the installed robot_properties_fingers      if there is one; it is not imported
@@ -24,7 +24,7 @@ from pathlib import Path
 from synthetic.errors import AssetError
 
 PACKAGE, VERSION = "robot_properties_fingers", "2.0.2"
-"""The package on PyPI and the version whose meshes the ground truth is made with."""
+"""The package on PyPI, and the version whose meshes the ground truth uses."""
 
 VARIABLE = "TRIFINGER_ASSETS"
 """Environment variable with the folder to use instead of the cache."""
@@ -43,13 +43,13 @@ _ADVICE = (
 
 
 def find_assets() -> Path:
-    """The folder that holds FILES, filled on the first use.
+    """Return the folder that holds FILES, and fill it on the first use.
 
-    It is called `robot_properties_fingers`, since PyBullet looks for a folder of that name when it reads
-    the URDF's `package://` paths.
+    The folder is called `robot_properties_fingers`, since PyBullet looks for a folder of that name when it
+    reads the URDF's `package://` paths.
 
     Raises:
-        AssetError: the files are nowhere and cannot be downloaded; the message says what to do.
+        AssetError: the files are not found and cannot be downloaded; the message says what to do.
     """
     chosen = os.environ.get(VARIABLE)
     if chosen:
@@ -82,13 +82,13 @@ def _installed() -> Path | None:
 
 def _cache() -> Path:
     base = os.environ.get("XDG_CACHE_HOME")
-    # The specification of XDG says that relative paths are to be ignored.
+    # The XDG specification requires that relative paths are ignored.
     folder = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
     return folder / "trifinger-object-tracker"
 
 
 def _download(folder: Path) -> None:
-    """Fills `folder`; several processes may do so at once, and a broken download leaves nothing behind."""
+    """Fill `folder`; several processes may do so at once, and a failed download leaves nothing behind."""
     parent = folder.parent.parent
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -135,7 +135,7 @@ def _fetch_wheel(scratch: Path) -> Path:
 def _unpack(wheel: Path, folder: Path) -> None:
     try:
         with zipfile.ZipFile(wheel) as archive:
-            # The files' licence asks to be kept with them.
+            # The files' licence requires that it is kept with them.
             licence = [name for name in archive.namelist() if name.endswith(".dist-info/LICENSE")]
             sources = {f"{PACKAGE}/{name}": name for name in FILES} | dict.fromkeys(licence, "LICENSE")
             for source, name in sources.items():

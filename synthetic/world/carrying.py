@@ -1,7 +1,7 @@
-"""Driven acts: an object is gripped, lifted, turned in the air, carried and set down by finger tips.
+"""Driven acts: finger tips grip an object, lift it, turn it in the air, carry it and set it down.
 
-Physics does not act in them: the object follows a smooth path, and the fingers the object. First come the
-plans: where fingers touch it, and ways there that touch nothing else.
+Physics is off in these acts: the object follows a smooth path, and the fingers follow the object. The first
+functions plan contacts of fingers with the object, and collision-free paths to them.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_NORMALS
 
 CONTACT_GAP = 0.0008
-"""Between the tip and the face that it holds [m]; where it lets go, physics
-must not find it inside: Bullet takes the tip to be a millimetre thicker."""
+"""Gap between a tip and the face that it holds [m]. Physics must not find the tip inside the object at
+release: Bullet's tip is a millimetre thicker."""
 
 Grip = dict[int, FloatArray]
-"""Tips (3,) [m] in the object's frame by finger."""
+"""Tips (3,) [m] in the object's frame, by finger."""
 
 _PAUSE_BEFORE_CONTACT = 0.02
 _CONTACTS_TRIED = 14
@@ -43,7 +43,7 @@ _CHECK_EVERY = 4
 
 
 def contact_in(platform: Platform, rng: np.random.Generator, face: int) -> FloatArray:
-    """A random place (3,) [m] of a tip on a face, in the object's frame."""
+    """Draw a position (3,) [m] of a tip on a face, in the object's frame."""
     size = platform.size
     point: FloatArray = rng.uniform(-0.35, 0.35, 3) * size
     axis = face // 2
@@ -54,10 +54,10 @@ def contact_in(platform: Platform, rng: np.random.Generator, face: int) -> Float
 def held(
     platform: Platform, position: Array, rotation: Array, joints: Array, grip: Mapping[int, Array]
 ) -> FloatArray | None:
-    """Joint angles (9,) [rad] with the tips at their contacts with the object at this pose.
+    """Return joint angles (9,) [rad] with the tips at their contacts with the object at this pose.
 
-    None where one is out of reach, or a finger would touch what it must not. Fingers that do not hold stay
-    as in `joints`.
+    None if a contact is out of reach or a finger would collide. Fingers that do not hold stay as in
+    `joints`.
     """
     result = np.array(joints, dtype=np.float64)
     for finger, contact in grip.items():
@@ -78,7 +78,7 @@ def held(
 def random_grip(
     platform: Platform, rng: np.random.Generator, position: Array, rotation: Array, joints: Array
 ) -> tuple[Grip, FloatArray] | None:
-    """A grip with one to three fingers of the object at this pose, and the joint angles (9,) [rad]."""
+    """Draw a grip of the object at this pose by one to three fingers, and the joint angles (9,) [rad]."""
     current, grip = np.array(joints, dtype=np.float64), Grip()
     faces = [face for face in range(6) if (rotation @ FACE_NORMALS[face])[2] > -0.7]
     for finger in rng.permutation(3).tolist():
@@ -94,7 +94,7 @@ def random_grip(
 def way_to_contact(
     platform: Platform, position: Array, rotation: Array, joints: Array, finger: int, contact: Array
 ) -> FloatArray | None:
-    """Joint angles (M, 9) [rad], one row a PERIOD, that bring one finger to its contact, touching nothing."""
+    """Return a collision-free path (M, 9) [rad], one row per PERIOD, of one finger to its contact."""
     axis = int(np.argmax(np.abs(contact) - platform.size / 2))
     outward = np.sign(contact[axis]) * rotation[:, axis]
     tip = position + rotation @ contact
@@ -117,7 +117,7 @@ def _is_free(platform: Platform, position: Array, rotation: Array, path: FloatAr
     world.set_objects(platform.object_states(position[None], rotation[None]))
     world.set_joints(path[0])
     others = [other for other in range(3) if other != finger]
-    # The end first: most ways fail there.
+    # Test the end first: most paths fail there.
     samples = path[::-1][::_CHECK_EVERY]
     return all(
         is_clear(world, finger, joints[3 * finger : 3 * finger + 3], others, gap=0.0002) for joints in samples
@@ -125,10 +125,10 @@ def _is_free(platform: Platform, position: Array, rotation: Array, path: FloatAr
 
 
 SPEEDS = (0.06, 0.28)
-"""Range of the greatest speed [m/s] of an object that is carried."""
+"""Range of the largest speed of a carried object [m/s]."""
 
 TURNS = (0.4, 3.3)
-"""Range of its greatest rate of turn [rad/s]."""
+"""Range of its largest rate of rotation [rad/s]."""
 
 _REACH = 0.11
 _LEGS_TRIED = 24
@@ -138,7 +138,7 @@ _PEAK = 1.5
 
 
 def grasp(stage: Stage) -> Moments:
-    """Fingers go to the object's faces one after the other; `stage.grip` says which got there."""
+    """Move fingers to the object's faces one after the other; `stage.grip` holds those that arrived."""
     now = stage.moment()
     position, rotation = now.positions[0], now.rotations[0]
     for _ in range(_GRIPS_TRIED):
@@ -159,15 +159,15 @@ def grasp(stage: Stage) -> Moments:
 
 
 def leg(stage: Stage, *, lift: bool = False) -> Moments:
-    """One stretch of a path through the air, at rest at both ends; the object turns meanwhile.
+    """Move the object along one leg of a path through the air, at rest at both ends; it turns meanwhile.
 
-    `lift`: straight up rather than anywhere. Nothing happens where no stretch is possible with this grip.
+    `lift`: straight up rather than anywhere. Yields nothing if no leg is possible with this grip.
     """
     rng = stage.rng
     now = stage.moment()
     position, rotation, joints = now.positions[0], now.rotations[0], now.joints
     for attempt in range(_LEGS_TRIED):
-        # Bold first, timid later: long ways and great turns are seldom possible with one grip.
+        # Bold first, timid later: long legs and large rotations are seldom possible with one grip.
         boldness = 1.0 - attempt / _LEGS_TRIED
         goal, turn = _goal(stage, position, rotation, boldness, lift)
         way = functools.partial(_way, position, rotation, goal, turn)
@@ -180,7 +180,7 @@ def leg(stage: Stage, *, lift: bool = False) -> Moments:
         for place, facing in way(smooth_steps(seconds)):
             found = held(stage.platform, place, facing, joints, stage.grip)
             if found is None:
-                # Between the places that were checked there is one that cannot be taken: it ends here.
+                # A pose between those that were checked is impossible: end the leg here.
                 return
             joints = found
             yield stage.put(place, facing, joints)
@@ -190,7 +190,7 @@ def leg(stage: Stage, *, lift: bool = False) -> Moments:
 def _goal(
     stage: Stage, position: FloatArray, rotation: FloatArray, boldness: float, lift: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """A place (3,) [m] and a rotation vector (3,) [rad] to turn by on the way there."""
+    """Draw a goal (3,) [m] and a rotation vector (3,) [rad] for the leg."""
     rng = stage.rng
     axis = rng.normal(0.0, 1.0, 3)
     angle = 0.0 if lift and rng.random() < 0.5 else rng.uniform(0.1, 1.0) * np.radians(120) * boldness
@@ -206,7 +206,7 @@ def _goal(
 def _way(
     position: FloatArray, rotation: FloatArray, goal: FloatArray, turn: FloatArray, shares: FloatArray
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Positions and rotations after shares of the way to a goal and of a turn."""
+    """Return positions and rotations at these shares of the leg."""
     return ((position + share * (goal - position), so3.exp(share * turn) @ rotation) for share in shares)
 
 
@@ -216,7 +216,7 @@ def _is_possible(stage: Stage, position: FloatArray, rotation: FloatArray, joint
 
 
 def regrasp(stage: Stage) -> Moments:
-    """One finger of several lets go and finds another face, or one that does not hold joins in."""
+    """Move one of several holding fingers to another face, or let an idle one join."""
     now = stage.moment()
     position, rotation = now.positions[0], now.rotations[0]
     fingers = [finger for finger in range(3) if len(stage.grip) > 1 or finger not in stage.grip]
@@ -236,7 +236,7 @@ def regrasp(stage: Stage) -> Moments:
 
 
 def lift_and_lower(stage: Stage) -> Moments:
-    """The object is gripped, lifted, turned a little and let go."""
+    """Grip the object, lift it, turn it a little and let it go."""
     if not stage.grip:
         yield from withdraw(stage)
         yield from grasp(stage)
@@ -249,7 +249,7 @@ def lift_and_lower(stage: Stage) -> Moments:
 
 
 def carry(stage: Stage) -> Moments:
-    """The object travels through the air for some stretches; it is gripped and lifted first."""
+    """Carry the object through the air for some legs; grip and lift it first if it is free."""
     if not stage.grip:
         yield from withdraw(stage)
         yield from grasp(stage)
@@ -261,6 +261,6 @@ def carry(stage: Stage) -> Moments:
         if stage.rng.random() < 0.4:
             yield from regrasp(stage)
         yield from leg(stage)
-    # An act must let time pass, even where nothing was possible.
+    # An act must let time pass, even if nothing was possible.
     now = stage.moment()
     yield stage.put(now.positions[0], now.rotations[0], now.joints)

@@ -1,8 +1,8 @@
-"""The effect `chamfers`: a cuboid whose edges are rounded or cut, and worn.
+"""The effect `chamfers`: a cuboid with rounded or cut, worn edges.
 
-The object stays within the sharp cuboid that its pose speaks of: a rim of width w takes from the silhouette
-of an edge at most w (√2 − 1) where it is rounded and w / √2 where it is cut. Each point of a rim has the
-label of the face whose normal is nearest to its own, whatever colour it shows. Dice keep their sharp edges.
+The object stays within the sharp cuboid of its pose: at an edge, a rim of width w removes from the silhouette
+at most w (√2 − 1) if it is rounded and w / √2 if it is cut. Each point of a rim has the label of the face
+with the nearest normal, whatever colour it shows. Dice keep their sharp edges.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import CORNER_SIGNS, EDGES, FACE_CORNERS, FACE_NORMALS, corners
 
 WIDTH_M, SPREAD_M = 0.001, 0.0005
-"""Greatest width of a rim, measured along a face, and how far it is from that of the recorded object [m]."""
+"""Largest width of a rim along a face, and its largest difference from the recorded object's [m]."""
 
 CUT = 0.3
-"""Share of objects whose edges are cut flat instead of round."""
+"""Share of objects whose edges are cut flat instead of rounded."""
 
 LOST = (0.1, 0.4)
-"""Share of the colour that is gone from a worn rim."""
+"""Range of the share of colour that is worn off a rim."""
 
 SEAM = (0.05, 0.5)
-"""Greatest reflectance of rims that hold dirt, of what it was; of one object."""
+"""Range, over objects, of the largest relative reflectance of rims that hold dirt."""
 
 PALE = 0.7
-"""Reflectance [1] of what is below the colour."""
+"""Reflectance of the material below the colour."""
 
 _HALF_ARC = 2
 """Segments from a face to the middle of a rounded edge."""
@@ -48,15 +48,15 @@ class Rims:
     cut: bool
     """Flat at 45°; else round."""
     pale: FloatArray
-    """(24,) share of each rim, two to an edge, that has lost its colour."""
+    """(24,) share of colour worn off each rim, two rims per edge."""
     dirt: FloatArray
     """(24,) factor on the reflectance of each rim."""
     coat: FloatArray
-    """(2,) as a row of `Body.coats`."""
+    """(2,) clear coat, as a row of `Body.coats`."""
 
 
 def random_rims(rng: np.random.Generator, usual: float) -> Rims:
-    """Rims drawn from `rng`, most likely of a `usual` width [m]; any share of them pale, others dirty."""
+    """Draw rims, most likely of a `usual` width [m]; a random share of them is pale, the others dirty."""
     usual = min(usual, WIDTH_M)
     worn = np.repeat(rng.random(_EDGES) < rng.random(), 2)
     return Rims(
@@ -69,13 +69,13 @@ def random_rims(rng: np.random.Generator, usual: float) -> Rims:
 
 
 def chamfered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
-    """The scene with rims, drawn from `rng`, around its cuboid."""
+    """Return the scene with random rims around its cuboid."""
     rims = random_rims(rng, 0.0 if scene.cuboid is None else scene.cuboid.rim)
     return scene.with_cuboid(lambda body: with_rims(body, rims))
 
 
 def with_rims(body: Body, rims: Rims) -> Body:
-    """A body whose mesh is a sharp box of six groups, with rims."""
+    """Return a body with rims, from one whose mesh is a sharp box of six groups."""
     mesh = rimmed_box(body.size, rims.width, cut=rims.cut)
     faces, halves = group_faces(), group_halves()
     colors, coats = body.colors[faces], np.asarray(body.coats)[faces]
@@ -89,13 +89,13 @@ def with_rims(body: Body, rims: Rims) -> Body:
 
 
 def group_faces() -> Array:
-    """(54,) the face to which each group belongs: faces, halves of edges, thirds of corners."""
+    """(54,) the face of each group: faces, halves of edges, thirds of corners."""
     corner_faces = [_faces_of_corner(corner) for corner in range(_CORNERS)]
     return np.concatenate([np.arange(_FACES), EDGES[:, 2:].ravel(), np.concatenate(corner_faces)])
 
 
 def group_halves() -> Array:
-    """(54,) the half of an edge whose look each group has, -1: a face; a corner's third has one beside it."""
+    """(54,) the half edge whose look each group has; -1: a face. A corner's third takes an adjacent half."""
     of_corner = [
         int(np.flatnonzero((EDGES[:, :2] == corner).any(axis=1)[:, None] & (EDGES[:, 2:] == face)).item(0))
         for corner in range(_CORNERS)
@@ -105,7 +105,7 @@ def group_halves() -> Array:
 
 
 def rimmed_box(size: Array, width: float, *, cut: bool) -> Mesh:
-    """A cuboid of edge lengths `size` (3,) [m] about the origin with rims of `width` [m], cut or rounded.
+    """Return a cuboid of edge lengths `size` (3,) [m] about the origin with rims of `width` [m].
 
     Its groups are the six faces, then the two halves of each edge in the order of EDGES, then the thirds of
     the corners, each in the order of FACE_NAMES.
@@ -115,7 +115,7 @@ def rimmed_box(size: Array, width: float, *, cut: bool) -> Mesh:
     groups: list[int] = []
 
     def add(polygon: FloatArray, outwards: FloatArray, group: int) -> None:
-        """A polygon (N, 3) that its first point sees all of, counter-clockwise or not."""
+        """Add a polygon (N, 3), star-shaped about its first point, in either orientation."""
         if np.cross(polygon[1] - polygon[0], polygon[2] - polygon[0]) @ outwards < 0:
             polygon = np.roll(polygon[::-1], 1, axis=0)
         polygons.append(polygon)
@@ -148,7 +148,7 @@ def _faces_of_corner(corner: int) -> list[int]:
 
 
 def _half_arc(near: FloatArray, far: FloatArray, *, cut: bool) -> FloatArray:
-    """Points (N, 3) from the normal `near` to the middle between both, on a unit circle or its chord."""
+    """Return points (N, 3) from `near` to halfway between both normals, on the unit circle or its chord."""
     if cut:
         return np.stack([near, (near + far) / 2])
     angle = np.linspace(0.0, np.pi / 4, _HALF_ARC + 1)[:, None]

@@ -1,7 +1,7 @@
-"""The effect `clutter`: things that hang on the wall or stand outside, in the same places for a whole film.
+"""The effect `clutter`: things on the wall or outside, in the same places for a whole film.
 
-What hangs on the wall hugs it, and so hides only objects that are next to it; what stands outside is no
-higher than the rim, over which every camera looks.
+Things on the wall are close to it, and so hide only objects next to it. Things outside are no higher than the
+rim, over which every camera looks.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from synthetic.world import meshes
 from tracker.conventions import Array, FloatArray
 
 PIECES = (2, 7)
-"""Least and greatest number of things."""
+"""Smallest and largest number of things."""
 
 IN_FACE_COLORS = 0.5
-"""Share of them in the colour of a face; the others are black, grey or white, or of wood or skin."""
+"""Share of things in the colour of a face; the others are black, grey, white, or like wood or skin."""
 
 _PAINTS = "cube_v2"
 _OTHERS = np.array([[0.01] * 3, [0.1] * 3, [0.5] * 3, [0.8] * 3, [0.08, 0.16, 0.25], [0.2, 0.3, 0.5]])
 """Linear BGR reflectances."""
 
 _HEIGHTS, _RADII = np.array([0.025, 0.038, 0.103, 0.172]), np.array([0.199, 0.1985, 0.2375, 0.277])
-"""The wall's inner surface [m]."""
+"""Profile of the wall's inner surface: heights and radii [m]."""
 
 Part = tuple[FloatArray, Array]
 """Vertices (V, 3) [m] and triangles (T, 3)."""
 
 
 def cluttered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
-    """The scene with things drawn from `rng`."""
+    """Return the scene with random things."""
     name, bodies = f"{rng.integers(2**62):x}", list(scene.bodies)
     for number in range(int(rng.integers(PIECES[0], PIECES[1] + 1))):
         kind = _KINDS[int(rng.integers(len(_KINDS)))]
@@ -54,13 +54,13 @@ def _color(rng: np.random.Generator) -> FloatArray:
 
 
 def _on_wall(azimuth: Array, height: Array, lift: Array | float) -> FloatArray:
-    """Points (..., 3) [m] by so much within the wall."""
+    """Return points (..., 3) [m] at a distance `lift` [m] inside the wall."""
     radius = np.interp(height, _HEIGHTS, _RADII) - lift
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), np.asarray(height)], axis=-1)
 
 
 def _sheet(points: FloatArray) -> Part:
-    """A surface through a grid of points (R, C, 3)."""
+    """Return a surface through a grid of points (R, C, 3)."""
     rows, columns = points.shape[:2]
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     halves = np.array([[0, 1, columns + 1], [0, columns + 1, columns]])
@@ -68,18 +68,18 @@ def _sheet(points: FloatArray) -> Part:
 
 
 def _tape(rng: np.random.Generator, azimuth: float) -> list[Part]:
-    """A strip of 10 to 25 mm on the wall."""
+    """Draw a strip of tape, 10 to 25 mm wide, on the wall."""
     half, turn = rng.uniform([0.015, 0.005], [0.06, 0.0125]), rng.uniform(0.0, np.pi)
     along, across = np.meshgrid(np.linspace(-half[0], half[0], 9), half[1] * np.array([-1.0, 1.0]))
     up = np.sin(turn) * along + np.cos(turn) * across
     side = np.cos(turn) * along - np.sin(turn) * across
-    # The wall leans outwards: its height is seven eighths of the way along it.
+    # The wall leans outwards: height is seven eighths of the distance along it.
     height = np.clip(rng.uniform(0.045, 0.15) + 0.87 * up, 0.026, 0.172)
     return [_sheet(_on_wall(azimuth + side / 0.23, height, 0.003))]
 
 
 def _cloth(rng: np.random.Generator, azimuth: float) -> list[Part]:
-    """A sleeve or cloth that hangs over the rim, in folds."""
+    """Draw a sleeve or cloth that hangs over the rim, in folds."""
     width, end = rng.uniform(0.15, 0.5), rng.uniform(0.06, 0.13)
     turns = np.linspace(-width, width, 41)
     hem = end + 0.005 * np.sin(rng.uniform(2.0, 5.0) * turns / width) + 0.03 * (turns / width) ** 2
@@ -90,7 +90,7 @@ def _cloth(rng: np.random.Generator, azimuth: float) -> list[Part]:
 
 
 def _cable(rng: np.random.Generator, azimuth: float) -> list[Part]:
-    """A cable of 4 to 8 mm from the rim down the wall."""
+    """Draw a cable, 4 to 8 mm thick, from the rim down the wall."""
     radius, share = rng.uniform(0.002, 0.004), np.linspace(0.0, 1.0, 25)
     height = 0.172 - share * (0.172 - rng.uniform(0.03, 0.12))
     wander = rng.uniform(-0.4, 0.4) * share + 0.05 * np.sin(rng.uniform(3.0, 9.0) * share)
@@ -98,7 +98,7 @@ def _cable(rng: np.random.Generator, azimuth: float) -> list[Part]:
 
 
 def _tool(rng: np.random.Generator, azimuth: float) -> list[Part]:
-    """A handle and a thin shaft that hang on the wall, above what lies on the table."""
+    """Draw a tool, a handle with a thin shaft, that hangs on the wall above what lies on the table."""
     thick, thin = rng.uniform([0.008, 0.002], [0.012, 0.004])
     ends = 0.165 - np.cumsum([0.0, *rng.uniform([0.03, 0.02], [0.05, 0.04])])
     tilt = rng.uniform(-0.5, 0.5)
@@ -112,7 +112,7 @@ def _tool(rng: np.random.Generator, azimuth: float) -> list[Part]:
 
 
 def _box(rng: np.random.Generator, azimuth: float) -> list[Part]:
-    """Something beyond the wall, no higher than its rim."""
+    """Draw a box beyond the wall, no higher than its rim."""
     size = rng.uniform([0.04, 0.04, 0.12], [0.15, 0.15, 0.19])
     solid = meshes.box("", size)
     turn = rng.uniform(0.0, np.pi)

@@ -1,4 +1,4 @@
-"""What effects of the real world do to a scene."""
+"""Changes that the effects make to a scene."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from tracker.conventions import FloatArray
 from tracker.geometry import so3
 
 SIZE_M = 0.0003
-"""Greatest deviation of an edge's length [m]: what ISO 2768's class m grants parts of 30 to 120 mm, and about
-what the recorded objects' paint takes from their edges."""
+"""Largest error of an edge length [m]: the tolerance of ISO 2768-m for parts of 30 to 120 mm, and about the
+thickness that paint takes from the recorded objects' edges."""
 
 MOVING, SPEED, RATE = 1 / 2, 0.3, 2.0
-"""Share of single scenes whose object moves, and its greatest speed [m/s] and rate of turn [rad/s]: as fast
-as fingers push and carry."""
+"""Share of single scenes whose object moves, and its largest speed [m/s] and rate of rotation [rad/s]: as
+fast as fingers push and carry."""
 
 
 CONTACT, CONTACT_M = (0.0, 1.0), (0.002, 0.008)
-"""Share of the sky's light that is gone where the object stands, and how far that reaches [m]: see
-`scripts/measure_edges.py`."""
+"""Ranges of the share of the sky's light hidden where the object stands, and of the reach of this shade [m]:
+see `scripts/measure_edges.py`."""
 
 
 def resized(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
-    """The scene with a cuboid whose edges are a little off; its centre stays."""
+    """Return the scene with random errors of the cuboid's edge lengths; its centre stays."""
     change = rng.uniform(-SIZE_M, SIZE_M, 3)
 
     def other(body: Body) -> Body:
@@ -45,7 +45,7 @@ def resized(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
 
 
 def standing(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
-    """The scene with shade, drawn from `rng`, where its cuboid stands."""
+    """Return the scene with random contact shade below its cuboid."""
     return dataclasses.replace(scene, contact=(float(rng.uniform(*CONTACT)), float(rng.uniform(*CONTACT_M))))
 
 
@@ -58,17 +58,17 @@ _CHANGES: dict[str, Callable[[PlatformScene, np.random.Generator], PlatformScene
     "contact": standing,
     "clutter": cluttered,
 }
-"""In the order in which they are made."""
+"""Changes of scenes by effect, in the order of their application."""
 
 
 def with_effects(scene: PlatformScene, effects: Effects, seed: int, number: int) -> PlatformScene:
-    """The scene with the effects that change scenes; all scenes of one `number` get the same ones.
+    """Apply the effects that change scenes; all scenes of one `number` get the same ones.
 
     Args:
-        scene: a tidy one.
-        effects: those requested.
-        seed: of everything random.
-        number: of the single scene or of the motion.
+        scene: a tidy scene.
+        effects: the effects to apply.
+        seed: seed of all randomness.
+        number: number of the single scene or of the motion.
     """
     for name in (name for name in _CHANGES if name in effects.names):
         scene = _CHANGES[name](scene, stream(name, seed, number))
@@ -76,7 +76,7 @@ def with_effects(scene: PlatformScene, effects: Effects, seed: int, number: int)
 
 
 def still_at(scene: PlatformScene, timestamp: float, effects: Effects, seed: int, number: int) -> SceneAt:
-    """A single scene around its time stamp [s], at which it is exactly `scene`."""
+    """Return a single scene as a function of time, equal to `scene` at its timestamp [s]."""
     rng = stream("motion_blur", seed, number, 1)
     if not effects.motion_blur or rng.random() >= MOVING:
         return lambda _: scene
@@ -91,7 +91,7 @@ def still_at(scene: PlatformScene, timestamp: float, effects: Effects, seed: int
 
 
 def _moved(scene: PlatformScene, shift: FloatArray, angle: float) -> PlatformScene:
-    """The scene with what bears labels moved [m], and turned about the vertical through its middle [rad]."""
+    """Return the scene with labelled bodies moved [m] and turned about their vertical axis [rad]."""
     shown = [body.world_from_body[:3, 3] for body in scene.bodies if np.any(body.labels)]
     if not shown or not (angle or shift.any()):
         return scene

@@ -1,4 +1,4 @@
-"""Fingers in poses that they can take: within their limits, and touching nothing they should not."""
+"""Possible poses of fingers: within their joint limits and without collisions."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
     from synthetic.world.simulation import World
 
 GAP = 0.0003
-"""Least distance [m] between a finger and anything else."""
+"""Smallest distance between a finger and anything else [m]."""
 
 _ATTEMPTS_NEAR, _ATTEMPTS = 30, 200
 _SHARE_OF_RANDOM_ANGLES, _SHARE_OF_RESTING = 0.6, 0.7
 _SAFE_RADIUS = 0.19
 
 REST = np.array([0.0, 1.25, -1.55])
-"""(3,) joint angles [rad] of a finger that is out of the way."""
+"""(3,) joint angles of a finger that is out of the way [rad]."""
 
 
 def random_fingers(
     platform: Platform, states: Sequence[ObjectState], rng: np.random.Generator, near: float
 ) -> tuple[FloatArray, list[bool]]:
-    """Joint angles (9,) [rad] without collisions, and which tips are near an object's surface.
+    """Draw joint angles (9,) [rad] without collisions; also return which tips are near an object's surface.
 
-    Each finger is near with the probability `near`, as far as it can get there.
+    Each finger is near with the probability `near`, if it can reach the object.
     """
     world = platform.world
     world.set_objects(states)
@@ -54,7 +54,7 @@ def random_fingers(
 
 
 def tip_near(platform: Platform, states: Sequence[ObjectState], rng: np.random.Generator) -> FloatArray:
-    """A place (3,) [m] for a tip that touches an object's surface or hovers a little above it."""
+    """Draw a position (3,) [m] of a tip that touches an object's surface or is a little above it."""
     state = states[int(rng.integers(len(states)))]
     axis, sign = int(rng.integers(3)), rng.choice([-1.0, 1.0])
     gap = rng.uniform(GAP, 0.001) if rng.random() < 0.5 else rng.exponential(0.008) + GAP
@@ -64,14 +64,14 @@ def tip_near(platform: Platform, states: Sequence[ObjectState], rng: np.random.G
 
 
 def is_clear(world: World, finger: int, angles: Array, others: Sequence[int], *, gap: float = GAP) -> bool:
-    """Whether a finger at joint angles (3,) keeps `gap` [m] from everything; it stays there.
+    """Put a finger at joint angles (3,); return whether it keeps `gap` [m] from everything.
 
-    Everything is table, wall, objects and those of the other fingers that `others` lists.
+    Everything is the table, the wall, the objects and the fingers listed in `others`.
     """
     world.set_finger(finger, angles)
     links = world.finger_links[finger]
     bounds = {link: world.bounds(world.robot, link) for link in links}
-    # Bullet's bounds are generous by millimetres: they tell only where a closer look is needed.
+    # Bullet's bounds are millimetres too large: they only show where an exact test is needed.
     for link, bound in bounds.items():
         if bound[0, 2] < gap and world.near(world.table, gap, link):
             return False

@@ -1,8 +1,8 @@
-"""Where the finger tips are, and which joint angles bring them to a place.
+"""Forward and inverse kinematics of the fingers.
 
-A finger hangs at the height of the hub. Its first joint turns it about the hub's tangent, the other two
-bend it in a plane that is BEND_OFFSET beside the axis: the inverse is therefore known in closed form.
-The tests compare both with PyBullet's reading of the robot's description.
+A finger hangs at the height of the hub. Its first joint turns it about the hub's tangent; the other two
+bend it in a plane offset from that axis by BEND_OFFSET, so the inverse has a closed form. The tests compare
+both with PyBullet's kinematics of the robot's description.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import numpy as np
 from tracker.conventions import Array, FloatArray
 
 LOWER_LIMITS = np.array([-0.33, 0.0, -2.7])
-"""(3,) least joint angles of a finger [rad]."""
+"""(3,) smallest joint angles of a finger [rad]."""
 UPPER_LIMITS = np.array([1.0, 1.57, 0.0])
-"""(3,) greatest joint angles of a finger [rad]."""
+"""(3,) largest joint angles of a finger [rad]."""
 TIP_RADIUS = 0.01
-"""Radius of the rubber sphere at a finger's end [m]; its centre is what is called the tip here."""
+"""Radius of the rubber sphere at a finger's end [m]; "tip" here means its centre."""
 BASE_ANGLES = np.radians([0.0, -120.0, -240.0])
 """(3,) rotation of each finger's base about z [rad]."""
 
@@ -24,11 +24,11 @@ HUB_HEIGHT = 0.29
 BEND_OFFSET = 0.01685 + 0.05015 + 0.019
 SHOULDER = 0.0505
 LINK = 0.16
-"""Lengths of a finger [m]."""
+"""Dimensions of a finger [m]."""
 
 
 def tips(joints: Array) -> FloatArray:
-    """Tips (..., 3, 3) [m] of joint angles (..., 9) [rad]: one row a finger."""
+    """Return the tips (..., 3, 3) [m] at joint angles (..., 9) [rad], one row per finger."""
     q = np.asarray(joints, dtype=np.float64).reshape(*np.shape(joints)[:-1], 3, 3)
     first, second, both = q[..., 0], q[..., 1], q[..., 1] + q[..., 2]
     y = SHOULDER + LINK * (np.sin(second) + np.sin(both))
@@ -40,7 +40,7 @@ def tips(joints: Array) -> FloatArray:
 
 
 def finger_angles(finger: int, tip: Array) -> FloatArray | None:
-    """Joint angles (3,) [rad] within the limits that bring one finger's tip to `tip` (3,) [m], if any."""
+    """Return joint angles (3,) [rad] within the limits that put a finger's tip at `tip` (3,) [m], or None."""
     angle = BASE_ANGLES[finger]
     cosine, sine = np.cos(angle), np.sin(angle)
     x = cosine * tip[0] + sine * tip[1]
@@ -49,7 +49,7 @@ def finger_angles(finger: int, tip: Array) -> FloatArray | None:
     distance = np.hypot(x, z)
     if distance < BEND_OFFSET:
         return None
-    # cos(q0) x - sin(q0) z = BEND_OFFSET, the solution that has the finger hang downwards.
+    # Of the solutions of cos(q0) x - sin(q0) z = BEND_OFFSET, take the one with the finger hanging down.
     first = -np.arccos(BEND_OFFSET / distance) - np.arctan2(z, x)
     first = (first + np.pi) % (2 * np.pi) - np.pi
     down = -(np.sin(first) * x + np.cos(first) * z)

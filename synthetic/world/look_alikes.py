@@ -1,7 +1,7 @@
-"""Look-alikes: other things in the object's place, which no tracker should report.
+"""Look-alikes: other things in the object's place, which a tracker should not report.
 
-Each kind is a function from the true object's body, whose groups are the six faces, to bodies in its place.
-Labels are those of the colours that are seen; the true arrangement of faces is never among them.
+Each kind is a function from the true object's body, whose groups are the six faces, to the bodies in its
+place. Their labels are the visible colours; they never have the true arrangement of faces.
 """
 
 from __future__ import annotations
@@ -22,47 +22,47 @@ from tracker.geometry.cuboid import FACE_CORNERS, FACE_NORMALS, corners
 from tracker.objects.model import load_object
 
 SMALLER, LARGER = (0.7, 0.9), (1.1, 1.3)
-"""Scales of what is the object but for its size."""
+"""Ranges of the scale of copies that differ in size only."""
 
 SHORTER, LONGER = (0.6, 0.8), (1.25, 1.5)
-"""Factors on one of its edges."""
+"""Ranges of the factor on one of its edges."""
 
 _ROUND = 24
-"""Sides of a prism that stands for a cylinder."""
+"""Sides of a prism that approximates a cylinder."""
 
 _PLATE_M = 0.003
 """Thickness of loose plates."""
 
 _PAPER = 0.75
-"""Reflectance of what a photo is printed on."""
+"""Reflectance of the paper of a photo."""
 
 
 def _paints(own: Body, labels: Array) -> FloatArray:
-    """Reflectances (N, 3) of a body's colours by their labels (N,)."""
+    """Return the reflectances (N, 3) of a body's colours for labels (N,)."""
     place = {int(label): row for row, label in enumerate(own.labels)}
     return np.stack([own.colors[place[int(label)]] for label in labels])
 
 
 def _as_body(own: Body, mesh: Mesh, labels: Array, colors: Array | None = None, **more: object) -> Body:
-    """A body of the object's material where it is; `colors` by default those of the labels."""
+    """Return a body with the object's material and pose; `colors` defaults to those of the labels."""
     colors = _paints(own, labels) if colors is None else colors
     changes = {"mesh": mesh, "labels": np.asarray(labels, np.uint8), "colors": colors, "coats": None}
     return dataclasses.replace(own, **changes, **{"faces": False, **more})  # type: ignore[arg-type]
 
 
 def _repainted(own: Body, labels: Array, colors: Array | None = None) -> list[Body]:
-    """The object itself with other colours on its faces."""
+    """Return the object with other colours on its faces."""
     return [_as_body(own, own.mesh, labels, colors, faces=True)]
 
 
 def _scaled(own: Body, factors: Array, key: str) -> list[Body]:
-    """The object with edges that are `factors` (3,) times as long."""
+    """Return the object with its edges scaled by `factors` (3,)."""
     mesh = meshes.box(f"{own.mesh.key}_{key}", factors * own.size)
     return [_on_table(own, _as_body(own, mesh, own.labels, faces=True))]
 
 
 def _on_table(own: Body, body: Body) -> Body:
-    """A body moved up or down so that its lowest point is as high as the object's."""
+    """Return a body moved vertically so that its lowest point is as high as the object's."""
     height = np.min(_in_world(body)[:, 2]) - np.min(_in_world(own)[:, 2])
     pose = np.array(body.world_from_body)
     pose[2, 3] -= height
@@ -70,7 +70,7 @@ def _on_table(own: Body, body: Body) -> Body:
 
 
 def look_alike(scene: PlatformScene, kind: str, rng: np.random.Generator) -> PlatformScene:
-    """The scene with something of a kind, drawn from `rng`, in place of its cuboid; without one as it is.
+    """Replace the scene's cuboid, if there is one, by a random look-alike of this kind.
 
     Raises:
         TrackerError: the object has fewer than six colours.
@@ -87,7 +87,7 @@ def look_alike(scene: PlatformScene, kind: str, rng: np.random.Generator) -> Pla
 
 
 def turned_arrangements(labels: Array) -> set[tuple[int, ...]]:
-    """All arrangements of faces that are `labels` (6,) turned round."""
+    """Return all arrangements of faces that are rotations of `labels` (6,)."""
     result = set()
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1, -1), repeat=3):
@@ -99,7 +99,7 @@ def turned_arrangements(labels: Array) -> set[tuple[int, ...]]:
 
 
 def _permuted_labels(labels: Array, rng: np.random.Generator, avoid: Array | None = None) -> Array:
-    """The labels in an order that is not the true one turned, nor equal to `avoid` (6,) on any face."""
+    """Draw an order of the labels that no rotation makes true, nor equals `avoid` (6,) on any face."""
     true = turned_arrangements(labels)
     while True:
         chosen = rng.permutation(labels)
@@ -112,14 +112,14 @@ def _permuted(own: Body, rng: np.random.Generator) -> list[Body]:
 
 
 def _mirrored(own: Body, rng: np.random.Generator) -> list[Body]:
-    """The object in a mirror: what two opposite faces have is exchanged."""
+    """Return the object's mirror image: two opposite faces are exchanged."""
     labels, axis = own.labels.copy(), int(rng.integers(3))
     labels[[2 * axis, 2 * axis + 1]] = labels[[2 * axis + 1, 2 * axis]]
     return _repainted(own, labels)
 
 
 def _pairs(own: Body, rng: np.random.Generator) -> list[Body]:
-    """Opposite faces have the same colour, that of either."""
+    """Return the object with opposite faces in the same colour, that of either."""
     return _repainted(own, np.repeat(own.labels[2 * np.arange(3) + rng.integers(2, size=3)], 2))
 
 
@@ -139,7 +139,7 @@ def _plain(own: Body, rng: np.random.Generator) -> list[Body]:
 
 
 def _other_object(own: Body, rng: np.random.Generator) -> list[Body]:
-    """The faces of cube_v2, or of cube_v1 where those are its own, in their own paints."""
+    """Return the object with the faces and paints of cube_v2, or of cube_v1 if it has those of cube_v2."""
     true = turned_arrangements(own.labels)
     models = [load_object(name) for name in ("cube_v2", "cube_v1")]
     other = next(model for model in models if tuple(map(int, model.face_labels)) not in true)
@@ -147,7 +147,7 @@ def _other_object(own: Body, rng: np.random.Generator) -> list[Body]:
 
 
 def _layers(own: Body, rng: np.random.Generator) -> list[Body]:
-    """Two or three slabs across the longest edge, no face of any in its true colour."""
+    """Return two or three slabs across the longest edge, with no face in its true colour."""
     count, axis = int(rng.integers(2, 4)), int(np.argmax(own.size))
     ends = np.concatenate([[0.0], np.cumsum(rng.uniform(0.7, 1.3, count))])
     ends = (ends / ends[-1] - 0.5) * own.size[axis]
@@ -171,21 +171,21 @@ def _layers(own: Body, rng: np.random.Generator) -> list[Body]:
 
 
 def _prism(own: Body, rng: np.random.Generator) -> list[Body]:
-    """A prism of three or six sides, each of a colour."""
+    """Return a prism of three or six sides, each in one colour."""
     sides = int(rng.choice([3, 6]))
     return [_upright(own, sides, sides, rng)]
 
 
 def _round(own: Body, rng: np.random.Generator) -> list[Body]:
-    """A cylinder in three to six bands of colour from end to end."""
+    """Return a cylinder with three to six bands of colour from end to end."""
     return [_upright(own, _ROUND, int(rng.integers(3, 7)), rng)]
 
 
 def _upright(own: Body, sides: int, bands: int, rng: np.random.Generator) -> Body:
-    """A prism along the longest edge, as thick as the object is wide, with so many bands of sides."""
+    """Return a prism along the longest edge, as thick as the object is wide, with sides in `bands` bands."""
     axis = int(np.argmax(own.size))
     width = np.delete(own.size, axis).mean()
-    # As much in section as the square that it replaces.
+    # The same cross-section area as the square that it replaces.
     radius = width * np.sqrt(2 / (sides * np.sin(2 * np.pi / sides)))
     rim, half = radius * meshes.circle(2 * np.pi * np.arange(sides) / sides), own.size[axis] / 2
     parts, groups = [], []
@@ -200,14 +200,14 @@ def _upright(own: Body, sides: int, bands: int, rng: np.random.Generator) -> Bod
         groups += [bands + end] * len(fan)
     vertices, triangles = meshes.concatenate(parts)
     labels = np.concatenate([rng.permutation(own.labels), rng.permutation(own.labels)])[: bands + 2]
-    # A turn of the axes: z becomes the longest edge.
+    # Rotate the axes so that z becomes the longest edge.
     key = f"prism_{sides}_{bands}_{own.mesh.key}"
     mesh = Mesh(key, np.roll(vertices, axis - 2, 1), triangles, np.array(groups))
     return _on_table(own, _as_body(own, mesh, labels))
 
 
 def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
-    """One to three loose plates as large as faces, lying on the table or standing on it."""
+    """Return one to three loose plates of the faces' size, lying on the table or standing on it."""
     count, bodies = int(rng.integers(1, 4)), []
     middle = own.world_from_body[:2, 3]
     labels = rng.choice(own.labels, count, replace=False)
@@ -217,7 +217,7 @@ def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
         stands = bool(rng.random() < 0.4)
         away, azimuth = rng.uniform(0.2, 0.6) * own.size.max() * (count > 1), 2 * np.pi * number / count
         place = middle + away * direction(azimuth)[:2]
-        # Each a little thicker than the one before: tops of plates that overlap do not coincide.
+        # Each is slightly thicker than the one before, so that tops of overlapping plates do not coincide.
         size[2] += 2e-4 * number
         facing = turn @ so3.exp([np.pi / 2, 0.0, 0.0]) if stands else turn
         pose = transform(facing, [*place, size[1 if stands else 2] / 2])
@@ -228,7 +228,7 @@ def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
 
 
 def _photo(own: Body, rng: np.random.Generator) -> list[Body]:
-    """A picture of the object from somewhere above, cut out or on white paper, that lies, leans or floats."""
+    """Return a photo of the object from above, cut out or on white paper, that lies, leans or floats."""
     elevation, azimuth = rng.uniform([np.radians(25), 0.0], [np.radians(65), 2 * np.pi])
     towards = direction(azimuth, elevation)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -283,6 +283,6 @@ KINDS_OF: dict[str, Callable[[Body, np.random.Generator], list[Body]]] = {
 
 KINDS = tuple(KINDS_OF)
 """permuted: the faces in another order. size: another size. plain: one colour. plates: loose coloured plates.
-layers: bands of wrong colours. prism: three or six coloured sides. photo: a flat picture of the object.
+layers: bands of wrong colours. prism: three or six coloured sides. photo: a flat photo of the object.
 other_object: the faces of another object. mirrored: two opposite faces exchanged. pairs: opposite faces
 alike. stretched: one edge longer or shorter. round: a cylinder in bands of colour."""

@@ -1,4 +1,4 @@
-"""Meshes: simple solids, and files of triangles [m]."""
+"""Meshes: simple solids, and mesh files [m]."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import FACE_CORNERS, corners
 
 _PIP_CORNERS = 12
-"""Of the polygon that stands for a circle about two pixels wide in a picture; a multiple of 4."""
+"""Corners of the polygon that approximates a pip, about two pixels wide in an image; a multiple of 4."""
 
 _DIAGONAL, _SQUARE = {(0, 0), (2, 2)}, {(0, 0), (0, 2), (2, 0), (2, 2)}
 _PIPS = {
@@ -24,29 +24,29 @@ _PIPS = {
     5: _SQUARE | {(1, 1)},
     6: _SQUARE | {(0, 1), (2, 1)},
 }
-"""Cells of a face's 3 × 3 cells that have a pip, by their number."""
+"""Cells with a pip in a face's 3 × 3 cells, by the face's number."""
 
 
 QUAD = np.array([[0, 1, 2], [0, 2, 3]])
-"""Triangles of four points around a rectangle."""
+"""Triangles of a rectangle's four corners."""
 
 
 def fan(count: int) -> Array:
-    """Triangles (N, 3) of a polygon of `count` points that its first point sees all of."""
+    """Return triangles (N, 3) of a polygon of `count` points that is star-shaped about its first point."""
     return np.array([[0, k, k + 1] for k in range(1, count - 1)])
 
 
 def circle(angle: Array) -> FloatArray:
-    """Points (N, 2) of the unit circle at angles (N,) [rad]."""
+    """Return points (N, 2) of the unit circle at angles (N,) [rad]."""
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def box(key: str, size: Array, *, one_group: bool = False) -> Mesh:
-    """A cuboid of edge lengths `size` (3,) [m] about the origin.
+    """Return a cuboid of edge lengths `size` (3,) [m] about the origin.
 
     Its groups are the faces in the order of `geometry.cuboid.FACE_NAMES`; `one_group`: all are group 0.
     """
-    # Four vertices a face: the renderers' smooth shading must not reach across edges.
+    # Four vertices per face, since the renderers' smooth shading must not reach across edges.
     vertices = corners(size)[FACE_CORNERS].reshape(-1, 3)
     first = 4 * np.arange(6)[:, None]
     triangles = (first[:, :, None] + QUAD).reshape(-1, 3)
@@ -55,16 +55,16 @@ def box(key: str, size: Array, *, one_group: bool = False) -> Mesh:
 
 
 def die(key: str, size: float, spread: float, diameter: float) -> Mesh:
-    """A cube of edge length `size` [m] about the origin with the pips of a die: 1 on +x, 2 on +y, 3 on +z.
+    """Return a die of edge length `size` [m] about the origin with pips: 1 on +x, 2 on +y, 3 on +z.
 
     Args:
         key: the mesh's unique name.
         size: edge length [m].
-        spread: distance of the outer rows of pips from the middle of a face [m].
-        diameter: of the pips [m], at most 0.9 `spread`: polygons of the area of a circle.
+        spread: distance of the outer rows of pips from the centre of a face [m].
+        diameter: diameter of the pips [m], at most 0.9 `spread`; they are polygons of the circle's area.
 
     Returns:
-        Group 1 are the pips, group 0 is the rest.
+        Mesh with the pips as group 1 and the rest as group 0.
     """
     rows = np.array([-spread, 0.0, spread])
     lines = np.array([-size / 2, -spread / 2, spread / 2, size / 2])
@@ -86,15 +86,15 @@ def die(key: str, size: float, spread: float, diameter: float) -> Mesh:
 
 
 def _cell_with_pip(cell: FloatArray, center: FloatArray, diameter: float) -> tuple[FloatArray, Array, Array]:
-    """Flat vertices (V, 2) [m], triangles and groups of a rectangle (4, 2) around a pip.
+    """Return flat vertices (V, 2) [m], triangles and groups of a rectangle (4, 2) around a pip.
 
-    The only vertices on the rectangle's sides are its corners: neighbours meet in whole edges.
+    The rectangle's sides have vertices at its corners only, so that neighbours meet in whole edges.
     """
     n = _PIP_CORNERS
     radius = diameter / 2 * np.sqrt(2 * np.pi / n / np.sin(2 * np.pi / n))
     rim = center + radius * circle(2 * np.pi * np.arange(n) / n)
     k = np.arange(n)
-    # The cell's corners start between the directions -u and -v, the rim at +u: half a turn ahead.
+    # The cell's corners start between the directions -u and -v, the rim at +u: half a turn apart.
     corner = n + (k * 4 // n + 2) % 4
     inside = np.stack([np.zeros(n - 2, dtype=np.int64), k[1:-1], k[2:]], axis=1)
     around = np.stack([corner, (k + 1) % n, k], axis=1)
@@ -105,7 +105,7 @@ def _cell_with_pip(cell: FloatArray, center: FloatArray, diameter: float) -> tup
 
 
 def disc(key: str, radius: float, segments: int = 96) -> Mesh:
-    """A flat disc that faces +z, about the origin; `radius` [m]."""
+    """Return a flat disc of `radius` [m] about the origin that faces +z."""
     angle = 2 * np.pi * np.arange(segments) / segments
     rim = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(segments)], axis=1)
     index = np.arange(segments)
@@ -114,16 +114,16 @@ def disc(key: str, radius: float, segments: int = 96) -> Mesh:
 
 
 def cylinder(radius: float, length: float) -> tuple[FloatArray, Array]:
-    """Vertices and triangles of a cylinder along z about the origin [m]."""
+    """Return vertices and triangles of a cylinder along z about the origin [m]."""
     solid = trimesh.creation.cylinder(radius=radius, height=length, sections=24)
-    # Caps and side get vertices of their own, for the sake of smooth shading.
+    # Caps and side have separate vertices, for smooth shading.
     side = np.abs(solid.face_normals[:, 2]) < 0.5
     parts = [(solid.vertices, solid.faces[side]), (solid.vertices, solid.faces[~side])]
     return concatenate(parts)
 
 
 def tube(line: FloatArray, radius: float, sides: int = 10) -> tuple[FloatArray, Array]:
-    """A tube with closed ends around the points (N, 3) of a line [m]."""
+    """Return a tube with closed ends around the points (N, 3) of a line [m]."""
     ways = np.gradient(line, axis=0)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     helper = np.eye(3)[int(np.argmin(np.abs(ways).max(axis=0)))]
@@ -142,7 +142,7 @@ def tube(line: FloatArray, radius: float, sides: int = 10) -> tuple[FloatArray, 
 
 
 def load(path: Path, scale: Array | None = None) -> tuple[FloatArray, Array]:
-    """Vertices (V, 3) [m] and triangles (T, 3) of a mesh file, equal vertices merged."""
+    """Return vertices (V, 3) [m] and triangles (T, 3) of a mesh file, with equal vertices merged."""
     vertices, triangles = _loaded(path)
     return vertices * (1.0 if scale is None else np.asarray(scale)), triangles
 
@@ -157,14 +157,14 @@ def _loaded(path: Path) -> tuple[FloatArray, Array]:
 
 
 def concatenate(parts: list[tuple[FloatArray, Array]]) -> tuple[FloatArray, Array]:
-    """One set of vertices and triangles from several."""
+    """Concatenate sets of vertices and triangles."""
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
     triangles = [indices + offset for (_, indices), offset in zip(parts, offsets, strict=True)]
     return np.vstack([vertices for vertices, _ in parts]), np.vstack(triangles)
 
 
 def coils(inner: float, outer: float, height: float) -> tuple[FloatArray, Array]:
-    """Strips around x at x = `height`, facing +x: a motor's windings seen between its six spokes [m]."""
+    """Return strips around x at x = `height`, facing +x: a motor's windings between its six spokes [m]."""
     parts = []
     slots = 36
     for k in range(slots):

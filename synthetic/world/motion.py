@@ -1,4 +1,4 @@
-"""Sequences: what happens on the platform, as scenes with time stamps."""
+"""Sequences: motions on the platform, as scenes with timestamps."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ DICE_MOTIONS = ("push", "tumble", "drop", "mixed")
 """Kinds of motion."""
 
 JITTER = 0.003
-"""Standard deviation of the time between two pictures [s]."""
+"""Standard deviation of the interval between two images [s]."""
 
 _STARTS_TRIED = 300
 _MIXED = {"push": 0.3, "tumble": 0.2, "lift": 0.15, "carry": 0.35}
 
 
 BEFORE, AFTER = 0.03, 0.01
-"""How long before and after a picture's stamp scenes can be had [s]."""
+"""Time range before and after an image's timestamp for which scenes are available [s]."""
 
 
 def film(
@@ -45,20 +45,20 @@ def film(
     jitter: float = JITTER,
     dropped: float = 0.0,
 ) -> Iterator[tuple[float, SceneAt]]:
-    """Time stamps [s], from 0, and the scenes around these times: from BEFORE earlier to AFTER later.
+    """Yield timestamps [s], from 0, and scenes as functions of time from BEFORE earlier to AFTER later.
 
     Args:
-        platform: with the object.
+        platform: the platform with the object.
         rng: source of all randomness; the same state gives the same sequence.
-        seconds: length.
-        rate: pictures per second [Hz].
+        seconds: length [s].
+        rate: image rate [Hz].
         kind: "push", "tumble" and "drop" by physics; "lift" and "carry" with the fingers at the object's
             faces (not for dice); "mixed": one after the other without jumps. None: drawn.
-        jitter: standard deviation of the time between pictures [s].
-        dropped: probability that a picture is missing.
+        jitter: standard deviation of the interval between images [s].
+        dropped: probability that an image is missing.
 
     Raises:
-        TrackerError: an argument is impossible.
+        TrackerError: an argument is invalid.
     """
     kinds = DICE_MOTIONS if platform.model is None else CUBOID_MOTIONS
     if kind is not None and kind not in kinds:
@@ -74,7 +74,7 @@ def _stamps(
     rng: np.random.Generator, seconds: float, rate: float, jitter: float, dropped: float
 ) -> FloatArray:
     count = max(1, round(seconds * rate))
-    # Deviations do not add up: cameras are triggered by a clock. Order is kept whatever the rate.
+    # Jitter does not accumulate, since a clock triggers the cameras. The limit keeps their order.
     limit = 0.4 / rate
     stamps = np.arange(count) / rate + np.clip(rng.normal(0.0, jitter / np.sqrt(2), count), -limit, limit)
     kept = rng.random(count) >= dropped
@@ -111,7 +111,7 @@ def _pictures(
 def _scene_at(
     platform: Platform, look: Look, lighting: Lighting, kind: str, known: tuple[_Known, ...], time: float
 ) -> PlatformScene:
-    """The scene at a time between moments; before the first, that of the first."""
+    """Return the scene at a time between moments; before the first moment, that of the first."""
     k = next((k for k in range(1, len(known)) if known[k].time >= time), len(known) - 1)
     share = max(0.0, 1.0 - (known[k].time - time) / PERIOD)
     moment = between(known[k - 1].moment, known[k].moment, share)
@@ -121,7 +121,7 @@ def _scene_at(
 
 
 def between(before: Moment, after: Moment, share: float) -> Moment:
-    """The moment at `share` (0 to 1) of the way from one to the next."""
+    """Interpolate between two moments at `share` (0 to 1)."""
     turn = so3.log(after.rotations @ np.swapaxes(before.rotations, -1, -2))
     return Moment(
         before.positions + share * (after.positions - before.positions),
@@ -131,7 +131,7 @@ def between(before: Moment, after: Moment, share: float) -> Moment:
 
 
 def _begin(platform: Platform, rng: np.random.Generator, kind: str) -> Stage:
-    """The stage with everything in place for the first act."""
+    """Return the stage with everything in place for the first act."""
     (positions, rotations), _ = place(platform, rng, "rest" if platform.model else "dice_goal")
     if platform.model is not None and kind in ("drop", "lift", "carry"):
         for _ in range(_STARTS_TRIED):
@@ -162,7 +162,7 @@ def _in_air(platform: Platform, rng: np.random.Generator) -> Poses:
 
 
 def _acts(stage: Stage, kind: str) -> Iterator[tuple[str, Moment]]:
-    """Moments, PERIOD after PERIOD and without end, and the name of the act they belong to."""
+    """Yield, without end, the moments at each PERIOD and the name of their act."""
     name = kind
     while True:
         if kind == "mixed":
@@ -174,7 +174,7 @@ def _acts(stage: Stage, kind: str) -> Iterator[tuple[str, Moment]]:
 
 
 def _drop(stage: Stage) -> Moments:
-    """What is held is let go; what lies there is fetched first."""
+    """Drop the object; if it lies on the table, grip and lift it first."""
     if stage.platform.model is None:
         yield from stage.settle(1.5, least=0.5)
         yield from tumble(stage)

@@ -1,4 +1,4 @@
-"""Where an object may be: on any face, tilted, thrown, in the air; dice thrown or laid out as a goal."""
+"""Random poses of objects: on any face, tilted, thrown, in the air; dice thrown or laid out as a goal."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tracker.geometry import so3
 from tracker.geometry.cuboid import CORNER_SIGNS, FACE_NORMALS, corners
 
 MAX_CLEARANCE = 0.1
-"""Greatest height above the table of the lowest corner of an object in the air [m]."""
+"""Largest height above the table of the lowest corner of an object in the air [m]."""
 
 CUBOID_KINDS = {"rest": 0.45, "tilted": 0.07, "thrown": 0.13, "air": 0.35}
 DICE_KINDS = {"dice_thrown": 0.5, "dice_goal": 0.5}
-"""Kinds of scene and how often each is drawn."""
+"""Kinds of scene and their probabilities."""
 
 _GRID_CELLS = 17
 
@@ -26,11 +26,11 @@ Poses = tuple[FloatArray, FloatArray]
 """Positions (N, 3) [m] and rotations (N, 3, 3)."""
 
 Motion = tuple[FloatArray, FloatArray]
-"""Velocity (3,) [m/s] and rate of turn (3,) [rad/s]."""
+"""Velocity (3,) [m/s] and angular velocity (3,) [rad/s]."""
 
 
 def place(platform: Platform, rng: np.random.Generator, kind: str) -> tuple[Poses, dict[str, Any]]:
-    """Poses of all objects in a scene of this kind, and what describes them."""
+    """Draw poses of all objects in a scene of this kind, and their description for the ground truth."""
     if kind == "dice_thrown":
         return _throw_dice(platform, rng)
     if kind == "dice_goal":
@@ -53,23 +53,23 @@ def place(platform: Platform, rng: np.random.Generator, kind: str) -> tuple[Pose
 
 
 def random_rotation(rng: np.random.Generator) -> FloatArray:
-    """A rotation (3, 3) uniform over all."""
+    """Draw a uniformly distributed rotation (3, 3)."""
     return so3.matrix_from_quaternion(rng.standard_normal(4))
 
 
 def face_up(face: int) -> FloatArray:
-    """A rotation (3, 3) that turns a face, by its index in FACE_NAMES, upwards."""
+    """Return a rotation (3, 3) that turns a face, by its index in FACE_NAMES, upwards."""
     up, side = FACE_NORMALS[face], FACE_NORMALS[(face + 2) % 6]
     return np.stack([side, np.cross(up, side), up])
 
 
 def lowest(size: Array, rotation: Array) -> float:
-    """Height [m] of a cuboid's lowest corner relative to its centre; negative."""
+    """Return the height [m] of a cuboid's lowest corner relative to its centre; negative."""
     return float(-np.abs(np.asarray(rotation)[2] * np.asarray(size)).sum() / 2)
 
 
 def random_place(rng: np.random.Generator, size: Array, rotation: Array) -> FloatArray:
-    """x, y (2,) [m] uniform over the places where all corners stay within the arena."""
+    """Draw x, y (2,) [m] uniformly from the positions with all corners within the arena."""
     offsets = (corners(size) @ np.asarray(rotation).T)[:, :2]
     while True:
         distance, azimuth = ARENA_RADIUS * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
@@ -79,13 +79,13 @@ def random_place(rng: np.random.Generator, size: Array, rotation: Array) -> Floa
 
 
 def lift_onto_table(size: Array, positions: FloatArray, rotations: FloatArray) -> None:
-    """Raises, in place, what is a fraction of a millimetre inside the table after physics."""
+    """Raise, in place, objects that physics left a fraction of a millimetre inside the table."""
     for position, rotation in zip(positions, rotations, strict=True):
         position[2] = max(position[2], -lowest(size, rotation))
 
 
 def _throw(platform: Platform, rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
-    """A tumbling object at a random moment: on its way, or come to rest, perhaps against the wall."""
+    """Draw a tumbling object at a random time: in motion, or at rest, perhaps against the wall."""
     rotation = random_rotation(rng)
     start = np.array([*random_place(rng, platform.size, rotation), rng.uniform(0.01, 0.06)])
     start[2] -= lowest(platform.size, rotation)
@@ -96,7 +96,7 @@ def _throw(platform: Platform, rng: np.random.Generator) -> tuple[Poses, dict[st
 
 
 def _throw_dice(platform: Platform, rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
-    """Dice that fell onto the table, from a heap (some stay on others) or spread out."""
+    """Draw dice that fell onto the table, from a heap (some stay on others) or spread out."""
     spread = rng.uniform(0.02, 0.12)
     centre = rng.uniform(-0.05, 0.05, 2)
     levels = 0.02 + 0.034 * rng.permutation(platform.count) * rng.uniform(0.3, 0.8)
@@ -104,7 +104,7 @@ def _throw_dice(platform: Platform, rng: np.random.Generator) -> tuple[Poses, di
     starts = np.column_stack([places, levels])
     rotations = np.stack([random_rotation(rng) for _ in range(platform.count)])
     seconds = rng.uniform(0.7, 1.2)
-    # Downwards: the topmost die would otherwise take half a second to fall.
+    # Thrown downwards: the topmost die would otherwise take half a second to fall.
     motions = [
         (np.array([*rng.normal(0.0, 0.1, 2), -0.8]), rng.normal(0.0, 4.0, 3)) for _ in range(platform.count)
     ]
@@ -113,7 +113,7 @@ def _throw_dice(platform: Platform, rng: np.random.Generator) -> tuple[Poses, di
 
 
 def _flown(platform: Platform, start: Poses, motions: Sequence[Motion], seconds: float) -> Poses:
-    """Where physics has brought objects some seconds after they were let go in `motions`."""
+    """Simulate objects for some seconds after they are released in `motions`."""
     with platform.new_world(robot=False, fast=True) as world:
         world.set_objects(platform.object_states(*start))
         for index, motion in enumerate(motions):
@@ -125,7 +125,7 @@ def _flown(platform: Platform, start: Poses, motions: Sequence[Motion], seconds:
 
 
 def _lay_dice(rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
-    """Dice on cells of the task's grid: scattered or in rows, exactly or as a robot would leave them."""
+    """Draw dice on cells of the task's grid: scattered or in rows, exact or as a robot would leave them."""
     cells = goal_cells()
     pattern = ["scattered", "block", "rows"][int(rng.integers(3))]
     if pattern == "scattered":
@@ -134,14 +134,14 @@ def _lay_dice(rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
         anchor = cells[int(rng.integers(len(cells)))]
         order = np.argsort(np.abs(cells - anchor).max(axis=1) + 1e-4 * rng.random(len(cells)))
     else:
-        # Along a random line of the grid, then along the next ones: bars with gaps between them.
+        # Fill a random line of the grid, then parallel ones: bars with gaps between them.
         axis, step = int(rng.integers(2)), int(rng.integers(2, 4))
         line = np.rint(cells[:, axis] / DIE_SIZE).astype(np.int64)
         first = int(rng.integers(step))
         order = np.lexsort([cells[:, 1 - axis], np.abs(line), (line - first) % step != 0])
     chosen = cells[order[:DICE_COUNT]]
     inexact = rng.uniform(0.0, 1.0) * (rng.random() < 0.7)
-    # A die that is turned by a needs the more room the more it is turned; 1 mm lies between neighbours.
+    # A die needs more room the more it is turned; neighbours are 1 mm apart.
     yaws = rng.normal(0.0, np.radians(1.5) * inexact, len(chosen))
     places = chosen * (1.0 + 0.03 * inexact) + rng.uniform(-0.2, 0.2, chosen.shape) * 1e-3 * inexact
     rotations = np.stack([so3.exp([0.0, 0.0, yaw]) @ face_up(int(rng.integers(6))) for yaw in yaws])
@@ -150,7 +150,7 @@ def _lay_dice(rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
 
 
 def goal_cells() -> FloatArray:
-    """Centres (N, 2) [m] of the cells of the dice task's grid that lie in the arena."""
+    """Return centres (N, 2) [m] of the cells of the dice task's grid that lie in the arena."""
     line = (np.arange(_GRID_CELLS) - _GRID_CELLS // 2) * DIE_SIZE
     centers = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     square = CORNER_SIGNS[:4, :2] * DIE_SIZE / 2

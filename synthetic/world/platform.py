@@ -1,4 +1,4 @@
-"""The simulated platform: what is on it, and what a renderer is to draw of it."""
+"""The simulated platform: its contents, and the scenes for a renderer."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ DICE = "dice"
 DICE_COUNT, DIE_SIZE = 25, 0.022
 """Name, number and edge length [m] of the dice."""
 PIP_SPREAD, PIP_DIAMETER = 0.0044, 0.0034
-"""Distance of the dice's rows of pips from the middle of a face, and the pips' width [m], as measured in a
-picture of the real ones."""
+"""Distance of the dice's rows of pips from the centre of a face, and the pips' diameter [m], measured in an
+image of real dice."""
 
 ARENA_RADIUS = 0.19
 """Radius of the table within the wall [m]."""
@@ -37,13 +37,13 @@ _CROSS_HEIGHT = 0.0002
 class Platform(Closing):
     """Robot, table, wall and an object; a context manager. A process may have several.
 
-    PyBullet is needed for the robot and for physics only: scenes without both do without it.
+    PyBullet is imported only for the robot and for physics; scenes without both work without it.
 
     Args:
-        object_name: an object's name or file as `tracker.load_object` takes it, the model itself, or "dice".
+        object_name: an object's name or file for `tracker.load_object`, the model itself, or "dice".
 
     Raises:
-        AssetError: the robot's meshes cannot be had.
+        AssetError: the robot's meshes are not available.
         ObjectModelError: the object is unknown or its file malformed.
     """
 
@@ -71,7 +71,7 @@ class Platform(Closing):
 
     @functools.cached_property
     def world(self) -> World:
-        """For questions of collision only: nothing in it ever moves by physics."""
+        """A world for collision tests only: nothing in it ever moves by physics."""
         return self.new_world()
 
     @functools.cached_property
@@ -81,19 +81,19 @@ class Platform(Closing):
         return robot_meshes(self.world, self.assets)
 
     def new_world(self, *, robot: bool = True, fast: bool = False) -> World:
-        """A world of its own with this platform's object: physics in it depends on nothing else."""
+        """Return a separate world with this platform's object; its physics depends on nothing else."""
         # Imported here, since it imports PyBullet.
         from synthetic.world.simulation import World
 
         return World(self.assets, self.size, self.count, robot=robot, fast=fast)
 
     def close(self) -> None:
-        """Frees the simulation, if there is one."""
+        """Free the simulation, if there is one."""
         if "world" in vars(self):
             self.world.close()
 
     def object_states(self, positions: Array, rotations: Array) -> tuple[ObjectState, ...]:
-        """States of objects at positions (N, 3) [m] with rotations (N, 3, 3)."""
+        """Return the states of objects at positions (N, 3) [m] with rotations (N, 3, 3)."""
         if self.model is not None:
             names = [self.model.name]
         else:
@@ -109,7 +109,7 @@ class Platform(Closing):
         lighting: Lighting,
         about: dict[str, Any],
     ) -> PlatformScene:
-        """Everything in view; `joints` (9,) [rad], None: without the robot."""
+        """Return everything in view; `joints` (9,) [rad], None: without the robot."""
         bodies = self._surroundings(look)
         if joints is not None:
             self.world.set_joints(joints)
@@ -152,7 +152,7 @@ class Platform(Closing):
         if width > 0:
             for name, size in (("x", [length, width]), ("y", [width, length])):
                 key = f"cross_{size[0]:.6f}_{size[1]:.6f}"
-                # Thinner bars for y, lest the two tops flicker where they coincide.
+                # Lower bars for y, so that the two tops do not flicker where they overlap.
                 height = _CROSS_HEIGHT * (1.0 if name == "x" else 0.8)
                 mesh = meshes.box(key, np.array([*size, height]), one_group=True)
                 pose = transform(level, [0.0, 0.0, height / 2 + 1e-5])

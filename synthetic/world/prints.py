@@ -1,4 +1,4 @@
-"""The effect `surface`: faces with dirt, a gloss each, and prints whose borders have rounded corners."""
+"""The effect `surface`: faces with dirt, individual gloss, and prints with rounded corners."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import FACE_NORMALS
 
 MARGIN_M, CORNER_M = 0.0006, (0.0005, 0.0030)
-"""Greatest margin that a print leaves on its face, and least and greatest radius of its corners [m]."""
+"""Largest margin between a print and its face's edges, and smallest and largest corner radius [m]."""
 
 _FACES = 6
 
@@ -26,21 +26,21 @@ class Prints:
     """The coloured prints on the faces of one object."""
 
     margin: float
-    """What a print leaves free of its face on each side [m]."""
+    """Width of the unprinted border of a face [m]."""
     corner: float
-    """Radius of its corners [m]."""
+    """Radius of the print's corners [m]."""
     faded: float
-    """Reflectance of what it leaves free, of that of the print."""
+    """Reflectance of the border relative to the print's."""
     pale: float
-    """What is free reflects so much more [1], in all colours: ink that thins out over white."""
+    """Added reflectance of the border in all colours: ink that thins out over white."""
     coats: FloatArray
-    """(6, 2) as rows of `Body.coats`."""
+    """(6, 2) clear coats, as rows of `Body.coats`."""
     dirt: float
-    """Factor on the deviation of the reflectance over a face."""
+    """Factor on the standard deviation of the reflectance over a face."""
 
 
 def random_prints(rng: np.random.Generator) -> Prints:
-    """Prints drawn from `rng`."""
+    """Draw prints."""
     shared = rng.uniform([0.0, 0.05], [1.0, 0.4])
     return Prints(
         margin=float(rng.uniform(0.0, MARGIN_M)),
@@ -53,15 +53,15 @@ def random_prints(rng: np.random.Generator) -> Prints:
 
 
 def printed(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
-    """The scene with prints, drawn from `rng`, on the faces of its cuboid; dice stay as they are."""
+    """Return the scene with random prints on its cuboid's faces; dice stay as they are."""
     prints = random_prints(rng)
     return scene.with_cuboid(lambda body: with_prints(body, prints))
 
 
 def with_prints(body: Body, prints: Prints) -> Body:
-    """A body whose groups 0 to 5 are flat rectangles, with prints on these.
+    """Return a body with prints on its groups 0 to 5, which are flat rectangles.
 
-    What a print leaves free has groups of its own, after all others, and the label of its face.
+    The borders have their own groups, after all others, and the labels of their faces.
     """
     coats = np.concatenate([np.asarray(body.coats), prints.coats])
     coats[:_FACES] = prints.coats
@@ -77,11 +77,11 @@ def with_prints(body: Body, prints: Prints) -> Body:
 
 
 def printed_mesh(mesh: Mesh, first: int, margin: float, corner: float) -> Mesh:
-    """The mesh with its groups 0 to 5, rectangles along the axes, cut into print and border.
+    """Return the mesh with its groups 0 to 5, rectangles along the axes, cut into print and border.
 
     Args:
-        mesh: of a cuboid along the axes.
-        first: group of the first face's border, the next one is one more.
+        mesh: mesh of a cuboid along the axes.
+        first: group of the first face's border; those of the other faces follow.
         margin: width of the borders [m].
         corner: radius of the prints' corners [m].
     """
@@ -104,7 +104,7 @@ def printed_mesh(mesh: Mesh, first: int, margin: float, corner: float) -> Mesh:
 
 
 def _rectangle_with_print(half: FloatArray, margin: float, corner: float) -> tuple[FloatArray, Array, Array]:
-    """Points (N, 2), counter-clockwise triangles, and which of these are border, of a face within ±half."""
+    """Return points (N, 2), counter-clockwise triangles, and which are border, of a face within ±half."""
     outline = _rounded_outline(half - margin, corner)
     count = len(outline)
     inside = np.array([[0, k, k + 1] for k in range(1, count - 1)])
@@ -121,7 +121,7 @@ def _rectangle_with_print(half: FloatArray, margin: float, corner: float) -> tup
 
 
 def _rounded_outline(half: FloatArray, radius: float) -> FloatArray:
-    """Points (N, 2), counter-clockwise, of the rectangle within ±half (2,) with corners of this radius."""
+    """Return points (N, 2), counter-clockwise, of a rectangle within ±half (2,) with rounded corners."""
     arc = np.linspace(0.0, np.pi / 2, _ARC + 1)
     points = []
     for quarter, signs in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):

@@ -1,8 +1,8 @@
-"""The effect `reflections`: the faces of a cuboid colour table and fingers, and fingers light the faces.
+"""The effect `reflections`: a cuboid's faces light table and fingers, and fingers light the faces.
 
-Light that comes back from everywhere is also why shade has no steps: the sky is looked at more closely.
+The sky is also sampled more finely, since interreflected light leaves no steps in the shade.
 
-What the table sends back is part of the ambient light that all surfaces get from below.
+Light from the table is already part of the ambient light that all surfaces get from below.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tracker.conventions import FloatArray
 from tracker.geometry.cuboid import FACE_NORMALS
 
 STRENGTH = (0.6, 1.2)
-"""Of what is given, of what a matt surface in the open would give."""
+"""Range of the reflected light relative to that of an unoccluded matt surface."""
 
 _CELLS = 2
 """Patches along each edge of a face."""
@@ -25,16 +25,16 @@ _SLICES = 4
 """Patches along a link of a finger."""
 
 _NEAR_M = 0.12
-"""Links farther than this from the object do not matter."""
+"""Distance from the object beyond which links are ignored [m]."""
 
 _SKY = 22
-"""Directions of ambient light."""
+"""Number of directions of the ambient light."""
 
 _LINKS = ("finger_middle_link_", "finger_lower_link_", "finger_tip_link_")
 
 
 def reflecting(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
-    """The scene whose cuboid and fingers light what is near them; for dice only shade is smoother."""
+    """Return the scene whose cuboid and fingers light their surroundings; dice only get smoother shade."""
     strength = float(rng.uniform(*STRENGTH))
     scene = dataclasses.replace(scene, lighting=dataclasses.replace(scene.lighting, sky=_SKY))
     body = scene.cuboid
@@ -76,7 +76,7 @@ def _of_faces(body: Body, lighting: Lighting) -> Patches:
 
 
 def _of_link(link: Body, lighting: Lighting) -> Patches:
-    """Slices of a link, each as a small round thing."""
+    """Return patches for slices of a link, each a small round thing."""
     vertices = link.mesh.vertices
     along = int(np.argmax(np.ptp(vertices, axis=0)))
     bounds = np.quantile(vertices[:, along], [0.0, 1.0])
@@ -97,7 +97,7 @@ def _of_link(link: Body, lighting: Lighting) -> Patches:
 
 
 def _irradiance(normal: FloatArray, lighting: Lighting) -> FloatArray:
-    """Light (3,) on an open surface of this normal (3,); from below there is the dark table's."""
+    """Return the irradiance (3,) on an unoccluded surface of this normal (3,); the table below is dark."""
     total = lighting.ambient * (0.675 + 0.325 * normal[2])
     for lamp in lighting.lamps:
         total = total + lamp.color * max(float(lamp.direction @ normal), 0.0)

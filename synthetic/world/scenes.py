@@ -15,7 +15,7 @@ from synthetic.world.platform import Platform
 from tracker.errors import TrackerError
 
 FINGERS = {"random": None, "near": 1.0, "away": 0.0, "none": None}
-"""Ways to choose fingers; the number is the probability that a finger is near the object."""
+"""Modes of placing fingers; the number is the probability that a finger is near the object."""
 
 
 def random_scene(
@@ -27,20 +27,20 @@ def random_scene(
     object_present: bool = True,
     kind: str | None = None,
 ) -> PlatformScene:
-    """A scene drawn from `rng`; the same state of `rng` gives the same scene, whatever came before.
+    """Draw a scene; the same state of `rng` gives the same scene, whatever came before.
 
     Args:
-        platform: with the object.
+        platform: the platform with the object.
         rng: source of all randomness.
-        fingers: "random": each finger is near the object with the probability `occlusion` and anywhere
-            otherwise; "near": all are; "away": none is meant to be; "none": there is no robot.
+        fingers: "random": each finger is near the object with the probability `occlusion`, otherwise
+            anywhere; "near": all are near; "away": all are placed anywhere; "none": there is no robot.
         occlusion: see `fingers`.
         object_present: False: an arena without object.
         kind: "rest" on any face, "tilted" on an edge, "thrown", "air"; for dice "dice_thrown" or
             "dice_goal". None: drawn.
 
     Raises:
-        TrackerError: an unknown `fingers` or `kind`.
+        TrackerError: `fingers` or `kind` is unknown.
     """
     if fingers not in FINGERS:
         raise TrackerError(f"fingers: found {fingers!r}, expected one of {', '.join(FINGERS)}")
@@ -63,10 +63,10 @@ def random_scene(
 
 
 def kinds_of(platform: Platform) -> Mapping[str, float]:
-    """The kinds of scene that there are for the platform's object, and how often each is drawn."""
+    """Return the kinds of scene for the platform's object, with their probabilities."""
     return DICE_KINDS if platform.model is None else CUBOID_KINDS
 
 
 def describe(look: Look) -> dict[str, Any]:
-    """What of a look belongs into the description of a scene."""
+    """Return the entries about a look in the description of a scene."""
     return {"dark_robot": look.dark_robot, "cross": bool(look.cross_size[0] > 0)}

@@ -13,25 +13,25 @@ from synthetic.world.platform import ARENA_RADIUS
 from tracker.conventions import Array, FloatArray
 
 COAT, BLUR = (0.3, 1.0), (0.15, 0.5)
-"""How much clear coat the table has [1], and by how much it blurs what it mirrors [rad]."""
+"""Ranges of the amount of the table's clear coat, and of the blur of what it mirrors [rad]."""
 
 SCRATCHES, SPECKS = 25, 150
-"""Most of them on one table."""
+"""Largest numbers of scratches and specks on one table."""
 
 PAINTED = 0.5
 """Share of tables with one to three painted crosses or rings."""
 
 _MIRRORED, _LEAST = 0.03, 0.3
-"""What a whole coat sends from the ceiling to the cameras, of the light on the table: what is below reflects
-so much less, since measured colours are those of both. Least share of the colour that stays."""
+"""Light that a full coat mirrors from the ceiling to the cameras, relative to the light on the table; the
+colour below is reduced by it, since measured colours include both. Smallest share of colour that stays."""
 
 _DUST_HEIGHT, _PAINT_HEIGHT = 1.5e-4, 8e-5
 _PAINT_OF = "cube_v2"
-"""Whose colours the paint has."""
+"""Object with the colours of the paint."""
 
 
 def worn(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
-    """The scene with a worn table drawn from `rng`."""
+    """Return the scene with a random worn table."""
     name = f"{rng.integers(2**62):x}"
     coat = rng.uniform([COAT[0], BLUR[0]], [COAT[1], BLUR[1]])[None]
     bodies = []
@@ -46,7 +46,7 @@ def worn(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
 
 
 def _dust(rng: np.random.Generator, table: Body, name: str) -> Body:
-    """Scratches, darker or paler than the table, and specks, which are paler."""
+    """Draw scratches, darker or paler than the table, and specks, which are paler."""
     scratches, specks = int(rng.integers(SCRATCHES + 1)), int(rng.integers(SPECKS + 1))
     count = scratches + specks
     length = np.concatenate([rng.uniform(0.004, 0.06, scratches), rng.uniform(0.0003, 0.002, specks)])
@@ -60,7 +60,7 @@ def _dust(rng: np.random.Generator, table: Body, name: str) -> Body:
 
 
 def _paint(rng: np.random.Generator, name: str) -> list[Body]:
-    """Crosses and rings."""
+    """Draw crosses and rings."""
     count = int(rng.integers(1, 4)) * bool(rng.random() < PAINTED)
     result = []
     for number in range(count):
@@ -71,7 +71,7 @@ def _paint(rng: np.random.Generator, name: str) -> list[Body]:
             vertices, triangles = _ring(place, rng.uniform(0.01, 0.04), width)
         else:
             length = rng.uniform(0.02, 0.07)
-            # The second bar in two halves: two tops that coincide would flicker.
+            # Split the second bar in two, since coinciding tops would flicker.
             side = (length + width) / 4
             step = side * np.array([-np.sin(turn), np.cos(turn)])
             halves = [
@@ -79,14 +79,14 @@ def _paint(rng: np.random.Generator, name: str) -> list[Body]:
             ]
             vertices, triangles = concatenate([_bar(place, length, width, turn), *halves])
         groups = np.zeros(len(triangles), dtype=np.int64)
-        # Each a little above the one before, for where they cross.
+        # Each is slightly lower than the one before, for where they cross.
         height = _PAINT_HEIGHT - 1e-5 * number
         result.append(_flat(f"paint_{name}_{number}", vertices, triangles, groups, color[None], height))
     return result
 
 
 def _places(rng: np.random.Generator, count: int) -> FloatArray:
-    """Places (N, 2) [m] spread evenly over the table."""
+    """Draw positions (N, 2) [m], spread evenly over the table."""
     radius, azimuth = ARENA_RADIUS * np.sqrt(rng.random(count)), rng.uniform(0, 2 * np.pi, count)
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=1)
 
