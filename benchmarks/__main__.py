@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: says what to install where that is missing."""
+"""`python -m benchmarks`; if packages are missing, it prints how to install them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tracker.errors import TrackerError
 
 
 def _run() -> int:
-    """Exit code of one run."""
+    """Return the exit code of one run."""
     try:
         from benchmarks.program import main
 

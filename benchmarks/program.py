@@ -31,7 +31,7 @@ from benchmarks.report.worst import Shown, write_worst
 from benchmarks.run import OUTPUT, PARTS, Run, measure
 
 QUICK = 6
-"""Scenes of a smoke run."""
+"""Number of scenes of a smoke run."""
 
 Command = Callable[..., None]
 
@@ -113,7 +113,7 @@ def _measuring(parts: Sequence[str], *, whole: bool = False, **chosen: Any) -> R
 
 
 def _draw(run: Run, results: Results) -> None:
-    """Plots, and of development scenes the worst answers."""
+    """Write plots, and for development scenes the worst answers."""
     files = write_plots(results.frames, run.output)
     if run.draw == "development" and "accuracy" in results.frames:
         answers = results.frames["accuracy"]

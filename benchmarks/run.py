@@ -1,4 +1,4 @@
-"""A run: its parts, each kept as soon as it is there, so that an interrupted run continues."""
+"""A run: its parts, each saved as soon as it is finished, so that an interrupted run continues."""
 
 from __future__ import annotations
 
@@ -38,40 +38,40 @@ from tracker.files import write_whole
 OUTPUT = ROOT / "build" / "benchmarks"
 
 KEPT = "kept"
-"""Folder beside the results, for the sets of scenes of a part that is not finished."""
+"""Folder beside the results, for the finished sets of scenes of an unfinished part."""
 
 Frames = dict[str, pd.DataFrame]
 
 
 @dataclass
 class Run:
-    """What is measured, and where it goes."""
+    """What is measured, and where results go."""
 
     plan: Plan
     output: Path
     real: Path | None
-    """Folder of recorded data, None where it is absent."""
+    """Folder of recorded data; None if it is absent."""
     workloads: Sequence[Workload] = tuple(workload for workload in WORKLOADS if workload.usual)
     objects: Sequence[str] | None = None
-    """None: all."""
+    """Names of the objects; None: all."""
     draw: str = "development"
     rounds: int = 1
-    """Of each detection of the accuracy, of which the quickest is timed."""
+    """Number of runs of each detection of the accuracy, of which the fastest is timed."""
     films: int = 6
-    """Of each camera of a recorded triplet."""
+    """Number of films of each camera of a recorded triplet."""
     results: Results = field(default_factory=Results)
 
     def say(self, line: str) -> None:
-        """Tell people what comes next."""
+        """Report the progress on stderr."""
         click.echo(line, err=True)
 
     def skip(self, what: str, why: str) -> None:
-        """Say what is left out."""
+        """Report and record what is left out."""
         self.say(f"left out: {what}: {why}")
         self.results.about.setdefault("skipped", {})[what] = why
 
     def about(self) -> dict[str, Any]:
-        """Where the results come from."""
+        """Return the origin of the results."""
         return origin() | {"draw": self.draw, "seed": self.plan.seed, "scenes": self.plan.scenes}
 
 
@@ -130,30 +130,30 @@ def start_up(run: Run) -> Frames:
 
 
 def gate(run: Run) -> Frames:
-    """What the gate holds: few scenes, and the recorded triplets."""
+    """Return the gate's answers: a few scenes, and the recorded triplets."""
     return accuracy(run) | ({} if run.real is None else measure_agreement(run.real, run.films))
 
 
 PARTS: dict[str, Callable[[Run], Frames]] = {
     part.__name__: part for part in (accuracy, recorded, films, motion, dice, start_up)
 }
-"""What can be measured, in order."""
+"""Parts that can be measured, in order."""
 
 IDENTITY = ("code", "seed", "scenes")
-"""What results must have in common to be put together."""
+"""Keys that results must share to be combined."""
 
 
 def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
-    """Measure parts, and put them into the results of the run's folder.
+    """Measure parts, and add them to the results in the run's folder.
 
     Args:
-        run: what, and where.
-        parts: of PARTS, or `gate`.
-        whole: whether they are a run of their own: an interrupted one continues, and
-            results of another tree, or of other scenes, are replaced.
+        run: what is measured, and where results go.
+        parts: keys of PARTS, or `gate`.
+        whole: whether the parts form a run of their own: an interrupted one is continued; results of another
+            tree or of other scenes are replaced.
 
     Raises:
-        ResultsError: the folder holds results of other sources or scenes, or sources changed meanwhile.
+        ResultsError: the folder holds results of other sources or scenes, or sources changed in the meantime.
     """
     run.output.mkdir(parents=True, exist_ok=True)
     about = run.about()
@@ -179,7 +179,7 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
 
 
 def _begun(file: Path, about: dict[str, Any], parts: Sequence[str], *, whole: bool) -> Results:
-    """Results that this run adds to."""
+    """Return the results to which this run adds."""
     if not file.is_file():
         return Results(dict(about))
     found = read_results(file)

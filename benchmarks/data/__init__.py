@@ -1,1 +1,1 @@
-"""What is judged: scenes and films with exact truth, what is done to them, and recordings."""
+"""Inputs of the benchmarks: scenes and films with ground truth, disturbances of them, and recordings."""

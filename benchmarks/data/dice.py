@@ -1,4 +1,4 @@
-"""Scenes of the dice task that are judged: the pictures, and where every die is."""
+"""Benchmark scenes of the dice task: images, and the poses of all dice."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from synthetic.frames import Frame, FrameMaker, FrameOptions
 from tracker.conventions import FloatArray, Image
 
 KINDS = {"thrown": "dice_thrown", "laid": "dice_goal"}
-"""thrown: as physics lets them fall. laid: on cells of the task's grid."""
+"""Kinds of scenes. thrown: as physics lets the dice fall. laid: on cells of the task's grid."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiceScene:
-    """One picture of each camera, and the truth."""
+    """One image of each camera, and the ground truth."""
 
     index: int
-    """Number in its stream."""
+    """Number of the scene in its stream."""
     images: tuple[Image, ...]
     """(H, W, 3) uint8 BGR."""
     labels: tuple[Image, ...]
-    """(H, W) uint8, what most of a pixel shows: 0 other, k + 1 die k."""
+    """(H, W) uint8 label map, by majority in each pixel: 0 other, k + 1 die k."""
     positions: FloatArray
     """(D, 3) of the dice's centres [m]."""
     rotations: FloatArray
-    """(D, 3, 3) world from die."""
+    """(D, 3, 3) world_from_die."""
     bars: FloatArray
-    """(B, 3, 2) least and greatest x, y, z [m] of the bars of the cross on the table; B = 0: none."""
+    """(B, 3, 2) smallest and largest x, y, z [m] of the bars of the cross on the table; B = 0: no cross."""
 
 
 def dice_store(kind: str, seed: int, workers: int = 2, cache: Path = CACHE) -> Store[DiceScene]:
-    """The scenes of one of KINDS, by their numbers.
+    """Return the scenes of one of KINDS, by their numbers.
 
     Args:
-        kind: thrown or laid.
-        seed: of all that is drawn.
-        workers: number of processes that render what is missing.
-        cache: where scenes are kept.
+        kind: key of KINDS.
+        seed: seed of the benchmark.
+        workers: number of processes that render missing scenes.
+        cache: folder of rendered scenes.
     """
     own = stream(seed, "dice", kind)
     make = functools.partial(each, _scenes, kind, own)

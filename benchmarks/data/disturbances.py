@@ -1,4 +1,4 @@
-"""What is done to pictures, and to the calibration, to make them harder."""
+"""Disturbances that make images, and the calibration, harder."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 Disturbance = Callable[[Sequence[Image], np.random.Generator], list[Image]]
-"""Pictures of all cameras to disturbed ones; each camera has draws of its own."""
+"""Function from the images of all cameras to disturbed ones; each camera has its own random draws."""
 
 SHIFT_STD, TURN_STD = 0.0005, float(np.radians(0.1))
-"""Standard deviations of each axis of a perturbed camera_from_world [m, rad]."""
+"""Standard deviations of a perturbed camera_from_world, per axis [m, rad]."""
 
 
 def light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """White balance of ±20 % for each channel and exposure of 0.6 to 1.4, each camera by itself."""
+    """Vary white balance by ±20 % per channel and exposure from 0.6 to 1.4, for each camera."""
     result = []
     for image in images:
         gains = rng.uniform(0.8, 1.2, 3) * rng.uniform(0.6, 1.4)
@@ -30,10 +30,10 @@ def light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
 
 
 def hard_light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """Gains of 0.6 to 1.5, exposure of 0.4 to 1.7, gamma of 0.7 to 1.4, linear ramps of up to ±35 %.
+    """Vary gains from 0.6 to 1.5, exposure from 0.4 to 1.7, gamma from 0.7 to 1.4; add ramps of up to ±35 %.
 
-    The brightness of all channels, and of each channel by itself, ramps along a random direction; both
-    together stay within ±35 % of the middle. Exposure is applied before gamma, as in a camera.
+    Linear ramps along random directions act on all channels together and on each channel; their product
+    stays within ±35 % of the middle. Exposure is applied before gamma, as in a camera.
     """
     result = []
     for image in images:
@@ -49,7 +49,7 @@ def hard_light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]
 
 
 def poor_images(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """Blur of σ 1.5 px, then noise of σ 16, then JPEG of quality 60."""
+    """Blur by σ 1.5 px, then add noise of σ 16, then compress to JPEG of quality 60."""
     result = []
     for image in images:
         blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.5)
@@ -58,12 +58,12 @@ def poor_images(images: Sequence[Image], rng: np.random.Generator) -> list[Image
 
 
 def slight_blur(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """Blur of σ 0.5 px: the least that a lens in focus adds to a pixel's own square."""
+    """Blur by σ 0.5 px, the least that a lens in focus adds to a pixel's own square."""
     return [_bytes(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 0.5)) for image in images]
 
 
 def slightly_poor(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """Blur of σ 0.3 to 0.8 px, gains of ±7 % for each channel, noise of σ 3: an ordinary camera."""
+    """Imitate an ordinary camera: blur of σ 0.3 to 0.8 px, gains of ±7 % per channel, noise of σ 3."""
     result = []
     for image in images:
         blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), rng.uniform(0.3, 0.8))
@@ -73,22 +73,22 @@ def slightly_poor(images: Sequence[Image], rng: np.random.Generator) -> list[Ima
 
 
 def jpeg(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """JPEG of quality 60, with its halved colours, and nothing else."""
+    """Compress to JPEG of quality 60, with chroma at half the resolution, and nothing else."""
     return [_jpeg(image, 60) for image in images]
 
 
 def flooded(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """One camera is dazzled: three times the light and a veil of 80 levels."""
+    """Dazzle one camera: three times the light and a veil of 80 levels."""
     return _in_one(images, rng, lambda image: _bytes(3.0 * image.astype(np.float32) + 80.0))
 
 
 def black(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """One camera gives black pictures."""
+    """Make one camera's image black."""
     return _in_one(images, rng, np.zeros_like)
 
 
 def swapped(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """Two cameras are mixed up."""
+    """Swap the images of two cameras."""
     result = list(images)
     one, other = rng.choice(len(result), 2, replace=False)
     result[one], result[other] = result[other], result[one]
@@ -103,9 +103,9 @@ def _in_one(
 
 
 def moved_rig(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """Cameras of which each is moved and turned by normal draws, and states their standard deviations.
+    """Return the rig with each camera perturbed by normal draws; it states their standard deviations.
 
-    The transform [R | t] becomes [exp(ω) R | t + δ] with three independent draws each for ω and δ.
+    The transform [R | t] becomes [exp(ω) R | t + δ], with three independent draws each for ω and δ.
     """
     return dataclasses.replace(rig, cameras=tuple(_moved(camera, rng) for camera in rig))
 
@@ -121,8 +121,8 @@ def _moved(camera: Camera, rng: np.random.Generator) -> Camera:
 
 
 def element_std(camera_from_world: Array) -> FloatArray:
-    """(4, 4) element-wise standard deviations of a transform that was moved as `moved_rig` does."""
-    # Element (i, j) of exp(ω) R moves with ω_k by element (i, j) of [e_k]× R.
+    """Return element-wise standard deviations (4, 4) of a transform that `moved_rig` perturbed."""
+    # ω_k changes element (i, j) of exp(ω) R by element (i, j) of [e_k]× R.
     parts = so3.hat(np.eye(3)) @ np.asarray(camera_from_world)[:3, :3]
     std = np.zeros((4, 4))
     std[:3, :3] = TURN_STD * np.sqrt((parts**2).sum(axis=0))
@@ -136,7 +136,7 @@ def _slope(rng: np.random.Generator) -> FloatArray:
 
 
 def _ramp(shape: tuple[int, ...], slope: FloatArray) -> FloatArray:
-    """Factor (H, W), 1 in the middle and 1 ± |slope| at the farthest border along the slope."""
+    """Return factors (H, W), 1 in the middle and 1 ± |slope| at the farthest border along the slope."""
     y, x = (np.linspace(-1, 1, n) for n in shape)
     reach = max(float(np.abs(slope).sum()), 1e-12) / max(float(np.linalg.norm(slope)), 1e-12)
     result: FloatArray = 1 + (slope[0] * x[None, :] + slope[1] * y[:, None]) / reach

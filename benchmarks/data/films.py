@@ -1,6 +1,6 @@
-"""Films that are judged: one long motion of an object each, the pictures and what is true of them.
+"""Benchmark films: each is one long motion of an object, with images and ground truth.
 
-Some frames exist a second time without the object, so that it can vanish.
+Some frames also exist without the object, so that it can vanish.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from synthetic.frames import Frame, FrameMaker, FrameOptions
 from tracker.conventions import FloatArray, Image
 
 RATE = 10.0
-"""Frames per second [Hz]."""
+"""Frame rate [Hz]."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """What films of a style show."""
+    """Contents of the films of one style."""
 
     effects: tuple[str, ...] = ()
-    """Of the real world."""
+    """Effects of the real world."""
     kinds: tuple[str, ...] = ("mixed",)
-    """Of motion, film after film; mixed: pushed, tumbled, lifted, carried, dropped."""
+    """Kinds of motion of consecutive films; mixed: pushed, tumbled, lifted, carried, dropped."""
     quality: str = "default"
     """Key of `synthetic.camera.shot.QUALITIES`."""
 
@@ -41,18 +41,18 @@ STYLES = {
     "world": Style(EFFECTS),
     "errors": Style(EFFECTS, ("push", "tumble", "carry", "drop"), "fast"),
 }
-"""Those of `errors` are many, so they are rendered without the lamps' shadows."""
+"""Styles by name. The films of `errors` are many, so they are rendered without the lamps' shadows."""
 
 ABSENT = 20
-"""Frames for which an object that vanishes is away."""
+"""Number of frames from which a vanishing object is absent."""
 
 JUMP = 0.1
-"""Distance from where it vanished, at which an object appears again if it ever is so far [m]."""
+"""Distance between vanishing and reappearing, if the object ever gets so far [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class FilmFrame:
-    """One picture of each camera, and the truth."""
+    """One image of each camera, and the ground truth."""
 
     timestamp: float
     """[s]"""
@@ -61,15 +61,15 @@ class FilmFrame:
     visible_fraction: FloatArray
     """(cameras,) visible share of the object's pixels."""
     position: FloatArray | None
-    """(3,) of the object [m]; None: there is none."""
+    """(3,) position of the object [m]; None: no object."""
     rotation: FloatArray | None
-    """(3, 3) world from object."""
+    """(3, 3) world_from_object."""
     cameras: FloatArray | None = None
-    """As of `benchmarks.data.scenes.Scene`."""
+    """As in `benchmarks.data.scenes.Scene`."""
 
 
 def vanishing_frames(length: int) -> list[int]:
-    """Numbers of the frames of a film in which the object begins to be absent, one for each time."""
+    """Return the numbers of a film's frames at which the object vanishes."""
     times = max(1, length // 150)
     return [number * length // (times + 2) for number in range(1, times + 1)]
 
@@ -80,10 +80,10 @@ class FilmStore:
     Args:
         object_name: name of the object.
         style: key of STYLES.
-        length: frames of each film.
-        seed: of all that is drawn.
-        workers: processes that render, a film each.
-        cache: where frames are kept.
+        length: number of frames of each film.
+        seed: seed of the benchmark.
+        workers: number of processes that render, one film each.
+        cache: folder of rendered frames.
     """
 
     def __init__(
@@ -97,11 +97,11 @@ class FilmStore:
         self.store = Store(name, FilmFrame, make, (__name__,), own, 2 * length, workers, cache)
 
     def numbers(self, film: int, frames: Iterable[int], *, empty: bool = False) -> list[int]:
-        """Numbers in the store of frames of a film."""
+        """Return the numbers in the store of frames of a film."""
         return [(2 * film + empty) * self.length + frame for frame in frames]
 
     def prepared(self, films: Iterable[int], *, vanishing: bool = True) -> list[int]:
-        """Numbers in the store of all frames that are ever asked for."""
+        """Return the numbers in the store of all frames that the benchmarks use."""
         starts = vanishing_frames(self.length) if vanishing else []
         emptied = sorted({k for start in starts for k in range(start, min(start + ABSENT, self.length))})
         return [
@@ -114,7 +114,7 @@ class FilmStore:
         ]
 
     def frames(self, film: int, frames: Iterable[int], *, empty: bool = False) -> Iterator[FilmFrame]:
-        """Frames of a film, in this order."""
+        """Yield frames of a film, in this order."""
         return self.store.scenes(self.numbers(film, frames, empty=empty))
 
 
@@ -160,16 +160,16 @@ def _film_frame(frame: Frame) -> FilmFrame:
 def vanishing_film(
     store: FilmStore, film: int, start: int, positions: FloatArray, around: int = 20
 ) -> Iterator[FilmFrame]:
-    """A film in which the object vanishes at frame `start` and comes back elsewhere.
+    """Yield a film in which the object vanishes at frame `start` and comes back elsewhere.
 
-    The time stamps do not jump.
+    Timestamps do not jump.
 
     Args:
-        store: of the film.
-        film: its number.
+        store: store of the film.
+        film: number of the film.
         start: first frame without the object.
-        positions: (length, 3) of the object in the whole film [m].
-        around: frames before and after, as many as there are.
+        positions: (length, 3) positions of the object in the whole film [m].
+        around: number of frames before and after, if there are as many.
     """
     yield from store.frames(film, range(max(0, start - around), start))
     back = start + ABSENT

@@ -1,6 +1,6 @@
-"""What pixels are made by: the modules that a renderer imports, their data files, and the libraries.
+"""A fingerprint of what determines rendered pixels: modules of a renderer, their data files, and libraries.
 
-A change in an exporter, or in words, moves no pixel and renders nothing again.
+Changes of exporters, docstrings or comments do not change it, so they do not cause rendering again.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PROJECT = ("tracker", "synthetic", "benchmarks")
 
 KEEPERS = ("benchmarks.data.store", "benchmarks.data.fingerprint", "benchmarks.data.seeds")
-"""What keeps pictures moves no pixel of them."""
+"""Modules that store images; they do not affect pixels."""
 
 LIBRARIES = ("numpy", "opencv-python-headless", "pybullet", "pyrender", "trimesh")
 
 
 @functools.cache
 def fingerprint(*modules: str) -> str:
-    """Of all that these modules make pixels by, in twelve digits."""
+    """Return a fingerprint, in twelve digits, of everything that determines the pixels of these modules."""
     digest = hashlib.sha256()
     for file in sources(modules):
         content = file.read_bytes()
@@ -39,7 +39,7 @@ def fingerprint(*modules: str) -> str:
 
 
 def sources(modules: Sequence[str]) -> list[Path]:
-    """The files of these modules and of all project modules that they import, with the data beside them."""
+    """Return the files of these modules and all project modules that they import, and of data beside them."""
     found: set[Path] = set()
     todo = list(modules)
     kept = {_file(keeper) for keeper in KEEPERS}
@@ -54,7 +54,7 @@ def sources(modules: Sequence[str]) -> list[Path]:
 
 
 def code(source: bytes) -> bytes:
-    """A module without docstrings, comments and layout."""
+    """Return a module's code without docstrings, comments and layout."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
@@ -68,9 +68,9 @@ def code(source: bytes) -> bytes:
 
 
 def _imports(tree: ast.AST) -> Iterator[str]:
-    """Names that may be modules.
+    """Yield names that may be modules.
 
-    A package's own file counts only where something is imported from it.
+    A package's own file counts only if something is imported from it.
     """
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -97,7 +97,7 @@ def _data_beside(folder: Path) -> Iterator[Path]:
 
 
 def version_of(library: str) -> str:
-    """Of an installed package; `none` where it is missing."""
+    """Return the version of an installed package; `none` if it is missing."""
     try:
         return metadata.version(library)
     except metadata.PackageNotFoundError:

@@ -1,6 +1,6 @@
-"""Films of fast motions, each frame taken twice: by all cameras at once, and by one after the other.
+"""Films of fast motions, with two versions of each frame: all cameras at once, and one after the other.
 
-Each camera's picture is of that camera's own time, of a motion known at any time.
+The motion is known at any time, so each camera's image is rendered at that camera's own timestamp.
 """
 
 from __future__ import annotations
@@ -26,65 +26,65 @@ from tracker.geometry.camera import Camera
 from tracker.objects.model import load_object
 
 RATE = 10.0
-"""Frames per second [Hz]."""
+"""Frame rate [Hz]."""
 
 SKEW = 0.010
-"""Between the first and the last camera's picture of a skewed frame [s]; the others are spread evenly, and
-who is first changes from frame to frame, since the cameras run free."""
+"""Time between the first and the last camera's image of a skewed frame [s]; others are evenly spaced. Which
+camera is first changes from frame to frame, since the cameras run free."""
 
 AHEAD = 0.050
-"""By which a pose is to be predicted [s]."""
+"""Prediction horizon [s]."""
 
 SLOW = 0.1
-"""A slower object does not count as moving [m/s]."""
+"""Speed below which an object does not count as moving [m/s]."""
 
 STEADY = 0.2
-"""An object that has not turned back for so long [s], nor does within AHEAD, moves steadily."""
+"""Time for which a steadily moving object has been on its current leg [s]; it also stays for AHEAD."""
 
 FRAMES = 100
-"""Of each film."""
+"""Number of frames of each film."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionFrame:
-    """A frame taken twice, and the truth."""
+    """Both versions of a frame, and the ground truth."""
 
     stamps: FloatArray
-    """(cameras,) when the skewed pictures were taken [s]."""
+    """(cameras,) timestamps of the skewed images [s]."""
     together: tuple[Image, ...]
-    """(H, W, 3) uint8 BGR of each camera, all taken at the latest of these stamps."""
+    """(H, W, 3) uint8 BGR of each camera, all at the latest of these timestamps."""
     skewed: tuple[Image, ...]
-    """The same, each taken at its own stamp."""
+    """(H, W, 3) uint8 BGR of each camera at its own timestamp."""
     at_stamps: FloatArray
-    """(cameras, 3, 4) rotation and position [m] of the object, world from object, at each stamp."""
+    """(cameras, 3, 4) rotation and position [m] of the object, world_from_object, at each timestamp."""
     latest: FloatArray
-    """(3, 4) the same at the latest stamp."""
+    """(3, 4) pose at the latest timestamp."""
     ahead: FloatArray
-    """(3, 4) the same AHEAD of the latest stamp."""
+    """(3, 4) pose AHEAD after the latest timestamp."""
     moving: bool
-    """Whether the object is faster than SLOW at the latest stamp."""
+    """Whether the object is faster than SLOW at the latest timestamp."""
     steady: bool
     """Whether it moves, and steadily."""
 
     @property
     def timestamp(self) -> float:
-        """The latest stamp [s]."""
+        """The latest timestamp [s]."""
         return float(self.stamps.max())
 
 
 def rig() -> CameraRig:
-    """The cameras of these films, exactly."""
+    """Return the true cameras of these films."""
     return CameraRig(default_cameras(SIZE))
 
 
 def motion_store(object_name: str, seed: int, workers: int = 2, cache: Path = CACHE) -> Store[MotionFrame]:
-    """The frames of an object's films; frame k of film f has the number f · FRAMES + k.
+    """Return the frames of an object's films; frame k of film f has the number f · FRAMES + k.
 
     Args:
         object_name: name of the object.
-        seed: of all that is drawn.
-        workers: number of processes that render what is missing.
-        cache: where frames are kept.
+        seed: seed of the benchmark.
+        workers: number of processes that render missing frames.
+        cache: folder of rendered frames.
     """
     own = stream(seed, "motion", object_name)
     make = functools.partial(each, _frames, object_name, own)
@@ -93,19 +93,19 @@ def motion_store(object_name: str, seed: int, workers: int = 2, cache: Path = CA
 
 
 def film_motion(seed: int, film: int) -> Motion:
-    """The motion of a film: from before its first frame until after its last."""
+    """Return the motion of a film, from before its first frame until after its last."""
     return random_motion(np.random.default_rng([seed, film]), -STEADY, FRAMES / RATE + STEADY + AHEAD)
 
 
 def delays(rng: np.random.Generator, cameras: int) -> FloatArray:
-    """(cameras,) by which each camera's picture is older than the latest one, at most SKEW [s]."""
+    """Draw (cameras,) the age of each camera's image relative to the latest one, at most SKEW [s]."""
     result: FloatArray = rng.permutation(np.linspace(0.0, SKEW, cameras))
     return result
 
 
 def _frames(object_name: str, seed: int) -> Callable[[int], MotionFrame]:
     model, cameras = load_object(object_name), rig()
-    # A camera's settings stay while it records, but they would be drawn for every picture.
+    # A camera's settings stay constant in a film, but `take` would draw them for every image.
     sensor = dataclasses.replace(Sensor.realistic(), exposure=(1.0, 1.0), white_balance=0.0, ramp=0.0)
 
     def make(index: int) -> MotionFrame:
@@ -116,7 +116,7 @@ def _frames(object_name: str, seed: int) -> Callable[[int], MotionFrame]:
         stamps = time - delays(rng, len(cameras))
 
         def picture(camera: Camera, stamp: float) -> Image:
-            # Without fingers, which would have to make way; colours and light are those of the film.
+            # Without fingers, which would have to move aside; colours and light are those of the film.
             scene = posed_scene(model, motion.pose(stamp), np.random.default_rng([seed, film, 1]))
             (image,) = take(scene, [camera], sensor, rng).images
             return image

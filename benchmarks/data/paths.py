@@ -1,4 +1,4 @@
-"""Motions whose pose is known at any time: an object that flies between points of the arena."""
+"""Motions with a known pose at any time: an object flies between points in the arena."""
 
 from __future__ import annotations
 
@@ -10,57 +10,57 @@ from tracker.conventions import FloatArray
 from tracker.geometry import so3
 
 SPEED = 0.5
-"""Typical of an object that is thrown or pushed hard [m/s]."""
+"""Typical speed of an object that is thrown or pushed hard [m/s]."""
 
 REACH, HEIGHTS = 0.12, (0.06, 0.12)
-"""Turning points are so near the arena's axis, at such heights [m]: all cameras see the object there, and no
-corner of it touches wall or table."""
+"""Largest distance of turning points from the arena's axis, and range of their heights [m]: there all cameras
+see the object, and none of its corners touches wall or table."""
 
 LEAST = 0.1
-"""Distance of neighbouring turning points [m]: less than REACH, so that there is one for each."""
+"""Smallest distance between consecutive turning points [m]; less than REACH, so that one always exists."""
 
 TURN_RATES = (0.5, 2.5)
-"""Least and greatest rate of rotation while moving [rad/s]."""
+"""Smallest and largest rate of rotation while moving [rad/s]."""
 
 BULGE = 0.35
-"""Greatest height of a curved leg over its chord, relative to the chord."""
+"""Largest height of a curved leg over its chord, relative to the chord."""
 
 REST_SECONDS = (0.3, 0.8)
-"""Of a leg that goes nowhere."""
+"""Range of the duration of a rest [s]."""
 
 KINDS, SHARES = ("straight", "curved", "eased", "rest"), (0.4, 0.25, 0.2, 0.15)
-"""Kinds of legs and how often they come: straight at one speed; along a parabola; straight, but begun and
-ended at rest; at rest."""
+"""Kinds of legs and their probabilities: straight at constant speed; along a parabola; straight, starting and
+ending at rest; at rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """The way from one turning point to the next."""
+    """The motion from one turning point to the next."""
 
     begin: float
-    """[s]"""
+    """Start time [s]."""
     seconds: float
-    """How long it takes."""
+    """Duration [s]."""
     start: FloatArray
-    """(3,) position at its begin [m]."""
+    """(3,) position at the start [m]."""
     chord: FloatArray
-    """(3,) from there to the end [m]."""
+    """(3,) vector from the start to the end [m]."""
     bulge: FloatArray
-    """(3,) by which its middle is off the chord's [m]."""
+    """(3,) displacement of the path's middle from the chord's [m]."""
     rotation: FloatArray
-    """(3, 3) world from object at its begin."""
+    """(3, 3) world_from_object at the start."""
     turn: FloatArray
     """(3,) rotation vector of the whole leg, along world axes [rad]."""
     eased: bool
-    """Whether it begins and ends at rest."""
+    """Whether it starts and ends at rest."""
 
     @property
     def end(self) -> float:
-        """When it ends [s]."""
+        """End time [s]."""
         return self.begin + self.seconds
 
     def pose(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Position (3,) [m] and rotation (3, 3) at a time [s]; before and after the leg those of its ends."""
+        """Return position (3,) [m] and rotation (3, 3) at a time [s]; outside the leg, those of its ends."""
         share = min(max((time - self.begin) / self.seconds, 0.0), 1.0)
         if self.eased:
             share = share * share * (3.0 - 2.0 * share)
@@ -71,28 +71,28 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Legs, one after the other without gaps."""
+    """Consecutive legs without gaps."""
 
     legs: tuple[Leg, ...]
     """The first begins with the motion."""
 
     def leg(self, time: float) -> Leg:
-        """The leg of a time [s]; the first and the last hold before and after the motion."""
+        """Return the leg at a time [s]; the first and the last also cover times outside the motion."""
         ends = [leg.end for leg in self.legs]
         return self.legs[min(int(np.searchsorted(ends, time, side="right")), len(ends) - 1)]
 
     def pose(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Position (3,) [m] and rotation (3, 3) world from object at a time [s]."""
+        """Return position (3,) [m] and rotation (3, 3) world_from_object at a time [s]."""
         return self.leg(time).pose(time)
 
     def speed(self, time: float) -> float:
-        """Of the object's centre [m/s], by the millisecond before."""
+        """Return the speed of the object's centre [m/s] over the preceding millisecond."""
         step = 1e-3
         return float(np.linalg.norm(self.pose(time)[0] - self.pose(time - step)[0])) / step
 
 
 def random_motion(rng: np.random.Generator, begin: float, seconds: float) -> Motion:
-    """A motion that begins at a time and lasts for at least so long [s]; its first leg is a rest."""
+    """Draw a motion that starts at a time and lasts at least `seconds` [s]; its first leg is a rest."""
     position, rotation = _point(rng), so3.matrix_from_quaternion(rng.standard_normal(4))
     legs = [_leg(rng, "rest", begin, position, rotation)]
     while legs[-1].end < begin + seconds:
@@ -115,7 +115,7 @@ def _leg(rng: np.random.Generator, kind: str, begin: float, start: FloatArray, r
     bulge = nowhere
     if kind == "curved":
         across = np.cross([0.0, 0.0, 1.0], chord)
-        # Towards the arena's axis, where there is room.
+        # Bulge towards the arena's axis, where there is room.
         side = -np.sign(across @ (start + end)) or 1.0
         bulge = side * rng.uniform(0.3, 1.0) * BULGE * length * across / np.linalg.norm(across)
     axis = rng.standard_normal(3)

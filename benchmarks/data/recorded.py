@@ -20,17 +20,17 @@ from tracker.geometry.camera import Camera
 POSED = ("cube_v1", "cube_v2", "cuboid_2x2x8_v2")
 SEGMENTED = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 CORRECTED = "principal point corrected"
-"""Group of a triplet whose files are read with that correction, beside the one without."""
+"""Group of a triplet whose files are read with that correction, in addition to the group without."""
 
 
 def labelled_images(real: Path, name: str) -> list[LabelledImage]:
-    """All labelled images of one object."""
+    """Return all labelled images of one object."""
     folders = [real / kind / name for kind in ("pose", "segmentation")]
     return [image for folder in folders if folder.is_dir() for image in read_labelled(folder)]
 
 
 def triplet(real: Path, name: str, *, corrected: bool) -> tuple[tracker.ObjectTracker, list[LabelledImage]]:
-    """A tracker for the object's triplet, and its images in the cameras' order."""
+    """Return a tracker for the object's triplet, and its images in the cameras' order."""
     folder = real / "pose" / name
     images = {int(i.name.split("camera")[1]): i for i in read_labelled(folder)}
     rig = tracker.CameraRig.load(folder, correct_halved_principal_point=corrected)
@@ -38,21 +38,21 @@ def triplet(real: Path, name: str, *, corrected: bool) -> tuple[tracker.ObjectTr
 
 
 def triplets(real: Path) -> Iterator[tuple[str, str, tracker.ObjectTracker, list[LabelledImage]]]:
-    """Every recorded triplet: object, group (CORRECTED or empty), a tracker for it, and its images."""
+    """Yield every recorded triplet: object, group (CORRECTED or empty), a tracker for it, and its images."""
     for name in POSED:
         for corrected in (False, True) if name == "cuboid_2x2x8_v2" else (False,):
             yield name, CORRECTED if corrected else "", *triplet(real, name, corrected=corrected)
 
 
 def real_folder(path: Path | None = None) -> Path | None:
-    """The folder of recorded data that was named, or the usual one; None where there is none."""
+    """Return the given folder of recorded data, or the default one; None if it does not exist."""
     folder = Path(path or os.environ.get("TRACKER_REAL_DATA") or ROOT.parent / "shared" / "real")
     return folder if folder.is_dir() else None
 
 
 @functools.cache
 def robots() -> tuple[CameraRig, ...]:
-    """The cameras of all recorded robots.
+    """Return the cameras of all recorded robots.
 
     Raises:
         CalibrationError: there are no recorded data.
@@ -61,7 +61,7 @@ def robots() -> tuple[CameraRig, ...]:
 
 
 def another(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """As far from the true cameras as those of one recorded robot are from those of another."""
+    """Return a rig that differs from the true one as the rigs of two recorded robots do from each other."""
     one, other = (
         sized(robots()[k], rig[0].height) for k in rng.choice(len(robots()), 2, replace=False).tolist()
     )

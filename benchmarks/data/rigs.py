@@ -1,8 +1,8 @@
-"""Rigs unlike the platform's: what the tracker is to work with, given as data, and their scenes.
+"""Rigs unlike the platform's with which the tracker should work, given as data, and their scenes.
 
-All scenes happen on one stage, the simulated platform. A rig's world is the stage, moved and scaled: a
-world in which all lengths, distances of the cameras included, are multiplied by a factor gives the same
-pictures.
+All scenes are on one stage, the simulated platform. A rig's world is the stage, moved and scaled: if all
+lengths in a world, including the distances of the cameras, are multiplied by one factor, the images do not
+change.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 
 _DISTORTION = np.array([-0.236, 0.115, -0.0014, 0.0002, -0.042])
-"""Of the platform's lenses, about: k1, k2, p1, p2, k3."""
+"""Approximate distortion of the platform's lenses: k1, k2, p1, p2, k3."""
 
 _LABELS = np.array([1, 5, 2, 6, 3, 4])
-"""Colours of the faces of own boxes, as those of cube_v2."""
+"""Colours of the faces of the boxes defined here: those of cube_v2."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How the stage lies in a rig's world: p_world = scale · R_z(yaw) · p_stage + origin."""
+    """Pose and scale of the stage in a rig's world: p_world = scale · R_z(yaw) · p_stage + origin."""
 
     scale: float = 1.0
-    """Lengths of the world over those of the stage [1]."""
+    """World length per stage length."""
     yaw: float = 0.0
     """[rad]"""
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -53,52 +53,52 @@ class Placement:
         return so3.exp([0.0, 0.0, self.yaw])
 
     def pose(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Position (3,) [m] and rotation (3, 3) in the world of an object on the stage."""
+        """Return position (3,) [m] and rotation (3, 3) in the world of an object on the stage."""
         turn = self.world_from_stage
         return self.scale * turn @ position + self.origin, turn @ rotation
 
     def camera(self, camera: Camera) -> Camera:
-        """A camera of the stage as one of the world that takes the same pictures."""
+        """Return a stage camera as a camera of the world that takes the same images."""
         position, rotation = self.pose(camera.position, camera.camera_from_world[:3, :3].T)
         return dataclasses.replace(camera, camera_from_world=_camera_from_world(position, rotation.T))
 
 
 @dataclass(frozen=True, eq=False)
 class RigCase:
-    """Cameras around the stage, the objects that they look at, and how it all lies in the world."""
+    """Cameras around the stage, their objects, and the placement of the stage in the world."""
 
     name: str
     about: str
-    """What is special about it, for tables."""
+    """Its special feature, for tables."""
     stage_cameras: tuple[Camera, ...]
-    """In the stage's frame."""
+    """The cameras in the stage's frame."""
     models: tuple[CuboidModel, ...] = ()
-    """In the world's size; none: the objects of the other benchmarks."""
+    """The objects at world scale; empty: those of the other benchmarks."""
     arena: Arena = dataclasses.field(default_factory=Arena)
-    """In the world's frame."""
+    """The arena in the world's frame."""
     placement: Placement = dataclasses.field(default_factory=Placement)
 
     @property
     def rig(self) -> CameraRig:
-        """What the tracker is given: the cameras in the world, exactly, and the arena."""
+        """The rig that the tracker is given: the true cameras in the world, and the arena."""
         return CameraRig(tuple(map(self.placement.camera, self.stage_cameras)), self.arena)
 
     @property
     def objects(self) -> tuple[CuboidModel, ...]:
-        """What is looked at, one after the other."""
+        """The objects of this rig's scenes."""
         return self.models or tuple(drawn(name) for name in OBJECTS)
 
     def model(self, name: str) -> CuboidModel:
-        """One of the objects by its name."""
+        """Return one of the objects by its name."""
         return next(model for model in self.objects if model.name == name)
 
     def on_stage(self, model: CuboidModel) -> CuboidModel:
-        """An object in the stage's size."""
+        """Return an object at stage scale."""
         return dataclasses.replace(model, size=model.size / self.placement.scale)
 
 
 def _camera_from_world(position: FloatArray, rotation: FloatArray) -> FloatArray:
-    """(4, 4) of a camera at `position` (3,) with the rotation (3, 3) camera from world."""
+    """Return (4, 4) of a camera at `position` (3,) with the rotation (3, 3) camera_from_world."""
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, -rotation @ position
     return transform
@@ -107,17 +107,17 @@ def _camera_from_world(position: FloatArray, rotation: FloatArray) -> FloatArray
 def _camera(
     azimuth: float, elevation: float, distance: float, size: tuple[int, int], focal: float, lens: float = 1.0
 ) -> Camera:
-    """A camera that looks about at the stage's middle, from a direction [°] and distance [m].
+    """Return a camera that looks roughly at the stage's centre, from a direction [°] and distance [m].
 
-    What is not given differs a little from camera to camera, as on a real platform.
+    Other parameters differ a little from camera to camera, as on a real platform.
 
     Args:
-        azimuth: of the camera seen from the middle [°]; its name.
-        elevation: above the table [°].
-        distance: from the middle [m].
-        size: width and height of the picture [px].
-        focal: length [px].
-        lens: strength of the distortion, 1 as on the platform.
+        azimuth: azimuth of the camera seen from the centre [°]; also its name.
+        elevation: elevation above the table [°].
+        distance: distance from the centre [m].
+        size: width and height of the image [px].
+        focal: focal length [px].
+        lens: strength of the distortion; 1 as on the platform.
     """
     rng = np.random.default_rng([int(azimuth), *size])
     around, above = np.radians([azimuth, elevation])
@@ -147,7 +147,7 @@ def _box(name: str, *size: float) -> CuboidModel:
 
 _PLATFORM = default_cameras()
 
-# A camera that is far away has to look steeply: the arena's wall stands up to 60° before its table.
+# A distant camera has to look down steeply: below 60° the near wall hides a part of the table.
 _CASES = (
     RigCase("platform", "three 270×270, 0.52 m", _PLATFORM),
     RigCase(
@@ -163,7 +163,7 @@ _CASES = (
     RigCase(
         "1080p",
         "three 1920×1080, 0.5 m, fx 1050 px",
-        # The platform's lenses fold back within a picture that is so wide.
+        # The platform's distortion folds back within such a wide image.
         tuple(_camera(azimuth, 49, 0.5, (1920, 1080), 1050, 0.45) for azimuth in (60, 180, 300)),
     ),
     RigCase(
@@ -205,25 +205,25 @@ _CASES = (
 )
 
 CASES = {case.name: case for case in _CASES}
-"""All rigs by their names."""
+"""All rigs, by name."""
 
 NEAR = 0.2
-"""In turn there are no fingers, and three that are near the object with this probability each."""
+"""Probability that each finger is near the object in odd scenes; even scenes have no fingers."""
 
 
 def rig_scene(case: RigCase, model: CuboidModel, seed: int, index: int) -> Scene:
-    """A scene of an object (in the world's size); all rigs see the same scene of a number and size on stage.
+    """Return a scene of an object at world scale; equal number and stage size give all rigs the same scene.
 
     Args:
         case: the rig.
         model: one of its objects.
-        seed: of all scenes.
+        seed: seed of all scenes.
         index: number of the scene.
     """
     on_stage = case.on_stage(model)
     rng = np.random.default_rng([seed, index])
     scene = scene_with_fingers(on_stage, rng, near=NEAR) if index % 2 else bare_scene(on_stage, rng)
-    # The noise takes more draws of larger pictures: it has a stream of its own.
+    # Larger images need more noise draws, so the noise has its own stream.
     noise = np.random.default_rng([seed, index, 1])
     made = take(scene, case.stage_cameras, Sensor.realistic(), noise)
     return Scene(
@@ -238,14 +238,14 @@ def rig_scene(case: RigCase, model: CuboidModel, seed: int, index: int) -> Scene
 def rig_store(
     case_name: str, object_name: str, seed: int, workers: int = 2, cache: Path = CACHE
 ) -> Store[Scene]:
-    """The scenes of one rig and object, by their numbers.
+    """Return the scenes of one rig and object, by their numbers.
 
     Args:
         case_name: name of the rig in `CASES`.
         object_name: name of one of its objects.
-        seed: of all that is drawn.
-        workers: number of processes that render what is missing.
-        cache: where scenes are kept.
+        seed: seed of the benchmark.
+        workers: number of processes that render missing scenes.
+        cache: folder of rendered scenes.
     """
     own = stream(seed, "rigs")
     make = functools.partial(each, _scenes, case_name, object_name, own)

@@ -1,6 +1,6 @@
-"""Scenes that are judged: the pictures, and what is true of them.
+"""Benchmark scenes: images and ground truth.
 
-Each style has its own stream of scenes. A scene depends on seed, object, style and number alone.
+Each style has its own stream of scenes. A scene depends only on seed, object, style and number.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from tracker.conventions import FloatArray, Image
 from tracker.geometry.camera import Camera
 
 SIZE = 270
-"""Height of the pictures [px]."""
+"""Height of the images [px]."""
 
 LARGE = 540
-"""Height of those of the style `large` [px]."""
+"""Height of the images of the style `large` [px]."""
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 
 STILL_EFFECTS = tuple(name for name in EFFECTS if name != "timing")
-"""Effects that show in scenes in which nothing moves."""
+"""Effects that are visible in scenes without motion."""
 
 EFFECT = "effect: "
-"""Prefix of the styles with one effect alone."""
+"""Prefix of the styles with a single effect."""
 
 LOOK_ALIKE = "look-alike: "
 """Prefix of the styles with one kind of look-alike."""
@@ -44,49 +44,49 @@ LOOK_ALIKE = "look-alike: "
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One picture of each camera, and the truth."""
+    """One image of each camera, and the ground truth."""
 
     index: int
-    """Number in its stream."""
+    """Number of the scene in its stream."""
     images: tuple[Image, ...]
     """(H, W, 3) uint8 BGR."""
     labels: tuple[Image, ...]
-    """(H, W) uint8, what most of a pixel shows: 0 other, 1 red ... 6 yellow."""
+    """(H, W) uint8 label map, by majority in each pixel: 0 other, 1 red ... 6 yellow."""
     visible_fraction: FloatArray
     """(cameras,) visible share of the object's pixels."""
     position: FloatArray | None
-    """(3,) of the object [m]; None: there is none."""
+    """(3,) position of the object [m]; None: no object."""
     rotation: FloatArray | None
-    """(3, 3) world from object."""
+    """(3, 3) world_from_object."""
     cameras: FloatArray | None = None
-    """(2, cameras, 46) true cameras, and as their calibration states them; None: as the set has them."""
+    """(2, cameras, 46) true and stated cameras; None: both are those of the set."""
 
     def rigs(self, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
-        """The true cameras, and those of the calibration given to a user; `usual` are those of the set."""
+        """Return the true rig and the stated one, which a user is given; `usual` is the set's rig."""
         return rigs_of(self.cameras, usual)
 
     @property
     def visible(self) -> float:
-        """Mean visible fraction of all cameras."""
+        """Mean visible fraction over all cameras."""
         return float(np.mean(self.visible_fraction))
 
 
 def rig(size: int = SIZE) -> CameraRig:
-    """The cameras of all styles, exactly; pictures are so high [px]."""
+    """Return the true cameras of all styles, for images of height `size` [px]."""
     return sized(standard_rig(), size)
 
 
 def scene_store(
     object_name: str, style: str, seed: int, workers: int = 2, cache: Path = CACHE
 ) -> Store[Scene]:
-    """The scenes of an object by their numbers.
+    """Return the scenes of an object by their numbers.
 
     Args:
         object_name: name of the object.
         style: key of STYLES.
-        seed: of all that is drawn.
-        workers: number of processes that render what is missing.
-        cache: where scenes are kept.
+        seed: seed of the benchmark.
+        workers: number of processes that render missing scenes.
+        cache: folder of rendered scenes.
     """
     own = stream(seed, "scenes", object_name, style)
     make = functools.partial(each, STYLES[style], object_name, own)
@@ -117,7 +117,7 @@ def _scene_of(frame: Frame) -> Scene:
 
 
 def rigs_of(cameras: FloatArray | None, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
-    """True and stated cameras from what `cameras_of` gave."""
+    """Return the true and the stated rig from the output of `cameras_of`."""
     if cameras is None:
         return usual, usual
     true, stated = (dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in cameras)
@@ -125,14 +125,14 @@ def rigs_of(cameras: FloatArray | None, usual: CameraRig) -> tuple[CameraRig, Ca
 
 
 def cameras_of(frame: Frame) -> FloatArray | None:
-    """(2, cameras, 46) true and stated cameras of a frame; None where both are the set's own."""
+    """Return (2, cameras, 46) true and stated cameras of a frame; None if both are the set's own."""
     if frame.given is frame.rig:
         return None
     return np.array([[_row(camera) for camera in rig] for rig in (frame.rig, frame.given)])
 
 
 _PARTS = {"matrix": (3, 3), "distortion": (5,), "camera_from_world": (4, 4), "camera_from_world_std": (4, 4)}
-"""Of a camera, in the order of its row."""
+"""Parameters of a camera and their shapes, in the order of its row."""
 
 
 def _row(camera: Camera) -> FloatArray:
@@ -163,7 +163,7 @@ STYLES: dict[str, Callable[[str, int], Callable[[int], Scene]]] = {
 }
 """realistic: as `synthetic.frames` makes them, always with an object.
 world, effect: …: realistic, with all effects of the real world that stills show, or with one alone.
-absent: as world, without an object.
+absent: like world, without an object.
 large: realistic, 540 px high.
 other cubes: realistic, of cube_v1 and cube_v3.
-look-alike: …: realistic, with something that is not the object in its place."""
+look-alike: …: realistic, with a look-alike in the object's place."""

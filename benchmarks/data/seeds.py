@@ -1,7 +1,7 @@
-"""Which scenes are drawn.
+"""Seeds of the scenes.
 
-Development scenes come from a seed that stays: they may be looked at and worked on. Release scenes come from
-a seed drawn from the commit that is measured: nobody has seen them before, and no other commit gets them.
+Development scenes have a fixed seed: they may be looked at and worked on. Release scenes have a seed
+derived from the measured commit: nobody has seen them before, and no other commit gets them.
 """
 
 from __future__ import annotations
@@ -9,16 +9,16 @@ from __future__ import annotations
 import hashlib
 
 DEVELOPMENT = 7_301_520
-"""Seed of scenes that may be looked at."""
+"""Seed of the development scenes."""
 
 
 def release(commit: str) -> int:
-    """Seed of the scenes that judge a commit, by its full hash."""
+    """Return the seed of a commit's release scenes, from its full hash."""
     return _number(f"release of {commit}")
 
 
 def stream(seed: int, *names: str) -> int:
-    """Seed of one kind of scenes: no two kinds share any draw."""
+    """Return the seed of one kind of scenes; different kinds share no random draws."""
     return _number("\n".join([str(seed), *names]))
 
 

@@ -1,4 +1,4 @@
-"""Sets of scenes: the scenes of an object that workloads share, with what the tracker needs for them."""
+"""Sets of scenes of an object that workloads share, with what the tracker needs for them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tracker.objects.model import CuboidModel
 from tracker.segmentation.color_model import ColorModel
 
 FULL = 200
-"""Scenes of an object in a full run."""
+"""Number of scenes of an object in a full run."""
 
 SHARES: Mapping[str, float] = {
     "realistic": 1.0,
@@ -39,35 +39,35 @@ SHARES: Mapping[str, float] = {
     "thrown": 0.2,
     "laid": 0.1,
 }
-"""Scenes of a set over those of a full run, by the set's name or what it begins with; frames of each film."""
+"""Size of each set relative to a full run, by its name or prefix: scenes, or frames of each film."""
 
 RIMMED = "world", "absent", f"{EFFECT}chamfers"
-"""Sets whose objects have rims, of the width that their files state or of any; those of others are sharp."""
+"""Sets whose objects have rims, of the width stated in their files or any other; other objects are sharp."""
 
 PACKAGES = {
     "package": Drawing(),
     "smooth package": Drawing(scale=4),
     "lens package": Drawing(lens=True),
 }
-"""How the simulation package draws, by set of scenes."""
+"""How the simulation package renders, by set of scenes."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Which scenes, how many, and where they are kept."""
+    """Which scenes are rendered, how many, and their cache."""
 
     scenes: int = FULL
-    """Of an object."""
+    """Number of scenes of an object."""
     seed: int = DEVELOPMENT
     workers: int = 2
-    """Processes that render."""
+    """Number of processes that render."""
     cache: Path = CACHE
     """Folder of rendered scenes."""
     shares: Mapping[str, float] = field(default_factory=lambda: SHARES)
-    """Scenes of a set over `scenes`."""
+    """Size of each set relative to `scenes`."""
 
     def count(self, base: str) -> int:
-        """Number of scenes of a set, or of frames of a film."""
+        """Return the number of scenes of a set, or of frames of a film."""
         kind = base if base in self.shares else base[: base.index(": ") + 2]
         return max(1, round(self.shares[kind] * self.scenes))
 
@@ -82,27 +82,27 @@ class SceneSet:
     colors: ColorModel
     store: Store[Scene]
     numbers: Sequence[int]
-    """Of the scenes that belong to the set."""
+    """Numbers of the scenes in the set."""
 
     def __iter__(self) -> Iterator[Scene]:
-        """All scenes, in order."""
+        """Yield all scenes, in order."""
         return self.store.scenes(self.numbers)
 
     def another(self, scene: Scene) -> Scene:
-        """The scene beside one in its stream."""
+        """Return the neighbour of a scene in its stream."""
         return next(self.store.scenes([scene.index ^ 1]))
 
 
 def scene_set(object_name: str, base: str, plan: Plan) -> SceneSet:
-    """The scenes of a set and object.
+    """Return the scenes of a set and object.
 
     Args:
         object_name: name of the object.
         base: a style of `benchmarks.data.scenes`, a key of PACKAGES, or a rig's name after RIG.
-        plan: how many, and where they are kept.
+        plan: their number and cache.
 
     Raises:
-        PackageError: the simulation package is needed and cannot be had.
+        PackageError: the simulation package is needed and not available.
     """
     keep, numbers = (plan.seed, plan.workers, plan.cache), range(plan.count(base))
     if base.startswith(RIG):

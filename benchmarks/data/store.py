@@ -1,7 +1,7 @@
-"""Scenes and frames on disk, so that only the first run renders. Results never depend on it.
+"""A cache of rendered scenes and frames on disk; it never affects results.
 
-An item is one file, named by its number, in a folder named by all that its pixels depend on: what it shows,
-the seed, and the fingerprint of what renders.
+An item is one file, named by its number, in a folder named by everything that determines its pixels: its
+contents, the seed, and the fingerprint of the renderer.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from synthetic.export.workers import run_tasks
 from tracker.files import write_whole
 
 CACHE = ROOT / "build" / "scenes"
-"""Where scenes are kept; not in the repository."""
+"""Default folder of rendered scenes; not in the repository."""
 
 S = TypeVar("S")
 
 Maker = Callable[[int, Collection[int]], Iterable[tuple[int, S]]]
-"""Makes some items of a chunk: number of the chunk, numbers of items to items."""
+"""Makes some items of a chunk: from its number and the numbers of the items to pairs of number and item."""
 
 
 def packed(item: Any) -> bytes:
-    """A dataclass of numbers, arrays, tuples of arrays and None as the content of an npz file."""
+    """Pack a dataclass of numbers, arrays, tuples of arrays and None into the content of an npz file."""
     arrays: dict[str, Any] = {}
     for field in dataclasses.fields(item):
         value = getattr(item, field.name)
@@ -46,7 +46,7 @@ def packed(item: Any) -> bytes:
 
 
 def unpacked(kind: type[S], content: bytes) -> S | None:
-    """The item that `packed` wrote; None where the content is something else."""
+    """Return the item that `packed` wrote; None if the content is anything else."""
     values: dict[str, Any] = {field.name: None for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as data:
@@ -64,45 +64,45 @@ class Store(Generic[S]):
     """Items of one kind, by their numbers."""
 
     name: str
-    """For people, and of the folder."""
+    """Name for people; also the beginning of the folder's name."""
     kind: type[S]
     """Dataclass of the items."""
     maker: Callable[[], Maker[S]]
-    """Makes what makes items, in the process that does so; it can be pickled."""
+    """Makes the function that makes items, in the process that calls it; can be pickled."""
     modules: tuple[str, ...]
-    """That decide the pixels, see `fingerprint`."""
+    """Modules that determine the pixels, see `fingerprint`."""
     seed: int
     chunk: int = 1
-    """Items that are made together."""
+    """Number of items that are made together."""
     workers: int = 2
-    """Processes that render what is missing."""
+    """Number of processes that render missing items."""
     cache: Path = CACHE
 
     @property
     def folder(self) -> Path:
-        """Of these items alone."""
+        """Folder of these items alone."""
         name = self.name.replace(", ", "-").replace(" ", "_")
         return self.cache / f"{name}-{self.seed}-{fingerprint(*self.modules)}"
 
     def file(self, number: int) -> Path:
-        """Of an item."""
+        """Return the file of an item."""
         return self.folder / f"{number:05d}.npz"
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
-        """Those that would have to be rendered."""
+        """Return the numbers of items that are not rendered yet."""
         return [number for number in numbers if not self.file(number).is_file()]
 
     def prepare(self, numbers: Iterable[int]) -> None:
-        """Render those items that are not there yet."""
+        """Render the missing items."""
         prepare([(self, numbers)], self.workers)
 
     def scenes(self, numbers: Sequence[int]) -> Iterator[S]:
-        """The items of these numbers, in this order."""
+        """Yield the items of these numbers, in this order."""
         self.prepare(numbers)
         for number in numbers:
             item = self._read(number)
             if item is None:
-                # A file broken by someone else is made again.
+                # Something damaged the file: render it again.
                 self.file(number).unlink(missing_ok=True)
                 self.prepare([number])
                 item = self._read(number)
@@ -117,7 +117,7 @@ class Store(Generic[S]):
 
 
 def prepare(requests: Iterable[tuple[Store[Any], Iterable[int]]], workers: int) -> None:
-    """Render what is not there yet of several stores, all in the same processes."""
+    """Render the missing items of several stores, all in the same processes."""
     tasks: list[tuple[Store[Any], int, list[int]]] = []
     for store, numbers in requests:
         chunks: dict[int, list[int]] = {}
@@ -127,7 +127,7 @@ def prepare(requests: Iterable[tuple[Store[Any], Iterable[int]]], workers: int) 
     count = sum(len(numbers) for _, _, numbers in tasks)
     if not count:
         return
-    # A process of its own costs more than a few scenes.
+    # Starting processes costs more than rendering a few scenes.
     done = run_tasks(_Renders(), tasks, workers if count > 4 else 1)
     with click.progressbar(done, length=count, label="rendering", file=sys.stderr) as bar:
         for _ in bar:
@@ -136,16 +136,16 @@ def prepare(requests: Iterable[tuple[Store[Any], Iterable[int]]], workers: int) 
 
 @dataclass(frozen=True)
 class _Renders:
-    """Makes the part of a worker."""
+    """Makes the function that a worker runs."""
 
     def __call__(self) -> Callable[[tuple[Store[Any], int, list[int]]], Iterator[int]]:
-        """The function that renders the items of a chunk into their files."""
+        """Return the function that renders the items of a chunk into their files."""
         known: dict[Path, Maker[Any]] = {}
 
         def work(task: tuple[Store[Any], int, list[int]]) -> Iterator[int]:
             store, chunk, numbers = task
             if store.folder not in known:
-                # Tasks come store by store: the maker of the last one is no longer needed.
+                # Tasks come store by store, so the last store's maker is no longer needed.
                 known.clear()
                 known[store.folder] = store.maker()
                 store.folder.mkdir(parents=True, exist_ok=True)
@@ -157,6 +157,6 @@ class _Renders:
 
 
 def each(begin: Callable[..., Callable[[int], S]], *arguments: Any) -> Maker[S]:
-    """Of items that are made one by one, by what `begin` gives in the process that makes them."""
+    """Return a maker of items one by one, with the function that `begin` returns in the rendering process."""
     make = begin(*arguments)
     return lambda chunk, numbers: ((number, make(number)) for number in numbers)

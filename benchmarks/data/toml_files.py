@@ -1,4 +1,4 @@
-"""The data files of the benchmarks."""
+"""Reading of the benchmarks' data files."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ else:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The content of a file of this package."""
+    """Return the content of a TOML file."""
     with path.open("rb") as file:
         return tomllib.load(file)

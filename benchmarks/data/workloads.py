@@ -1,7 +1,7 @@
-"""Named workloads: which scenes, which cameras, what is done to pictures and calibration.
+"""Named workloads: scenes, cameras, and disturbances of images and calibration.
 
-Several workloads share the same scenes. What is random in them depends on the seed, the workload, the object
-and the scene's number alone.
+Several workloads share the same scenes. The random draws of a workload depend only on the seed, the workload,
+the object and the scene's number.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from tracker.conventions import Image
 
 @dataclass(frozen=True)
 class Workload:
-    """One way to judge the tracker."""
+    """One way to measure the tracker."""
 
     name: str
     about: str
-    """What is special about it, for tables."""
+    """Its special feature, for tables."""
     base: str = "realistic"
     """Set of scenes, see `benchmarks.data.sets`."""
     disturb: disturbances.Disturbance | None = None
     cameras: int | None = None
-    """How many there are of all; each choice of so many in turn. None: all."""
+    """Number of cameras used; each combination in turn. None: all."""
     believed: Callable[[CameraRig, np.random.Generator], CameraRig] | None = None
-    """The calibration that the tracker gets in place of the true one."""
+    """Returns the calibration that the tracker gets in place of the true one."""
     objects: tuple[str, ...] = OBJECTS
-    """What is looked at."""
+    """Names of the objects."""
     other_moment: bool = False
-    """Whether one camera's picture is of another scene."""
+    """Whether one camera's image shows another scene."""
     usual: bool = True
-    """Whether it is measured where nobody chooses workloads."""
+    """Whether it is measured by default."""
 
 
 _PLAIN = (
@@ -127,7 +127,7 @@ _EFFECTS = tuple(
 """See `synthetic.effects.Effects`."""
 
 RIG = "rig: "
-"""Prefix of the workloads, and the sets of scenes, before other rigs."""
+"""Prefix of the workloads, and of the sets of scenes, with other rigs."""
 
 _RIGS = tuple(
     Workload(
@@ -146,25 +146,25 @@ BY_NAME = {workload.name: workload for workload in WORKLOADS}
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What the tracker is given, and the truth."""
+    """The tracker's input, and the ground truth."""
 
     workload: Workload
     scene: Scene
     images: list[Image | None]
-    """One of each camera; None where the workload gives none."""
+    """One image per camera; None where the workload gives none."""
     rig: CameraRig
-    """What the tracker believes."""
+    """The rig that the tracker is given."""
     true_rig: CameraRig
-    """The cameras that took the pictures."""
+    """The cameras that took the images."""
 
     @property
     def used(self) -> tuple[int, ...]:
-        """Numbers of the cameras that give an image."""
+        """Numbers of the cameras with an image."""
         return tuple(k for k, image in enumerate(self.images) if image is not None)
 
     @property
     def visible(self) -> float:
-        """Mean visible fraction of the object over the cameras used."""
+        """Mean visible fraction of the object over the used cameras."""
         return float(np.mean(self.scene.visible_fraction[list(self.used)]))
 
 
@@ -176,15 +176,15 @@ def case(
     seed: int,
     other: Scene | None = None,
 ) -> Case:
-    """The scene as the workload shows it.
+    """Return the scene as changed by the workload.
 
     Args:
-        workload: what is done to it.
+        workload: the workload.
         object_name: name of the object.
-        scene: of the workload's set.
+        scene: a scene of the workload's set.
         usual: cameras of the set.
-        seed: of all that is drawn.
-        other: a scene of another moment, where the workload asks for one.
+        seed: seed of the benchmark.
+        other: another scene, if the workload needs one.
     """
     rng = np.random.default_rng([stream(seed, "workload", workload.name, object_name), scene.index])
     true_rig, stated = scene.rigs(usual)

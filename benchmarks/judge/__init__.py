@@ -1,1 +1,1 @@
-"""Compares figures with targets, with a baseline, and with another run."""
+"""Comparison of figures with targets, with a baseline, and with another run."""

@@ -1,4 +1,4 @@
-"""Two runs on the same pictures, compared answer by answer."""
+"""Comparison of two runs on the same images, answer by answer."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from benchmarks.score.shares import bootstrap_interval, median
 KEYS = ["group", "object", "index"]
 
 SAME_PICTURES = 0.1
-"""By which the signatures of the same pictures may differ: a compiler's rounding, but no noise of their
-own."""
+"""Largest difference between the signatures of the same images: allows for a compiler's rounding, but not for
+different noise."""
 
 COMPARED = (*ANSWERS, *TRUST, *TIMES)
 
 
 def pairs_of(before: Results, after: Results) -> pd.DataFrame:
-    """Answers that both runs gave to the same pictures; columns that are not KEYS end in `_before`, `_after`.
+    """Return pairs of answers to the same images; columns except KEYS end in `_before` and `_after`.
 
     Raises:
-        ResultsError: they have none in common, or were given other pictures.
+        ResultsError: the runs have no scene in common, or their images differ.
     """
     tables = [results.frames.get("accuracy", pd.DataFrame(columns=KEYS)) for results in (before, after)]
     pairs = tables[0].merge(tables[1], on=KEYS, suffixes=("_before", "_after"))
@@ -38,20 +38,20 @@ def pairs_of(before: Results, after: Results) -> pd.DataFrame:
 
 
 def side(pairs: pd.DataFrame, when: str) -> pd.DataFrame:
-    """One run's answers of the pairs, with their own names."""
+    """Return one run's answers from the pairs, with the original column names."""
     ending = f"_{when}"
     names = {name: name.removesuffix(ending) for name in pairs if name.endswith(ending)}
     return pairs[[*KEYS, *names]].rename(columns=names)
 
 
 def compare(before: Results, after: Results) -> list[dict[str, Any]]:
-    """For each workload and object: every metric as (before, after), and the errors' median ratios.
+    """Compare, for each workload and object, every metric as (before, after), and the errors' median ratios.
 
-    `ratio_…` are the median of the errors' ratios, after over before, of scenes in which both found a pose,
-    and its 95 % interval; `lost` and `gained` are scenes that are right in one run alone.
+    `ratio_…` are the median ratio of errors, after / before, over scenes where both runs found a pose,
+    and its 95 % interval; `lost` and `gained` count the scenes that only one run got right.
 
     Raises:
-        ResultsError: as `pairs_of`.
+        ResultsError: as in `pairs_of`.
     """
     rows = []
     for (group, name), own in pairs_of(before, after).groupby(["group", "object"], sort=False):
@@ -76,7 +76,7 @@ def _ratio(pairs: pd.DataFrame, unit: str) -> tuple[float, float, float]:
 
 
 def text(rows: list[dict[str, Any]]) -> str:
-    """For people: what changed, a paragraph for each workload and object."""
+    """Return the changes as text, one paragraph per workload and object."""
     return "\n".join(line for row in rows for line in _lines(row))
 
 

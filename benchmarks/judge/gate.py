@@ -1,8 +1,8 @@
-"""The gate: few scenes and the recorded triplets, each compared with itself as it was.
+"""The gate: a few scenes and the recorded triplets, each compared with its baseline.
 
-Unchanged code gives the same answers to the same pictures, so that all but times stay as they are: what a few
-scenes hide by their scatter, pairs of the same scene show. What each figure may lose stands beside it in
-`benchmarks.score.metrics`.
+Unchanged code gives the same answers to the same images, so everything but times stays the same: paired
+comparison reveals changes that the scatter between a few scenes would hide. The allowed loss of each figure
+stands beside it in `benchmarks.score.metrics`.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ BASELINE = Path(__file__).with_name("gate.json")
 SHARES = {"realistic": 1.0, "world": 0.5, "absent": 0.07, LOOK_ALIKE: 0.07}
 
 SCENES = 14
-"""Realistic ones of each object."""
+"""Number of realistic scenes of each object."""
 
 ROUNDS = 3
-"""Of each detection; the quickest is timed."""
+"""Number of runs of each detection, of which the fastest is timed."""
 
 FILMS = 2
-"""Of each camera of a recorded triplet."""
+"""Number of films of each camera of a recorded triplet."""
 
 _NAMES = (
     "realistic",
@@ -48,19 +48,19 @@ _NAMES = (
 WORKLOADS = tuple(w for w in ALL if w.name in _NAMES or w.name.startswith(LOOK_ALIKE))
 
 RECORDED = ("third camera", "recorded, one camera")
-"""Tables of recorded pictures whose every row is held."""
+"""Tables of recorded images of which the gate checks every row."""
 
 
 def plan(cache: Path) -> Plan:
-    """Which scenes: development ones."""
+    """Return the plan of the gate, with development scenes."""
     return Plan(SCENES, cache=cache, shares=SHARES)
 
 
 def failures(before: Results, after: Results) -> list[str]:
-    """What has become worse than allowed, as sentences.
+    """Return what has become worse than allowed, as sentences.
 
     Raises:
-        ResultsError: the runs are of other pictures.
+        ResultsError: the runs' images differ.
     """
     worse = []
     counts = before.frames["accuracy"].groupby("object").size()

@@ -1,4 +1,4 @@
-"""Where results come from: the commit, the very sources, the kernels compiled from them, the machine."""
+"""Origin of results: the commit, the exact sources, the kernels compiled from them, and the machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from synthetic.render.renderer import shared_renderer
 from tracker import compiled
 
 SOURCES = ("tracker", "synthetic", "benchmarks")
-"""Folders whose files decide the figures."""
+"""Folders whose files determine the figures."""
 
 LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "pybullet", "trimesh", "pyrender")
 
@@ -22,7 +22,7 @@ _OWN = ("gate.json", "published.json")
 
 
 def origin() -> dict[str, Any]:
-    """`commit`, whether the tree is `clean`, hashes of `code` and `kernels`, and the machine."""
+    """Return `commit`, whether the tree is `clean`, hashes of `code` and `kernels`, and the machine."""
     return {
         "commit": _git("rev-parse", "HEAD") or "unknown",
         "clean": not _git("status", "--porcelain", "--", *SOURCES),
@@ -36,7 +36,7 @@ def origin() -> dict[str, Any]:
 
 
 def code() -> str:
-    """Of all sources and their data, as they lie on the disk now."""
+    """Return a hash of all sources and their data as they are on disk now."""
     digest = hashlib.sha256()
     for folder in SOURCES:
         for file in sorted((ROOT / folder).rglob("*")):

@@ -1,6 +1,6 @@
-"""What a run leaves: the answers, and where they come from.
+"""Results of a run: the answers and their origin.
 
-Figures are made of the answers when they are asked for.
+Figures are computed from the answers on demand.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from tracker.files import write_whole
 RESULTS_FILE = "results.json"
 
 DIGITS = 7
-"""Of numbers in the file: more than any of this is worth."""
+"""Significant digits of numbers in the file, more than any of them deserves."""
 
 
 class ResultsError(TrackerError):
-    """A file of results that is missing, cannot be read, or cannot be used for what was asked."""
+    """A file of results is missing, cannot be read, or cannot be used for this purpose."""
 
 
 @dataclass
@@ -35,10 +35,10 @@ class Results:
     """Results of one run."""
 
     about: dict[str, Any] = field(default_factory=dict)
-    """As of `origin`, with `draw`, `seed`, `scenes`; `parts` with what made each; what was `skipped`, and
-    why."""
+    """The entries of `origin`, with `draw`, `seed`, `scenes`; `parts` with the origin of each; what was
+    `skipped`, with reasons."""
     frames: dict[str, pd.DataFrame] = field(default_factory=dict)
-    """By part: a row for each answer, with its `group` and `object`."""
+    """By part: one row per answer, with its `group` and `object`."""
 
     @property
     def figures(self) -> list[dict[str, Any]]:
@@ -47,13 +47,13 @@ class Results:
 
 
 def write_results(path: str | os.PathLike[str], results: Results) -> None:
-    """Write results as JSON, with null for what is not a finite number."""
+    """Write results as JSON, with null for numbers that are not finite."""
     frames = {part: _split(frame) for part, frame in results.frames.items()}
     write_whole(path, _text({"about": plain(results.about)}, frames))
 
 
 def write_published(path: str | os.PathLike[str], results: Results, judged: list[dict[str, Any]]) -> None:
-    """Write what documents show of a run: its origin, figures and targets, without the answers."""
+    """Write the parts of a run that documents show: its origin, figures and targets, without the answers."""
     rows = {"figures": plain(results.figures), "targets": plain(judged)}
     content = {"about": plain(results.about)}
     write_whole(path, _text(content, {key: {"rows": lines} for key, lines in rows.items()}))
@@ -64,7 +64,7 @@ def _split(frame: pd.DataFrame) -> dict[str, Any]:
 
 
 def _text(content: Mapping[str, Any], lists: Mapping[str, Mapping[str, Any]]) -> str:
-    """JSON with a line for each row, that can be read, and compared, by eye."""
+    """Return JSON with one line per row, which people can read and compare."""
     parts = [f" {json.dumps(key)}: {json.dumps(item, ensure_ascii=False)}" for key, item in content.items()]
     for key, item in lists.items():
         rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in item["rows"])
@@ -80,7 +80,7 @@ def read_results(path: str | os.PathLike[str]) -> Results:
         path: the file, or the folder that holds it.
 
     Raises:
-        ResultsError: there is no such file, or it holds something else.
+        ResultsError: there is no such file, or it is not a file of results.
     """
     file = Path(path)
     if file.is_dir():
@@ -97,7 +97,7 @@ def read_results(path: str | os.PathLike[str]) -> Results:
 
 
 def typed(frame: pd.DataFrame) -> pd.DataFrame:
-    """With columns of numbers and nothing, which JSON does not tell from objects, as numbers."""
+    """Convert columns of numbers and None, which JSON leaves as objects, to numbers."""
     for name in frame:
         values = [value for value in frame[name] if value is not None]
         if frame[name].dtype == object and not any(isinstance(value, (str, bool)) for value in values):
@@ -106,7 +106,7 @@ def typed(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def plain(value: Any) -> Any:
-    """As JSON has it, with seven digits."""
+    """Return the value as JSON types, with numbers rounded to seven digits."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""The targets of `targets.toml`, and whether they are met as far as the answers can tell."""
+"""The targets in `targets.toml`, and whether the answers show that they are met."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from benchmarks.score.tables import BY_NAME
 FILE = Path(__file__).with_name("targets.toml")
 
 OBJECTS = {"cube": "cube_*", "cuboid": "cuboid_*"}
-"""Patterns of the names of objects by the kind that a limit is for."""
+"""Name patterns of objects, by the kind to which a limit applies."""
 
 
 def judge(results: Results) -> list[dict[str, Any]]:
-    """All targets that were measured, in the file's order.
+    """Return all targets that were measured, in the file's order.
 
     Returns:
-        For each its `name`, `object`, `n`, the `target`, `reached` and its 95 % interval `low` to `high`
-        as texts, and the `verdict`: `met` or `missed` where the whole interval is, else `undecided`.
+        For each its `name`, `object`, `n`, the `target`, the `reached` value and its 95 % `interval`, as
+        texts, and the `verdict`: `met` or `missed` if the whole interval is, otherwise `undecided`.
     """
     return [
         row

@@ -1,1 +1,1 @@
-"""Runs the tracker on what is judged."""
+"""Runs the tracker on scenes, films and recordings."""

@@ -1,4 +1,4 @@
-"""Runs the workloads: what `detect` answers to every scene, and what it costs there."""
+"""Runs the workloads: the answers of `detect` to every scene, and their processor time."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation
 
 Made = tuple[list[dict[str, Any]], dict[str, str]]
-"""Answers, and what was left out with the reason."""
+"""Answers, and the workloads that were skipped, with reasons."""
 
 Keep = Callable[[str, Callable[[], Made]], Made]
-"""Makes what has the name, unless it was kept before."""
+"""Returns the stored result of this name, or makes and stores it."""
 
 
 def measure_accuracy(
@@ -42,13 +42,13 @@ def measure_accuracy(
 
     Args:
         plan: which scenes.
-        workloads: to be run.
-        objects: to be looked at, of those that a workload has; None: all.
-        keep: keeps the answers to each set of scenes, so that an interrupted run continues there.
-        rounds: of each detection, of which the quickest is timed.
+        workloads: workloads to run.
+        objects: names of the objects, of those that a workload has; None: all.
+        keep: stores the answers to each set of scenes, so that an interrupted run continues there.
+        rounds: runs of each detection, of which the fastest is timed.
 
     Returns:
-        A row for each answer, by workload and object, and reasons by the workloads that were left out.
+        One row per answer, by workload and object, and the reasons for skipped workloads.
     """
     answers: list[dict[str, Any]] = []
     skipped: dict[str, str] = {}
@@ -68,7 +68,7 @@ def measure_accuracy(
 
 def _wanted(sets: Iterable[tuple[str, str]], plan: Plan) -> Iterator[tuple[Store[Scene], Sequence[int]]]:
     for name, base in sets:
-        # Measuring reports what the package cannot draw.
+        # An unavailable package is reported later, when its scenes are measured.
         with contextlib.suppress(PackageError):
             scenes = scene_set(name, base, plan)
             yield scenes.store, scenes.numbers
@@ -92,7 +92,7 @@ def _of_set(plan: Plan, name: str, base: str, workloads: Sequence[Workload], rou
 def _answers(
     scenes: SceneSet, workloads: Sequence[Workload], seed: int, rounds: int
 ) -> Iterator[dict[str, Any]]:
-    """Of all workloads that share these scenes."""
+    """Yield the answers of all workloads that share these scenes."""
     model = scenes.model
     exact = tracker.ObjectTracker(model, scenes.rig, scenes.colors)
     for count, scene in enumerate(scenes):
@@ -109,7 +109,7 @@ def _answers(
 
 
 def answer_row(model: CuboidModel, given: Case, answer: Observation) -> dict[str, Any]:
-    """What was answered to one scene, and how far it is from the truth."""
+    """Return the answer to one scene, and its errors, as a row."""
     scene, pose = given.scene, answer.object_pose
     true = true_pose(scene.position, scene.rotation)
     row: dict[str, Any] = {
@@ -133,9 +133,9 @@ def answer_row(model: CuboidModel, given: Case, answer: Observation) -> dict[str
 
 
 def signature(images: Sequence[Image | None]) -> float:
-    """A number that tells pictures from others: a random projection of their pixels.
+    """Return a number that distinguishes images: a random projection of their pixels.
 
-    Other noise moves it by about the noise's deviation, a level in one pixel by a thousandth.
+    Different noise changes it by about the noise's deviation, one level in one pixel by a thousandth.
     """
     total = 0.0
     for camera, image in enumerate(images):
@@ -150,7 +150,7 @@ def _weights(shape: tuple[int, ...], camera: int) -> np.ndarray[Any, Any]:
 
 
 def again(plan: Plan, row: pd.Series) -> tuple[Case, CuboidModel, Observation]:
-    """What the tracker was given for an answer, of what object, and its answer once more."""
+    """Repeat an answer: return the tracker's input, the object, and the new answer."""
     workload = BY_NAME[row.group]
     scenes = scene_set(row.object, workload.base, plan)
     (scene,) = scenes.store.scenes([int(row["index"])])

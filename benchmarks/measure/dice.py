@@ -1,4 +1,4 @@
-"""What the dice task's masks and positions are worth, on scenes with exact truth and one recorded picture."""
+"""Accuracy of the dice task's masks and positions, on scenes with ground truth and one recorded image."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tracker.conventions import Image
 from tracker.tasks import rearrange_dice
 
 GIVEN = ("masks and images", "masks alone")
-"""What positions are found from."""
+"""Inputs from which positions are estimated."""
 
 TIMED = 30
-"""Scenes of thrown dice that are timed, at most."""
+"""Largest number of scenes of thrown dice that are timed."""
 
 GOAL_SEED = 31
-"""Of the goals of what is timed, which have nothing to do with where the dice are."""
+"""Seed of the goals used for timing, which are independent of the dice's positions."""
 
 Rows = list[dict[str, Any]]
 
@@ -34,12 +34,12 @@ Rows = list[dict[str, Any]]
 def measure_dice(
     plan: Plan, real: Path | None, say: Callable[[str], None] = lambda line: None
 ) -> dict[str, pd.DataFrame]:
-    """Rows of the parts `dice, masks` (views), `dice, positions` (true dice), `dice, reported`, `dice, time`.
+    """Return rows of `dice, masks` (views), `dice, positions` (true dice), `dice, reported`, `dice, time`.
 
     Args:
         plan: which scenes.
         real: folder of recorded data, or None.
-        say: takes lines about the progress.
+        say: called with lines about the progress.
     """
     rig = exact_rig()
     rows: dict[str, Rows] = {f"dice, {part}": [] for part in ("masks", "positions", "reported", "time")}
@@ -58,7 +58,7 @@ def measure_dice(
 
 
 def judge_scene(kind: str, scene: DiceScene, rig: CameraRig) -> dict[str, Rows]:
-    """Segments and locates the dice of one scene: rows of all parts but the time."""
+    """Segment and locate the dice of one scene; return the rows of all parts except the time."""
     masks = [rearrange_dice.segment_dice(image) for image in scene.images]
     visible = visible_fractions(rig.cameras, scene)
     positions, reported = [], []
@@ -85,7 +85,7 @@ def _judged_masks(rig: CameraRig, scene: DiceScene, masks: Sequence[Image]) -> I
 
 
 def recorded_row(real: Path) -> Rows:
-    """The recorded picture as a view, against its hand-made mask; none where it is not there."""
+    """Return the recorded image as a view, compared with its hand-made mask; empty if it is missing."""
     image = cv2.imread(str(real / "dice" / "test_image.png"), cv2.IMREAD_COLOR)
     mask = cv2.imread(str(real / "dice" / "test_mask.png"), cv2.IMREAD_GRAYSCALE)
     if image is None or mask is None:
@@ -97,9 +97,9 @@ def recorded_row(real: Path) -> Rows:
 
 
 def time_rows(rig: CameraRig, images: Sequence[Image]) -> Rows:
-    """A row for each kind of work, in turn with the reference work: the times of `in_turn`.
+    """Return a row for each kind of work, with the times of `in_turn`.
 
-    The first is what the task's reward costs while its goal stays.
+    The first row is the cost of the task's reward while its goal stays the same.
     """
     goal = rearrange_dice.sample_goal(np.random.default_rng(GOAL_SEED))
     goals = rearrange_dice.goal_masks(rig, goal)

@@ -1,6 +1,6 @@
-"""What tracking over time is worth: `update` on films with exact truth.
+"""Accuracy of tracking over time: `update` on films with ground truth.
 
-They are played whole, thinned, by single cameras, and with the object gone for a while.
+They are played whole, subsampled, for single cameras, and with the object absent for a while.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from synthetic.scene import drawn
 from tracker.conventions import FloatArray
 
 STRIDES = (2, 4, 8)
-"""Films are judged whole, and with every so many-th frame alone."""
+"""Strides at which films are subsampled, in addition to whole films."""
 
 FILMS = 2
-"""For each object and style."""
+"""Number of films for each object and style."""
 
 WARM = 5
-"""Frames for which a tracker runs before it is timed."""
+"""Number of frames for which a tracker runs before it is timed."""
 
 SHORTEST = 40
-"""Frames of a film, at least."""
+"""Smallest number of frames of a film."""
 
 READ = 100
-"""Frames that are read at once."""
+"""Number of frames that are read at once."""
 
 
 def measure_films(plan: Plan, say: Callable[[str], None] = lambda line: None) -> pd.DataFrame:
-    """A row for each frame and way of playing: `group`, `object`, and the columns of `play`.
+    """Return a row for each frame and mode: `group`, `object`, and the columns of `play`.
 
     Args:
         plan: which films.
-        say: takes lines about the progress.
+        say: called with lines about the progress.
     """
     length, parts = max(SHORTEST, plan.count("film")), []
     for name, style in itertools.product(OBJECTS, ("realistic", "world")):
@@ -77,7 +77,7 @@ def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
 
 
 def _world(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
-    """By all cameras and by each alone, of the calibration given to a user."""
+    """Play films with all cameras and with each alone, with the calibration given to a user."""
     films = [list(store.frames(film, range(store.length))) for film in range(FILMS)]
     model = tracker.load_object(name)
     trackers = [tracker.ObjectTracker(model, rigs_of(film[0].cameras, rig())[1]) for film in films]
@@ -101,11 +101,11 @@ def _films(
 
 
 def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | None = None) -> pd.DataFrame:
-    """Give a film to a tracker that starts from nothing, all cameras' pictures or those of one alone.
+    """Play a film to a reset tracker, with the images of all cameras or of one alone.
 
     Returns:
-        A row for each frame: `timestamp`, `present`, `status`, `visible` to the cameras that are given,
-        `at_rest`; whether the filtered pose is given (`found`), its `confidence` and errors; `measured_given`
+        A row for each frame: `timestamp`, `present`, `status`, `visible` (mean over the given cameras),
+        `at_rest`; whether there is a filtered pose (`found`), its `confidence` and errors; `measured_given`
         and the errors of the measured pose as `measured_…`; and the times of `in_turn`.
     """
     own.reset()
@@ -133,14 +133,14 @@ def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | 
 
 
 def _read_ahead(frames: Iterable[FilmFrame]) -> Iterator[FilmFrame]:
-    """The same, read from disk many at a time: what is timed follows upon its like, not upon unpacking."""
+    """Yield the same frames, read from disk in blocks, so that timed updates mostly follow each other."""
     rest = iter(frames)
     while block := list(itertools.islice(rest, READ)):
         yield from block
 
 
 def _single_shots(own: tracker.ObjectTracker, films: list[list[FilmFrame]]) -> pd.DataFrame:
-    """Errors without memory, a row for each frame of all films."""
+    """Return the errors of `detect`, which has no memory, a row for each frame of all films."""
     frames = itertools.chain.from_iterable(films)
     errors: list[FloatArray] = [
         np.array(pose_errors(own.detect(frame.images).object_pose, true_pose(frame.position, frame.rotation)))

@@ -1,9 +1,9 @@
-"""How like the real pictures the synthetic ones are: `python -m benchmarks likeness [--real FOLDER]`.
+"""Similarity of real and synthetic images: `python -m benchmarks likeness [--real FOLDER]`.
 
-A colour table fitted on synthetic pictures alone segments the real, hand-labelled ones, and the shipped
-table, fitted on those, segments the synthetic ones. Hand-made masks leave out a face's rim, whose pixels mix
-two surfaces, and so does the segmentation of large pictures: labels of synthetic pictures lose a rim of 1 px
-too, unless the table says `exact labels`.
+A colour table fitted to synthetic images alone segments the real, hand-labelled ones, and the shipped table,
+fitted to those, segments the synthetic ones. Hand-made masks leave out a face's rim, whose pixels mix two
+surfaces, and so does the segmentation of large images. The labels of synthetic images therefore lose a rim of
+1 px too, unless the table says `exact labels`.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import ColorModel
 
 SEED = 90210
-"""Of the synthetic pictures; other than the one that colours and light were adjusted with."""
+"""Seed of the synthetic images; not the one with which colours and light were adjusted."""
 
 RECORDED = {"cuboid_2x2x8_v2": (270, "old")}
-"""Size [px] and path of the real pictures of an object, where they are not (540, "new")."""
+"""Size [px] and path of an object's real images, where they are not (540, "new")."""
 
 MIN_FACE = {"cuboid_2x2x8_v2": 0.0005}
 MIN_FACE_OF_CUBES = 0.002
-"""Least visible share of the picture of a face that counts; of the labelled real faces few are smaller."""
+"""Smallest share of the image that a face must cover to count; few labelled real faces are smaller."""
 
 TARGET_SYNTHETIC, TARGET_REAL = 0.85, 0.75
-"""Mean IoU asked of the shipped table on synthetic pictures, and of a synthetic table on real ones."""
+"""Targets of the mean IoU of the shipped table on synthetic images, and of a synthetic table on real ones."""
 
 FIT = FitOptions(draws=10_000)
-"""Fewer draws per picture than for the few real ones."""
+"""Options of the fit to synthetic images: fewer draws per image than for the few real ones."""
 
 
 def synthetic_images(name: str, scenes: int, quality: str, seed: int = SEED) -> list[LabelledImage]:
-    """Pictures of all cameras with their exact labels."""
+    """Return images of all cameras with their exact labels."""
     result = []
     size, path = RECORDED.get(name, (540, "new"))
     for frame in frames(name, scenes, seed, quality=quality, empty=0.0, size=size, path=path):
@@ -52,7 +52,7 @@ def synthetic_images(name: str, scenes: int, quality: str, seed: int = SEED) -> 
 
 
 def synthetic_table(images: Sequence[LabelledImage], name: str) -> ColorModel:
-    """A colour table from synthetic pictures alone; like a person's masks, the labels lose their rims."""
+    """Fit a colour table to synthetic images alone; their labels lose their rims, like a person's masks."""
     own = []
     for image in images:
         labels = _without_rims(image.labels)
@@ -70,7 +70,7 @@ def _without_rims(labels: Image) -> Image:
 
 
 def scores(images: Sequence[LabelledImage], colors: ColorModel, least: float = 0) -> list[tuple[int, float]]:
-    """Label and IoU of every face in every picture whose visible share of it is at least `least`."""
+    """Return label and IoU of every face that covers at least a share `least` of its image."""
     result = []
     for image in images:
         found = intersection_over_union(tracker.segment(image.image, colors), image.labels)
@@ -92,7 +92,7 @@ def _row(title: str, values: list[tuple[int, float]], target: float | None = Non
 
 
 def likeness_table(real: Path, scenes: int, quality: str) -> str:
-    """Both IoUs of each object and over all faces."""
+    """Return a table of both IoUs for each object and over all faces."""
     rows = ["| table → pictures | faces | IoU, mean over faces (target) | by colour |", "|---|---|---|---|"]
     on_synthetic, on_exact, on_real = [], [], []
     for name in SEGMENTED:

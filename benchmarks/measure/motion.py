@@ -1,4 +1,4 @@
-"""What skewed cameras cost while an object moves fast, and how well its pose is predicted."""
+"""Cost of skewed cameras while an object moves fast, and accuracy of predicted poses."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from synthetic.scene import drawn
 from tracker.conventions import Image
 
 Given = tuple[tuple[Image, ...], float | list[float]]
-"""Pictures, and the stamp or stamps [s] to say of them."""
+"""Images, and the timestamp or timestamps [s] given with them."""
 
 GIVEN: dict[str, Callable[[MotionFrame], Given]] = {
     "together": lambda frame: (frame.together, frame.timestamp),
     "skewed, a stamp for each camera": lambda frame: (frame.skewed, frame.stamps.tolist()),
     "skewed, one stamp": lambda frame: (frame.skewed, frame.timestamp),
 }
-"""Ways to give a frame: pictures taken at once; skewed ones with the stamp of each; skewed ones with the
-latest stamp alone."""
+"""Modes of giving a frame: images taken at once; skewed ones with a timestamp for each; skewed ones with only
+the latest timestamp."""
 
 FILMS = 2
-"""For each object."""
+"""Number of films for each object."""
 
 
 def measure_motion(
     plan: Plan, say: Callable[[str], None] = lambda line: None, ways: Sequence[str] = tuple(GIVEN)
 ) -> pd.DataFrame:
-    """A row for each frame, object and way: the columns of `play`.
+    """Return a row for each frame, object and mode, with the columns of `play`.
 
     Args:
         plan: which films.
-        say: takes lines about the progress.
+        say: called with lines about the progress.
         ways: keys of GIVEN.
     """
     parts = []
@@ -61,11 +61,11 @@ def measure_motion(
 def play(
     own: tracker.ObjectTracker, frames: Iterable[MotionFrame], given: Callable[[MotionFrame], Given]
 ) -> pd.DataFrame:
-    """Give a film to a tracker that starts from nothing.
+    """Play a film to a reset tracker.
 
     Returns:
-        A row for each frame: `moving`, `steady`, and mm, deg, nees of the measured and the filtered pose and
-        of that predicted AHEAD, right after the frame.
+        A row for each frame: `moving`, `steady`, and mm, deg, nees of the measured and the filtered pose, and
+        of the pose predicted AHEAD of it.
     """
     own.reset()
     rows = []

@@ -1,7 +1,7 @@
-"""The tracker's errors on films with exact truth, as episodes for `benchmarks.score.noise`.
+"""The tracker's errors on films with ground truth, as episodes for `benchmarks.score.noise`.
 
-A film is played with many calibrations, each an episode. In every other one grey covers come and go before
-the object, so that all visible shares occur.
+A film is played with many calibrations, each an episode. In every second one, grey covers in front of the
+object come and go, so that all visible fractions occur.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 FILMS, LENGTH, CALIBRATIONS = 12, 60, 24
-"""Films of an object, frames of each, and calibrations with which each is played."""
+"""Number of films of an object, of frames per film, and of calibrations per film."""
 
 REFINED = 0.16e-3, np.radians(0.02)
-"""How far refined cameras are off [m, rad]: benchmarks/development.md, "Cameras, refined"."""
+"""Deviation of refined cameras [m, rad]: benchmarks/development.md, "Cameras, refined"."""
 
 COVERED = 1.0
-"""Mean length of a time with and without covers [s]."""
+"""Mean duration of a period with or without covers [s]."""
 
 
 def measure_noise(
@@ -44,7 +44,7 @@ def measure_noise(
     refined: bool = False,
     say: Callable[[str], None] = lambda line: None,
 ) -> tuple[list[Array], list[int], list[float]]:
-    """Episodes, the number of the film of each, and the processor time of all updates [s]."""
+    """Return episodes, the film number of each, and the processor time of all updates [s]."""
     store = FilmStore(object_name, "errors", LENGTH, seed, workers, cache)
     store.store.prepare(store.prepared(range(FILMS), vanishing=False))
     model = tracker.load_object(object_name)
@@ -67,7 +67,7 @@ def measure_noise(
 
 
 def mended(true: CameraRig, given: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """The cameras as a refinement leaves them."""
+    """Draw the cameras that a refinement would give."""
 
     def one(camera: Camera, before: Camera) -> Camera:
         transform, std = camera.camera_from_world.copy(), before.camera_from_world_std
@@ -82,7 +82,7 @@ def mended(true: CameraRig, given: CameraRig, rng: np.random.Generator) -> Camer
 
 
 def played(own: tracker.ObjectTracker, frames: Iterable[FilmFrame]) -> tuple[FloatArray, list[float]]:
-    """(T, 16) an episode of the poses that `update` measures, and the processor time of each [s]."""
+    """Return an episode (T, 16) of the poses that `update` measures, and the processor time of each [s]."""
     rows, spent = [], []
     for frame in frames:
         assert frame.position is not None
@@ -102,7 +102,7 @@ def played(own: tracker.ObjectTracker, frames: Iterable[FilmFrame]) -> tuple[Flo
 def covered(
     frames: list[FilmFrame], true: CameraRig, size: FloatArray, rng: np.random.Generator
 ) -> list[FilmFrame]:
-    """The film with covers that hide a share of the object from each camera for a while."""
+    """Return the film with covers that temporarily hide a share of the object from each camera."""
     shares, at = np.zeros((len(frames), len(true))), 0
     while at < len(frames):
         at += max(1, round(RATE * rng.exponential(COVERED)))

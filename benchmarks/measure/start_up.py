@@ -1,8 +1,8 @@
 """Start-up, compilation and memory of fresh processes.
 
-`python -m benchmarks.measure.start_up OBJECT FOLDER` measures one and prints a JSON object. FOLDER holds a
-rig's calibration files and `image0.npy`, … with an image for each camera. Nothing is imported before the
-clock runs but the standard library.
+`python -m benchmarks.measure.start_up OBJECT FOLDER` measures one process and prints JSON. FOLDER holds
+a rig's calibration files and `image0.npy`, … with an image for each camera. Only the standard library is
+imported before the clock starts.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ OBJECT, PROCESSES = "cube_v2", 5
 
 
 def measure_start_up() -> list[dict[str, Any]]:
-    """Rows `group`, `object`, `seconds`, `megabytes`.
+    """Return rows `group`, `object`, `seconds`, `megabytes`.
 
-    Of one process that compiles, and medians of those that do not.
+    They are those of one process that compiles, and medians of several that do not.
 
     Raises:
         TrackerError: a process failed.
@@ -59,7 +59,7 @@ def measure_start_up() -> list[dict[str, Any]]:
 
 
 def kernels_in(cache: Path) -> dict[str, str]:
-    """Environment of a process that keeps compiled kernels in a folder of their own."""
+    """Return the environment of a process that keeps compiled kernels in a separate folder."""
     return {"NUMBA_CACHE_DIR": str(cache)}
 
 
@@ -82,10 +82,10 @@ def _started(name: str, folder: Path, cache: Path) -> dict[str, float]:
 
 
 def peak_memory_mb() -> float:
-    """Greatest resident memory of this process so far [MB].
+    """Return the largest resident memory of this process so far [MB].
 
-    The kernel's own record where it has one: what `getrusage` says of a child includes the memory of its
-    parent, of which it was a copy before it started.
+    Uses the kernel's own record if there is one: for a child, `getrusage` includes the memory of its parent,
+    of which it was a copy before it started.
     """
     status = Path("/proc/self/status")
     found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
@@ -94,10 +94,10 @@ def peak_memory_mb() -> float:
 
 
 def main(name: str, folder: Path) -> None:
-    """Import, make a tracker, detect; print the seconds of each and the peak memory [MB]."""
+    """Import, make a tracker, detect; print the time of each step [s] and the peak memory [MB]."""
     start = time.perf_counter()
 
-    # By name, since that is what loads them.
+    # Imported by name, since that is what loads these modules.
     from tracker import CameraRig, ObjectTracker, load_object
 
     imported_at, imported = time.perf_counter(), peak_memory_mb()

@@ -1,1 +1,1 @@
-"""Results as a document: Markdown, or a page that loads nothing."""
+"""Results as documents and plots."""

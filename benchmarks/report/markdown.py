@@ -1,4 +1,4 @@
-"""Results as Markdown: of everything that was measured, and of what the documentation shows."""
+"""Results as Markdown: all figures, and those shown in the documentation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from benchmarks.score.metrics import NOTHING, Table, matches
 from benchmarks.score.tables import TABLES
 
 NOTES = Path(__file__).with_name("notes.md")
-"""What people say about the figures: causes of missed targets, and what was tried."""
+"""File of hand-written remarks on the figures: causes of missed targets, and what was tried."""
 
 Figures = Sequence[Mapping[str, Any]]
 
@@ -19,7 +19,7 @@ Judged = Sequence[Mapping[str, Any]]
 
 
 def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
-    """Everything that was measured; parts that were not are left out."""
+    """Return a document of everything that was measured; other parts are left out."""
     parts = ["# Results", summary(about), "Written by `python -m benchmarks all --publish`."]
     parts.append("\n".join(f"- {line}" for line in _made(about)))
     skipped = about.get("skipped", {})
@@ -32,21 +32,21 @@ def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
 
 
 def page(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
-    """What the page of figures shows."""
+    """Return the content of the page of figures."""
     groups = {table.name: table.page for table in TABLES}
     shown = [row for row in figures if matches(row["group"], groups[row["table"]])]
     return "\n\n".join([summary(about), *_counted(judged), *missing(figures), *tables(shown, TABLES)])
 
 
 def missing(figures: Figures) -> list[str]:
-    """Which tables a run has nothing for, in words."""
+    """Return a sentence with the tables that a run did not measure."""
     known = {row["table"] for row in figures}
     names = [table.title for table in TABLES if table.name not in known]
     return [f"Not measured in this run: {', '.join(names)}."] if figures and names else []
 
 
 def tables(figures: Figures, chosen: Iterable[Table]) -> list[str]:
-    """Titles, texts and tables, of those that have rows."""
+    """Return titles, texts and tables, for tables with rows."""
     parts: list[str] = []
     for table in chosen:
         rows = [row for row in figures if row["table"] == table.name]
@@ -56,7 +56,7 @@ def tables(figures: Figures, chosen: Iterable[Table]) -> list[str]:
 
 
 def _table(table: Table, rows: Figures) -> str:
-    """Columns that hold nothing measured are left out."""
+    """Return a table without columns that hold no measurement."""
     labels = [(key, head) for key, head in zip(("object", "group", "bin"), table.heads, strict=True)]
     labels = [(key, head) for key, head in labels if head or (key != "object" and any(r[key] for r in rows))]
     cells = {metric: [metric.text(row.get(metric.name)) for row in rows] for metric in table.metrics}
@@ -70,13 +70,13 @@ def _table(table: Table, rows: Figures) -> str:
 
 
 def grid(heads: Sequence[str], lines: Iterable[Sequence[str]], words: int) -> str:
-    """A table in Markdown; all but the first `words` columns are flush right."""
+    """Return a Markdown table; all but the first `words` columns are right-aligned."""
     rule = ["---"] * words + ["---:"] * (len(heads) - words)
     return "\n".join(f"| {' | '.join(cells)} |" for cells in [heads, rule, *lines])
 
 
 def targets(judged: Judged) -> list[str]:
-    """The targets with their verdicts."""
+    """Return the targets with their verdicts."""
     if not judged:
         return []
     (text,) = _counted(judged)
@@ -90,7 +90,7 @@ def targets(judged: Judged) -> list[str]:
 
 
 def _counted(judged: Judged) -> list[str]:
-    """In a sentence, how many targets are met."""
+    """Return a sentence with the numbers of targets met, missed and undecided."""
     if not judged:
         return []
     counts = {verdict: sum(row["verdict"] == verdict for row in judged) for verdict in VERDICTS}
@@ -103,11 +103,11 @@ def _counted(judged: Judged) -> list[str]:
 VERDICTS = {"met": "✓ met", "missed": "✗ missed", "undecided": "? undecided"}
 
 FEW = 100
-"""Scenes below which a run only shows that everything works."""
+"""Number of scenes below which a run only shows that everything works."""
 
 
 def summary(about: Mapping[str, Any]) -> str:
-    """Commit, machine and scenes of a run."""
+    """Return commit, machine and scenes of a run."""
     drawn = {
         "development": "development scenes (a fixed seed; they may be looked at and worked on)",
         "release": "release scenes (drawn from the commit's hash and seen by no one)",
@@ -132,5 +132,5 @@ def _made(about: Mapping[str, Any]) -> list[str]:
 
 
 def spoken(seconds: float) -> str:
-    """For people."""
+    """Return a duration as text."""
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

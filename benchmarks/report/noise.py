@@ -1,4 +1,4 @@
-"""The model of the tracker's errors: its file, its plot, and its table beside films it was not fitted to."""
+"""The model of the tracker's errors: its file, its plot, and its comparison with films outside the fit."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from tracker.files import write_whole
 from tracker.noise import NoiseModel
 
 IMAGES = 0.036
-"""From the exposure to the tracker [s]: of the 90 ms that the platform's simulation assumes, those that its
-tracker does not take."""
+"""Delay from the exposure to the tracker [s]: the part of the 90 ms assumed by the platform's simulation that
+its tracker does not take."""
 
 
 def measured(
     name: str, seeds: tuple[int, int], workers: int, cache: Path, output: Path, *, refined: bool
 ) -> str:
-    """Fit a model to the films of one seed, write it, and compare it with those of the other.
+    """Fit a model to the films of one seed, write it, and compare it with the films of the other seed.
 
     Returns:
-        The table of the comparison, with the time of a step.
+        The table of the comparison, with the processor time of a step.
     """
     episodes, films, spent = measure_noise(name, seeds[0], workers, cache, refined=refined)
     start: Values = {
@@ -62,7 +62,7 @@ def measured(
 
 
 def step_time(model: NoiseModel, count: int = 4096) -> float:
-    """Processor time of a step [ms], the median of many."""
+    """Return the median processor time of a step [ms]."""
     rng = np.random.default_rng(0)
     state = model.start(rng, count)
     truth = rng.normal(size=(count, 3)), rng.normal(size=(count, 4)), rng.uniform(0.3, 1.0, count)
@@ -75,7 +75,7 @@ def step_time(model: NoiseModel, count: int = 4096) -> float:
 
 
 def write_plot(measured_: Array, modelled: Array, target: Path) -> None:
-    """Shares of errors below a size, of films and of the model."""
+    """Plot the cumulative distribution of error sizes, of films and of the model."""
     figure = Figure(figsize=(9, 3.2), dpi=100, layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     for axis, columns, scale, unit in zip(

@@ -17,13 +17,13 @@ from benchmarks.score.shares import percent, wilson_interval
 from benchmarks.score.tables import by_confidence
 
 GROUPS = {"realistic": "#1f5fbf", "world": "#d1603d"}
-"""Workloads that are shown, and their colours."""
+"""Plotted workloads, and their colours."""
 
 STATUSES = ("found", "tracking", "refound", "coasting", "lost")
 
 
 def write_plots(frames: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]:
-    """Draw what there are answers for; returns the files."""
+    """Draw the plots for which there are answers; return the files."""
     plots: dict[str, tuple[str, Callable[[Any, pd.DataFrame], None]]] = {
         "errors": ("accuracy", _errors),
         "visible": ("accuracy", _visible),
@@ -42,7 +42,7 @@ def write_plots(frames: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]:
 
 
 def _shown(frames: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Group, object and answers."""
+    """Yield group, object and answers."""
     for (group, name), own in frames[frames.group.isin(list(GROUPS))].groupby(
         ["group", "object"], sort=False
     ):
@@ -50,7 +50,7 @@ def _shown(frames: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
 
 
 def _panels(figure: Figure, frames: pd.DataFrame) -> dict[str, Axes]:
-    """One for each object."""
+    """Return one panel for each object."""
     names = list(dict.fromkeys(name for _, name, _ in _shown(frames)))
     axes = figure.subplots(1, max(len(names), 1), squeeze=False)[0]
     for name, panel in zip(names, axes, strict=False):
@@ -60,7 +60,7 @@ def _panels(figure: Figure, frames: pd.DataFrame) -> dict[str, Axes]:
 
 
 def _errors(figure: Figure, frames: pd.DataFrame) -> None:
-    """The share of all scenes whose error is at most the value across; no pose is none of them."""
+    """Plot the share of all scenes with at most this error; scenes without a pose count as larger."""
     panels = _panels(figure, frames)
     for group, name, own in _shown(frames):
         errors = np.sort(own.mm.dropna())
@@ -72,7 +72,7 @@ def _errors(figure: Figure, frames: pd.DataFrame) -> None:
 
 
 def _visible(figure: Figure, frames: pd.DataFrame) -> None:
-    """Each point is a scene; a cross at the upper edge is one without a pose."""
+    """Plot each scene as a point; a cross at the upper edge is a scene without a pose."""
     panels = _panels(figure, frames)
     for group, name, own in _shown(frames):
         panel = panels[name]
@@ -89,7 +89,7 @@ def _top(panel: Axes) -> Any:
 
 
 def _trust(figure: Figure, frames: pd.DataFrame) -> None:
-    """Stated confidence against what was right, with 95 % intervals; and NEES beside its distribution."""
+    """Plot stated confidence against the share of right poses, with 95 % intervals, and a NEES histogram."""
     stated, spread = figure.subplots(1, 2)
     stated.plot([0, 100], [0, 100], color="grey", lw=1)
     for group, color in GROUPS.items():
@@ -112,7 +112,7 @@ def _trust(figure: Figure, frames: pd.DataFrame) -> None:
 
 
 def _times(figure: Figure, frames: pd.DataFrame) -> None:
-    """The share of scenes that take longer than so many times the reference work."""
+    """Plot the share of scenes that take longer than this multiple of the reference work."""
     panels = _panels(figure, frames)
     for group, name, own in _shown(frames):
         times = np.sort(own.ratio)
@@ -128,7 +128,7 @@ def _times(figure: Figure, frames: pd.DataFrame) -> None:
 
 
 def _films(figure: Figure, frames: pd.DataFrame) -> None:
-    """A film of each object and kind as it was tracked: errors over time, and where there was no pose."""
+    """Plot one tracked film of each object and kind: errors over time, and frames without a pose."""
     shown = frames[frames.group.isin(["all", "world"]) & (frames.film == 0)]
     groups = list(shown.groupby(["group", "object"], sort=False))
     panels = figure.subplots(2, 2, sharex="col", squeeze=False).ravel()

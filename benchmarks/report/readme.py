@@ -1,4 +1,4 @@
-"""Blocks of figures between marks in README.md and docs/figures.md, written from the published results."""
+"""Marked blocks of figures in README.md and docs/figures.md, written from the published results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.report.markdown import document, grid, page
 from tracker.files import write_whole
 
 README, PAGE, RESULTS = ROOT / "README.md", ROOT / "docs" / "figures.md", ROOT / "benchmarks" / "results.md"
-"""Where a few of the figures stand, where many do, and all."""
+"""Files with a few of the figures, with many, and with all."""
 
 PUBLISHED = ROOT / "benchmarks" / "published.json"
 """Origin, figures and targets of the last published run."""
@@ -26,13 +26,13 @@ Published = Mapping[str, Any]
 
 
 def read_published() -> dict[str, Any]:
-    """Origin (`about`), `figures` and `targets` of the last published run."""
+    """Return origin (`about`), `figures` and `targets` of the last published run."""
     content = json.loads(PUBLISHED.read_text(encoding="utf-8"))
     return {"about": content["about"]} | {key: content[key]["rows"] for key in ("figures", "targets")}
 
 
 def brief(published: Published) -> str:
-    """README.md's block without its marks."""
+    """Return README.md's block without its marks."""
     found = {
         (row["table"], row["group"], row["object"]): row for row in published["figures"] if not row["bin"]
     }
@@ -65,12 +65,12 @@ def brief(published: Published) -> str:
 
 
 def figures(published: Published) -> str:
-    """The block of the page of figures without its marks."""
+    """Return the figures page's block without its marks."""
     return page(published["about"], published["figures"], published["targets"])
 
 
 def block(path: Path) -> str:
-    """What stands between the marks of a file.
+    """Return the text between the marks of a file.
 
     Raises:
         ResultsError: there are no marks.
@@ -87,10 +87,10 @@ def _parts(path: Path) -> Sequence[str]:
 
 
 def write_documents(published: Published) -> None:
-    """Write results.md, and the figures into README.md's block and into that of docs/figures.md.
+    """Write results.md, and the figures into the blocks of README.md and docs/figures.md.
 
     Raises:
-        ResultsError: one of them has none.
+        ResultsError: one of them has no block.
     """
     texts = {README: brief(published), PAGE: figures(published)}
     parts = {path: _parts(path) for path in texts}

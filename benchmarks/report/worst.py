@@ -1,4 +1,4 @@
-"""One page of the worst answers: where the tracker put the object, and where it is."""
+"""A page of the worst answers, with estimated and true outlines of the object."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from tracker.geometry.camera import Camera
 from tracker.viz import paint
 
 EACH = 5
-"""Frames of each object."""
+"""Number of frames for each object."""
 
 FILE = "worst.jpg"
-"""The page, beside the results."""
+"""File name of the page, beside the results."""
 
 CAPTION = 22
 """Height of the line above the panels of an answer [px]."""
@@ -30,13 +30,13 @@ PANEL = 300
 """Side of a panel [px]."""
 
 GAP = 6
-"""Between panels [px]."""
+"""Width between panels [px]."""
 
 MIN_CROP = 90.0
-"""Least side of the part of an image that a panel shows, for pictures 270 px high [px]."""
+"""Smallest side of the region of an image that a panel shows, for images 270 px high [px]."""
 
 MARGIN = 1.5
-"""Side of that part as a multiple of the outlines' extent."""
+"""Side of that region as a multiple of the outlines' extent."""
 
 TRUTH_BGR: paint.Color = (255, 255, 255)
 ESTIMATE_BGR: paint.Color = (20, 120, 255)
@@ -47,24 +47,24 @@ _SAMPLES = 33
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What a record was made of."""
+    """Input, estimate and truth of a record."""
 
     images: Sequence[Image | None]
-    """(H, W, 3) uint8 BGR of each camera of the rig, None where it gave none."""
+    """(H, W, 3) uint8 BGR of each camera of the rig; None: no image."""
     rig: tracker.CameraRig
-    """The cameras as they are; not as the tracker's calibration has them, where the two differ."""
+    """The true cameras, which may differ from the tracker's calibration."""
     model: tracker.CuboidModel
     """The object."""
     estimate: tuple[FloatArray, FloatArray] | None
-    """(3,) position [m] and (3, 3) world from object that the tracker gave, or None."""
+    """The tracker's (3,) position [m] and (3, 3) world_from_object; None: no pose."""
     truth: tuple[FloatArray, FloatArray] | None
-    """The same as it is; None: there is no object."""
+    """The true position and rotation; None: no object."""
 
 
 def badness(record: pd.Series) -> tuple[int, float]:
-    """Order of frames from harmless to worst: right, none found, wrong, found where there is nothing.
+    """Return a rank of frames from harmless to worst: right, not found, wrong, found without an object.
 
-    Within each: by error relative to 5 mm and 5°; of missed frames by what was to be seen; of finds
+    Within each rank: by error relative to 5 mm and 5°; frames that were missed by visible fraction; poses
     without an object by confidence.
     """
     if not record.present:
@@ -76,19 +76,19 @@ def badness(record: pd.Series) -> tuple[int, float]:
 
 
 def worst_records(frames: pd.DataFrame, each: int = EACH) -> pd.DataFrame:
-    """The `each` worst frames of every object, worst first."""
+    """Return the `each` worst frames of every object, worst first."""
     ranked = frames.assign(badness=frames.apply(badness, axis=1))
     ranked = ranked.sort_values("badness", ascending=False, kind="stable")
     return ranked.groupby("object", sort=False).head(each).drop(columns="badness")
 
 
 def write_worst(frames: pd.DataFrame, shown_of: Callable[[pd.Series], Shown], folder: Path) -> Path:
-    """Write the page of the worst answers of each object; returns the file.
+    """Write the page of the worst answers of each object; return the file.
 
     Args:
         frames: the answers to choose from.
-        shown_of: pictures, truth and estimate of an answer.
-        folder: where the results are.
+        shown_of: returns images, truth and estimate of an answer.
+        folder: folder of the results.
     """
     rows = [_captioned(record, shown_of(record)) for _, record in worst_records(frames).iterrows()]
     width = max(row.shape[1] for row in rows)
@@ -106,7 +106,7 @@ def _captioned(record: pd.Series, view: Shown) -> Image:
 
 
 def caption(record: pd.Series) -> str:
-    """What was answered, in a line."""
+    """Return a description of the answer in one line."""
     place = f"{record.object}, {record.group}, scene {record['index']}"
     seen = f"visible {record.visible:.2f}" if record.present else "no object"
     if not record.found:
@@ -118,10 +118,10 @@ def caption(record: pd.Series) -> str:
 
 
 def worst_picture(view: Shown) -> Image:
-    """The object's surroundings in each camera side by side, magnified: (PANEL, W, 3) uint8 BGR.
+    """Return the object's surroundings in each camera side by side, magnified: (PANEL, W, 3) uint8 BGR.
 
-    The true outline is white, the estimate's dashed orange, each with the edges that the object itself
-    does not hide. Without either the whole image is shown.
+    The true outline is white, the estimated one dashed orange; edges that the object itself hides are left
+    out. Without any outline the whole image is shown.
     """
     parts: list[Image] = []
     for image, camera in zip(view.images, view.rig, strict=True):
@@ -137,10 +137,10 @@ def _panel(image: Image | None, camera: Camera, view: Shown) -> Image:
         paint.put_text(panel, "no image", (PANEL / 2, PANEL / 2), paint.FAINT, size=14, align=0.5)
         return panel
     true, found = (_outline(camera, view.model, pose) if pose else [] for pose in (view.truth, view.estimate))
-    # Around the truth where there is one: a pose far off is seen to be off by leaving the panel.
+    # Centred on the true outline if there is one, so that an estimate far off leaves the panel.
     center, side = _region(true or found, camera)
     scale = PANEL / side
-    # (x, y) of the panel = scale · (column, row) + offset, with centres of pixels at whole numbers.
+    # (x, y) of the panel = scale · (column, row) + offset, with pixel centres at integers.
     offset = PANEL / 2 - 0.5 - scale * center
     transform = np.array([[scale, 0, offset[0]], [0, scale, offset[1]]])
     panel = np.asarray(
@@ -159,7 +159,7 @@ def _panel(image: Image | None, camera: Camera, view: Shown) -> Image:
 def _outline(
     camera: Camera, model: tracker.CuboidModel, pose: tuple[FloatArray, FloatArray]
 ) -> list[FloatArray]:
-    """Lines (N, 2) [px] of the edges that the object itself does not hide."""
+    """Return lines (N, 2) [px] of the edges that the object itself does not hide."""
     position, rotation = pose
     seen = cuboid.visible_faces(model.size, rotation.T @ (camera.position - position))
     ends = position + cuboid.corners(model.size) @ rotation.T
@@ -170,7 +170,7 @@ def _outline(
 
 
 def _region(lines: list[FloatArray], camera: Camera) -> tuple[FloatArray, float]:
-    """Centre (2,) and side [px] of the square that a panel shows."""
+    """Return the centre (2,) and side [px] of the square that a panel shows."""
     if not lines:
         return np.array([camera.width - 1, camera.height - 1]) / 2, float(max(camera.width, camera.height))
     points = np.concatenate(lines)
@@ -180,5 +180,5 @@ def _region(lines: list[FloatArray], camera: Camera) -> tuple[FloatArray, float]
 
 
 def _dashes(line: FloatArray) -> list[FloatArray]:
-    """Every other stretch of three samples."""
+    """Return every other stretch of three samples."""
     return [line[start : start + 3] for start in range(0, len(line) - 1, 4)]

@@ -1,1 +1,1 @@
-"""From answers to figures: errors, bounds, shares."""
+"""From answers to figures: errors, intervals, shares."""

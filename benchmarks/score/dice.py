@@ -1,4 +1,4 @@
-"""Compares masks and positions of dice with the truth."""
+"""Comparison of masks and positions of dice with the ground truth."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from tracker.geometry.cuboid import corners
 from tracker.tasks.rearrange_dice import DIE_WIDTH, Die
 
 RIGHT = DIE_WIDTH / 2
-"""A reported die counts as a true one within so much of it [m]."""
+"""Largest distance at which a reported die counts as a true one [m]."""
 
 BINS = ((0.3, 1.0), (0.05, 0.3))
-"""Visible fractions of dice that ought to be found, and of others; the lower end belongs to a bin, the upper
-only where it is 1."""
+"""Bins of the visible fraction: dice that ought to be found, and others. The lower end belongs to a bin,
+the upper only if it is 1."""
 
 RIM, NEAR_DICE = 2, 3
-"""Distances [px] from the nearest pixel of a die: beyond the first, a pixel of the mask is false; beyond the
-second, a pixel of the cross is judged."""
+"""Distances from the nearest pixel of a die [px]: beyond the first a pixel of the mask is false, beyond the
+second a pixel of the cross is judged."""
 
 MIN_BLUE, BLUE_OVER_RED = 30, 1.5
-"""Least level of blue, and over the level of red, of a pixel of the cross that nothing hides."""
+"""Smallest blue level, and ratio of blue to red, of an unoccluded pixel of the cross."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The dice reported of one scene, judged."""
+    """Comparison of the dice reported for one scene with the true ones."""
 
     error: FloatArray
-    """(D,) distance of each true die to the one that was reported for it [m]; nan: none was."""
+    """(D,) distance of each true die from the one reported for it [m]; nan: not reported."""
     right: Array
-    """(N,) whether each reported die is a true one."""
+    """(N,) whether each reported die is matched to a true one."""
     probability: FloatArray
-    """(N,) as stated."""
+    """(N,) stated probability of each reported die."""
 
 
 def judge_positions(true: FloatArray, dice: Sequence[Die]) -> Answer:
-    """Pairs true dice at (D, 3) [m] with those reported: as many as are near enough, then the nearest."""
+    """Match true dice at (D, 3) [m] with reported ones: as many as possible, then the smallest distances."""
     found = np.array([die.position for die in dice]).reshape(-1, 3)
     distance = np.linalg.norm(true[:, None] - found, axis=2)
-    # Too far costs more than all good pairs together, so that none is given up for a nearer one.
+    # A match too far costs more than all good ones together, so that no good one is given up for others.
     rows, columns = linear_sum_assignment(np.where(distance <= RIGHT, distance, 1.0 + RIGHT * len(true)))
     kept = distance[rows, columns] <= RIGHT
     error, right = np.full(len(true), np.nan), np.zeros(len(found), bool)
@@ -59,24 +59,24 @@ def judge_positions(true: FloatArray, dice: Sequence[Die]) -> Answer:
 
 
 def judge_mask(mask: Image, image: Image, labels: Image, cross: Array) -> dict[str, int]:
-    """Compares a mask with the truth, in pixels.
+    """Compare a mask with the truth, in pixels.
 
     Args:
-        mask: that was found.
-        image: of which it is.
-        labels: what most of a pixel shows.
-        cross: (H, W) where one is on the table, hidden or not.
+        mask: the mask.
+        image: its image.
+        labels: label map, by majority in each pixel.
+        cross: (H, W) whether a pixel shows the table's cross, occluded or not.
 
     Returns:
-        `true`, `found`, `both`: pixels of dice, of the mask, of both. `cross`: blue pixels of the cross with
-        no die near them; `cross_taken`: those of them in the mask. `elsewhere`: pixels of the mask that are
-        near no die and not of the cross. `total`: of the picture.
+        `true`, `found`, `both`: pixels of dice, of the mask, of both. `cross`: unoccluded pixels of the cross
+        with no die near them; `cross_taken`: those of them in the mask. `elsewhere`: pixels of the mask near
+        neither a die nor the cross. `total`: pixels of the image.
     """
     found, true = mask > 0, labels > 0
     distance = cv2.distanceTransform((~true).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     blue, red = (image[..., channel].astype(np.float64) for channel in (0, 2))
     seen = cross & (distance > NEAR_DICE) & (blue >= MIN_BLUE) & (blue >= BLUE_OVER_RED * red)
-    # Its rim is a mixture of cross and table, and part of neither.
+    # The cross's rim mixes cross and table, and is part of neither.
     around = cv2.dilate(cross.astype(np.uint8), np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8)) > 0
     pixels = {
         "true": true,
@@ -90,10 +90,10 @@ def judge_mask(mask: Image, image: Image, labels: Image, cross: Array) -> dict[s
 
 
 def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArray:
-    """(D,) the dice's visible pixels over those that they would have alone, of all cameras together.
+    """Return (D,) visible pixels of each die relative to the unoccluded ones, of all cameras together.
 
-    A die alone is the convex hull of its corners, projected by OpenCV; its edges are too short for the lens
-    to bend them.
+    An unoccluded die is the convex hull of its corners, projected by OpenCV; its edges are too short for the
+    distortion to bend them.
     """
     points = scene.positions[:, None] + corners(np.full(3, DIE_WIDTH)) @ np.swapaxes(scene.rotations, 1, 2)
     alone, visible = np.zeros(len(points)), np.zeros(len(points))
@@ -101,12 +101,12 @@ def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArr
         pixels = projected(camera, points.reshape(-1, 3)).reshape(-1, 8, 2)
         alone += [_pixels_inside(hull, labels.shape) for hull in pixels]
         visible += np.bincount(labels.ravel(), minlength=len(points) + 1)[1 : len(points) + 1]
-    # A label is by most of a pixel, the hull by its centre: at edges the two may differ.
+    # Labels are by majority in a pixel, the hull by its centre: at edges the two may differ.
     return np.asarray(np.minimum(visible / np.maximum(alone, 1), 1.0))
 
 
 def _pixels_inside(points: FloatArray, shape: tuple[int, ...]) -> int:
-    """Number of the image's pixels whose centres are within the convex hull of points (N, 2) [px]."""
+    """Return the number of pixels whose centres are within the convex hull of points (N, 2) [px]."""
     low = np.maximum(np.floor(points.min(axis=0)), 0).astype(int)
     high = np.minimum(np.ceil(points.max(axis=0)) + 1, shape[1::-1]).astype(int)
     if (low >= high).any():
@@ -116,12 +116,12 @@ def _pixels_inside(points: FloatArray, shape: tuple[int, ...]) -> int:
     edges = np.roll(outline, -1, axis=0) - outline
     offsets = centres[:, :, None] - outline
     side = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
-    # All on one side, whichever way round OpenCV goes.
+    # Inside: on the same side of all edges, whatever the orientation of OpenCV's hull.
     return int(np.count_nonzero((side >= 0).all(axis=2) | (side <= 0).all(axis=2)))
 
 
 def cross_pixels(camera: Camera, bars: FloatArray) -> Array:
-    """(H, W) whether the ray of a pixel's centre, bent by the lens as OpenCV has it, meets the cross."""
+    """Return (H, W) whether the ray through a pixel's centre, by OpenCV's lens model, hits the cross."""
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
     normal = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)[:, 0]
@@ -138,7 +138,7 @@ def cross_pixels(camera: Camera, bars: FloatArray) -> Array:
 
 
 def overlap(name: str) -> Callable[[pd.DataFrame], float]:
-    """`iou`, `precision` or `recall` [1] of all pixels of all views."""
+    """Return a function for `iou`, `precision` or `recall` over all pixels of all views."""
 
     def of(views: pd.DataFrame) -> float:
         true, found, both = (float(views[key].sum()) for key in ("true", "found", "both"))
@@ -148,14 +148,14 @@ def overlap(name: str) -> Callable[[pd.DataFrame], float]:
 
 
 def taken(part: str, whole: str) -> Callable[[pd.DataFrame], float]:
-    """Share [%] of the pixels of one kind in those of another, of all views."""
+    """Return a function for the share [%] of one kind of pixels in another, over all views."""
     return lambda views: (
         100 * _share(float(views[part].sum()), float(views[whole].sum())) if part in views else math.nan
     )
 
 
 def brier(rows: pd.DataFrame) -> float:
-    """Mean square of the stated probability minus what came true."""
+    """Return the mean squared difference between stated probability and outcome."""
     return float(((rows.probability - rows.right) ** 2).mean())
 
 

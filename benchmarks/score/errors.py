@@ -1,7 +1,7 @@
-"""How far an estimated pose is from the true one.
+"""Errors of an estimated pose.
 
-Poses are positions (..., 3) [m] and rotations (..., 3, 3) world from object; cuboids have no symmetries,
-since their six faces have six colours.
+Poses are positions (..., 3) [m] and rotations (..., 3, 3) world_from_object. Cuboids have no symmetry, since
+their six faces have six colours.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from tracker.geometry.camera import Camera
 from tracker.pose.result import PoseEstimate
 
 UNITS = ("mm", "deg", "nees")
-"""Of what `pose_errors` gives."""
+"""Names of the values that `pose_errors` returns."""
 
 
 def longest_axis(size: Array) -> int | None:
-    """Number of the longest edge's axis; None where several are about as long."""
+    """Return the index of the longest edge's axis; None if several are about as long."""
     order = np.argsort(size)
     return int(order[2]) if size[order[2]] > 1.2 * size[order[1]] else None
 
 
 def roll_error(true: Array, found: Array, axis: int) -> FloatArray:
-    """Angles (N,) [rad] in [0, π] of the part of the rotation between the two that is about an axis.
+    """Return the angles (N,) [rad] in [0, π] of the relative rotation's component about an axis.
 
-    The rotation is a turn about the axis followed by one about an axis that is normal to it.
+    The relative rotation is split into a rotation about the axis and one about a normal to it.
     """
     relative = np.swapaxes(np.asarray(true), -1, -2) @ np.asarray(found)
     q = so3.quaternion_from_matrix(relative)
@@ -36,13 +36,13 @@ def roll_error(true: Array, found: Array, axis: int) -> FloatArray:
 
 
 def placed(points: Array, position: Array, rotation: Array) -> FloatArray:
-    """Points (..., M, 3) [m] of the object in the world, at each of the poses."""
+    """Transform points (..., M, 3) [m] from the object to the world, for each pose."""
     result: FloatArray = points @ np.swapaxes(rotation, -1, -2) + np.asarray(position)[..., None, :]
     return result
 
 
 def projected(camera: Camera, points: Array) -> FloatArray:
-    """Pixels (M, 2) of world points (M, 3) [m] by OpenCV, which shares no code with the tracker."""
+    """Project world points (M, 3) [m] to pixels (M, 2) by OpenCV, which shares no code with the tracker."""
     turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
     pixels, _ = cv2.projectPoints(
         np.ascontiguousarray(points, dtype=np.float64),
@@ -55,10 +55,10 @@ def projected(camera: Camera, points: Array) -> FloatArray:
 
 
 def nees(true: tuple[Array, Array], found: tuple[Array, Array], covariance: Array) -> FloatArray:
-    """Normalised estimation error squared (...): dᵀ Σ⁻¹ d.
+    """Return the normalised estimation error squared (...): dᵀ Σ⁻¹ d.
 
-    d = (p_true - p̂, log(R_true R̂ᵀ)) and Σ (..., 6, 6) are along world axes [m, rad]. For a true covariance
-    it is distributed as χ² with 6 degrees of freedom, whose median is 5.35.
+    d = (p_true - p̂, log(R_true R̂ᵀ)) and Σ (..., 6, 6) are along world axes [m, rad]. If the covariance is
+    right, its distribution is χ² with 6 degrees of freedom, whose median is 5.35.
     """
     turn = so3.log(np.asarray(true[1]) @ np.swapaxes(found[1], -1, -2))
     d = np.concatenate([np.asarray(true[0]) - np.asarray(found[0]), turn], axis=-1)
@@ -67,7 +67,7 @@ def nees(true: tuple[Array, Array], found: tuple[Array, Array], covariance: Arra
 
 
 def apart(one: PoseEstimate | None, other: PoseEstimate | None) -> tuple[float, float]:
-    """Distance [mm] and angle [°] of two poses; nan where one is missing."""
+    """Return distance [mm] and angle [°] between two poses; nan if one is missing."""
     if one is None or other is None:
         return np.nan, np.nan
     shift = 1e3 * float(np.linalg.norm(one.position - other.position))
@@ -75,7 +75,7 @@ def apart(one: PoseEstimate | None, other: PoseEstimate | None) -> tuple[float, 
 
 
 def pose_errors(pose: PoseEstimate | None, true: Array) -> tuple[float, float, float]:
-    """Distance [mm], angle [°] and NEES [1] of a pose from the true one (3, 4); nan where one is missing."""
+    """Return the errors of a pose against the true one (3, 4): mm, degrees, NEES; nan if one is missing."""
     if pose is None or not np.isfinite(true).all():
         return np.nan, np.nan, np.nan
     exact = true[:, 3], true[:, :3]
@@ -88,7 +88,7 @@ def pose_errors(pose: PoseEstimate | None, true: Array) -> tuple[float, float, f
 
 
 def true_pose(position: Array | None, rotation: Array | None) -> FloatArray:
-    """(3, 4) rotation and position; nan where there is no object."""
+    """Return rotation and position (3, 4); nan if there is no object."""
     if position is None or rotation is None:
         return np.full((3, 4), np.nan)
     return np.column_stack([rotation, position])

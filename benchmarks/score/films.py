@@ -1,4 +1,4 @@
-"""Figures of films that were played: what `update` answered frame after frame, a row each."""
+"""Figures of played films, from rows with the answers of `update` to each frame."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from tracker.geometry import so3
 from tracker.tracking.belief import TrackingOptions
 
 STILL_M, STILL_DEG = 1e-5, 0.01
-"""An object that moved less since the frame before, and until the next one, is at rest [m], [°]."""
+"""An object is at rest if it moved less [m], [°] both since the frame before and until the next one."""
 
 FLIPPED_DEG = 30.0
-"""A rotation that is farther off is that of another face [°]."""
+"""Rotation error above which the pose has another face in place of the true one [°]."""
 
 NEAR_MM = 20.0
-"""One camera's pose counts as right within so much and 5° [mm]."""
+"""Position error within which one camera's pose counts as right, if it is also within 5° [mm]."""
 
 SEEN, CLEAR, CLEAR_FRAMES = 0.5, 0.7, 3
-"""Visible fractions from which one camera is judged, and from which on for so many frames it ought to find
-what it had lost."""
+"""Visible fractions: from the first on, one camera is judged; after CLEAR_FRAMES at the second or above, it
+ought to find an object that it had lost."""
 
 COAST = TrackingOptions().coast_seconds
-"""For so long the pose of an object that vanished may be predicted [s]."""
+"""Time for which the pose of a vanished object may be predicted [s]."""
 
 
 def at_rest(poses: FloatArray) -> Array:
-    """(N,) whether the object rests, of true poses (N, 3, 4); the first and the last are not known to."""
+    """Return (N,) whether the object is at rest, from true poses (N, 3, 4); False for the first and last."""
     shift = np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1)
     turn = np.degrees(
         [so3.angle_between(a, b) for a, b in zip(poses[:-1, :, :3], poses[1:, :, :3], strict=True)]
@@ -43,12 +43,12 @@ def at_rest(poses: FloatArray) -> Array:
 
 
 def flips(rows: pd.DataFrame) -> float:
-    """Rotations of another face that were sure."""
+    """Return the number of confident rotations of another face."""
     return float(((rows.deg > FLIPPED_DEG) & (rows.confidence > SURE)).sum())
 
 
 def losses(rows: pd.DataFrame) -> float:
-    """How often an object was lost that had been found."""
+    """Return how often an object was lost after it had been found."""
     total = 0
     for _, film in rows.groupby("film"):
         lost = (film.status == Status.LOST.value).to_numpy()
@@ -57,12 +57,12 @@ def losses(rows: pd.DataFrame) -> float:
 
 
 def over_single(unit: str) -> Callable[[pd.DataFrame], float]:
-    """Median error of the filtered pose over that of `detect` on the same frames."""
+    """Return a function for the median error of the filtered pose relative to `detect` on the same frames."""
     return lambda rows: median(rows[unit]) / median(rows[f"single_{unit}"])
 
 
 def seen_share(flags: Callable[[Array, Array], Array]) -> Callable[[pd.DataFrame], float]:
-    """Of frames in which one camera sees enough: the share [%] of what flags say of (near, no pose)."""
+    """Return a function for the share [%] of flags(near, no pose) in frames in which a camera sees enough."""
 
     def of(rows: pd.DataFrame) -> float:
         own = rows[rows.visible >= SEEN]
@@ -72,7 +72,7 @@ def seen_share(flags: Callable[[Array, Array], Array]) -> Callable[[pd.DataFrame
 
 
 def longest_wait(rows: pd.DataFrame) -> float:
-    """The most frames in a row without a pose, counted from the last of CLEAR_FRAMES clear ones on."""
+    """Return the most consecutive frames without a pose, from the last of CLEAR_FRAMES clear ones on."""
     worst = 0
     for _, film in rows.groupby("film"):
         clear = wait = 0
@@ -84,10 +84,10 @@ def longest_wait(rows: pd.DataFrame) -> float:
 
 
 def vanished(name: str) -> Callable[[pd.DataFrame], float]:
-    """A figure of acts in which the object vanishes and comes back; each act is a film of its own.
+    """Return a function for a figure of acts in which the object vanishes and comes back, each a film.
 
-    `kept`: frames after COAST with a pose all the same; `invented`: frames in which one was measured;
-    `longest_wait`: frames until it is found again, the one of its return included.
+    `kept`: frames that still have a pose after COAST; `invented`: absent frames with a measured pose;
+    `longest_wait`: frames until it is found again, counting that of its return.
     """
 
     def of(rows: pd.DataFrame) -> float:
@@ -100,7 +100,7 @@ def vanished(name: str) -> Callable[[pd.DataFrame], float]:
 def _act(act: pd.DataFrame) -> dict[str, Any]:
     away = np.flatnonzero(~act.present)
     stamps = act.timestamp.to_numpy()
-    # It was there for the last time, at most, one frame before.
+    # The object was last present at most one frame before.
     absent = stamps[away] - stamps[away[0] - 1]
     back = np.flatnonzero(right(act, "measured_")[away[-1] + 1 :])
     return {

@@ -1,7 +1,7 @@
-"""Figures, each declared once: name, function, format, which way is better, what the gate allows.
+"""Figures, each declared once: name, function, format, better direction, and what the gate allows.
 
-A metric is made of the rows of a data frame: what the tracker answered, a row an answer.
-`benchmarks.score.tables` says which rows.
+A metric is computed from the rows of a data frame, one row per answer of the tracker.
+`benchmarks.score.tables` chooses the rows.
 """
 
 from __future__ import annotations
@@ -31,48 +31,48 @@ from tracker.conventions import Array
 Rows: TypeAlias = pd.DataFrame
 
 Split = Callable[[Rows], Iterable[tuple[str, Rows]]]
-"""Bins of rows, by name."""
+"""Splits rows into bins, by name."""
 
 NOTHING = "–"
-"""Stands for what was not measured."""
+"""Text for what was not measured."""
 
 ELLIPSOID_95 = float(chi2.ppf(0.95, 6))
-"""Greatest NEES inside the stated 95 % ellipsoid."""
+"""Largest NEES inside the stated 95 % ellipsoid."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure of some rows."""
+    """One figure, computed from rows."""
 
     name: str
-    """In results."""
+    """Name in results."""
     title: str
     """Heading of its column."""
     of: Callable[[Rows], float]
-    """The figure; nan where there is nothing to be measured."""
+    """The function; returns nan where there is nothing to measure."""
     form: str = "{:.3g}"
-    """How it is written, with its unit."""
+    """Format of the figure, with its unit."""
     better: str = "lower"
-    """`lower`, `higher`, or `same`: the gate lets it change neither way."""
+    """`lower`, `higher`, or `same`: the gate allows no change in either direction."""
     factor: float | None = None
-    """By which it may become worse in the gate; None: not held as a factor."""
+    """Factor by which the gate lets it become worse; None: not checked as a factor."""
     step: float | None = None
-    """The same as a difference."""
+    """Difference by which the gate lets it become worse; None: not checked as a difference."""
     share: bool = False
-    """Whether it is a share of the rows [%], whose interval is Wilson's."""
+    """Whether it is a share of the rows [%], with Wilson's interval."""
 
     def text(self, value: float | None) -> str:
-        """The figure as it is written."""
+        """Return the figure as text."""
         return NOTHING if value is None or not math.isfinite(value) else self.form.format(value)
 
     def interval(self, rows: Rows) -> tuple[float, float]:
-        """In which the figure lies with 95 % confidence."""
+        """Return the 95 % confidence interval of the figure."""
         if self.share:
             return wilson_interval(self.of(rows), len(rows))
         return bootstrap_interval(self.of, rows)
 
     def worse(self, before: float, after: float) -> bool:
-        """Whether the figure fell by more than the gate allows; one that was measured must still be there."""
+        """Return whether the figure got worse by more than the gate allows, or is missing now."""
         if math.isnan(before):
             return False
         if math.isnan(after):
@@ -90,26 +90,26 @@ class Table:
     """Figures of the rows of one part, for each group, object and bin."""
 
     name: str
-    """In results."""
+    """Name in results."""
     part: str
-    """Whose rows they are."""
+    """Part of the results with the rows."""
     title: str
     text: str
-    """What it shows, above it."""
+    """Explanation above the table."""
     metrics: tuple[Metric, ...]
     groups: tuple[str, ...] = ("*",)
-    """Patterns of the groups that it shows."""
+    """Patterns of the groups to show."""
     without: tuple[str, ...] = ()
-    """Patterns of those that it leaves out."""
+    """Patterns of the groups to leave out."""
     split: Split | None = None
-    """Into bins; None: there are none."""
+    """Splits rows into bins; None: no bins."""
     heads: tuple[str, str, str] = ("object", "", "")
-    """Headings of object, group and bin; what is empty is left out."""
+    """Headings of object, group and bin; columns with empty headings are left out."""
     page: tuple[str, ...] = ()
     """Patterns of the groups that the page of figures shows; the results show all."""
 
     def figures(self, frames: pd.DataFrame) -> Iterator[dict[str, Any]]:
-        """A row for each group, object and bin: `table`, `group`, `object`, `bin`, `n`, and each metric."""
+        """Yield a row for each group, object and bin: `table`, `group`, `object`, `bin`, `n`, all metrics."""
         for (group, name), own in frames.groupby(["group", "object"], sort=False):
             if not matches(group, self.groups) or matches(group, self.without):
                 continue
@@ -119,14 +119,14 @@ class Table:
 
 
 def matches(group: str, patterns: Iterable[str]) -> bool:
-    """Whether a group's name is one of the patterns, in which * stands for anything."""
+    """Return whether a group's name matches one of the patterns, in which * is a wildcard."""
     return any(fnmatchcase(group, pattern) for pattern in patterns)
 
 
 def by_visibility(*borders: tuple[float, float]) -> Split:
-    """Bins of the visible fraction that hold any.
+    """Return a split into the non-empty bins of the visible fraction.
 
-    The lower end belongs to a bin, the upper only where it is 1.
+    The lower end belongs to a bin, the upper only if it is 1.
     """
 
     def split(rows: Rows) -> Iterator[tuple[str, Rows]]:
@@ -139,32 +139,32 @@ def by_visibility(*borders: tuple[float, float]) -> Split:
 
 
 def at(column: str, q: float) -> Callable[[Rows], float]:
-    """A quantile of the finite values of a column."""
+    """Return a function for a quantile of a column's finite values."""
     return lambda rows: quantile(rows[column], q)
 
 
 def value(column: str) -> Callable[[Rows], float]:
-    """The mean of a column; of a single row its value."""
+    """Return a function for the mean of a column; of a single row it is the value."""
     return lambda rows: mean(rows[column].to_numpy(float)) if column in rows else math.nan
 
 
 def typical(column: str) -> Callable[[Rows], float]:
-    """The geometric mean of a column: every row counts, and none by its size."""
+    """Return a function for the geometric mean of a column, which no single large value dominates."""
     return lambda rows: math.exp(mean(np.log(np.maximum(rows[column].dropna(), 1e-9))))
 
 
 def share(flags: Callable[[Rows], Array]) -> Callable[[Rows], float]:
-    """Of rows for which a condition holds [%]."""
+    """Return a function for the share of rows that meet a condition [%]."""
     return lambda rows: percent(np.asarray(flags(rows), bool))
 
 
 def right(rows: Rows, prefix: str = "", millimetres: float = RIGHT_MM) -> Array:
-    """(N,) whether poses are within so many millimetres and 5° of the truth."""
+    """Return (N,) whether poses are within `millimetres` and 5° of the truth."""
     return within(rows[[f"{prefix}mm", f"{prefix}deg"]].to_numpy(), millimetres)
 
 
 def sure(rows: Rows) -> Array:
-    """(N,) whether the confidence is above one half."""
+    """Return (N,) whether the confidence is above one half."""
     return np.asarray(rows.confidence.fillna(0).to_numpy(float) > SURE)
 
 
@@ -174,7 +174,7 @@ def _brier(rows: Rows) -> float:
 
 
 def _dishonesty(rows: Rows) -> float:
-    """Mean confidence against the share of poses that are right, in points."""
+    """Return the difference between mean confidence and the share of right poses [percentage points]."""
     given = rows[rows.found]
     return abs(100 * mean(given.confidence) - percent(right(given))) if len(given) else math.nan
 
@@ -213,7 +213,7 @@ ANSWERS = (
     Metric("none", "no pose", share(lambda rows: ~rows.found), "{:.1f} %", share=True),
     WRONG_AND_SURE,
 )
-"""How far the poses given are from the truth, and shares of all answers."""
+"""Errors of the given poses, and shares of all answers."""
 
 TRUST = (
     NEES,
@@ -222,7 +222,7 @@ TRUST = (
     HONESTY,
     Metric("brier", "Brier score", _brier, "{:.4f}", step=0.003),
 )
-"""Whether covariance and confidence are true."""
+"""Whether covariance and confidence are right."""
 
 TIMES = (
     Metric("median_ms", "time, median", at("ms", 0.5), "{:.1f} ms"),
@@ -230,7 +230,7 @@ TIMES = (
     Metric("ratio", "× reference", at("ratio", 0.5), "{:.2f}", factor=1.2),
     Metric("p99_ratio", "99th percentile", at("ratio", 0.99), "{:.1f}", factor=1.35),
 )
-"""What an answer costs, in milliseconds and as a multiple of the reference work on the same pictures."""
+"""Time of an answer [ms], and as a multiple of the reference work on the same images."""
 
 FINDS = (
     Metric("found", "given a pose", share(lambda rows: rows.found), "{:.1f} %", share=True),
@@ -238,14 +238,14 @@ FINDS = (
     Metric("above_9", "above 0.9", share(lambda rows: rows.confidence > 0.9), "{:.1f} %", share=True),
     Metric("greatest", "greatest confidence", lambda rows: quantile(rows.confidence, 1.0), "{:.3f}"),
 )
-"""Of pictures that do not show the object."""
+"""Figures for images that do not show the object."""
 
 TYPICAL = (
     Metric("typical_mm", "position, typical", typical("mm"), "{:.3f} mm", factor=1.03),
     Metric("typical_deg", "rotation, typical", typical("deg"), "{:.3f}°", factor=1.03),
     Metric("typical_nees", "NEES, typical", typical("nees"), "{:.2f}", "same", factor=1.15),
 )
-"""Of the gate: a few scenes that everything of them changes."""
+"""Figures of the gate, which every change of its few scenes affects."""
 
 PAIRED = (
     Metric(
@@ -263,4 +263,4 @@ PAIRED = (
         step=0.001,
     ),
 )
-"""Of pairs of answers to the same pictures, whose columns end in `_before` and `_after`."""
+"""Figures of pairs of answers to the same images, whose columns end in `_before` and `_after`."""

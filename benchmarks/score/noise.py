@@ -1,6 +1,6 @@
-"""A model of the tracker's errors, fitted to films and compared with others.
+"""A model of the tracker's errors, fitted to films and compared with other films.
 
-An episode is an array (T, 16): time [s], visible share, errors (δp, δθ) [m, rad], confidence, and the true
+An episode is an array (T, 16): time [s], visible fraction, errors (δp, δθ) [m, rad], confidence, and the true
 position [m] and orientation (xyzw); errors and confidence are nan where nothing was found.
 """
 
@@ -16,44 +16,44 @@ from tracker.conventions import Array, FloatArray
 from tracker.noise.model import UNITS, NoiseState
 
 GROSS = 5e-3, np.radians(5.0)
-"""A larger error is gross [m, rad]."""
+"""Size above which an error is gross [m, rad]."""
 
 COPIES = 12
-"""So often each episode is put through a model."""
+"""Number of simulations of each episode."""
 
 HIDDEN = 0.6
-"""Visible share below which errors are judged apart."""
+"""Visible fraction below which errors are judged separately."""
 
 LAGS = 1, 10
-"""Of the correlations [frames]: 0.1 s and 1 s."""
+"""Lags of the correlations [frames]: 0.1 s and 1 s."""
 
 WEIGHTS = np.array([3.0, 3.0, *[1.0] * 10, 5.0, 5.0])
-"""Of the figures in the fit: median, 90th percentile and correlations count most."""
+"""Weights of the figures in the fit: median, 90th percentile and correlations count most."""
 
 SHORTENED = 0.9
-"""Share of the errors that keep their size in a correlation: longer ones are shortened to the longest of
-these, or else a handful of frames would decide it."""
+"""Quantile of the errors' sizes to which longer errors are shortened in a correlation; otherwise a handful of
+frames would determine it."""
 
 DRAWS = 50
-"""So often films are drawn again for the intervals."""
+"""Number of bootstrap samples of films for the intervals."""
 
 SLOPE = 6.0
-"""Of the logarithm of the rate of gross errors over the visible share: too few to tell."""
+"""Decrease of the log rate of gross errors with the visible fraction; too few occur to fit it."""
 
 PULL = 0.5
-"""By how much the logarithm of a number is drawn to where the fit begins."""
+"""Strength of the prior that draws the logarithm of a number to the start of the fit."""
 
 FITTED = {
     "bias": (6e-4, 3e-3), "bias_spread": (0.5, 0.5), "slow": (4e-4, 4e-3), "fast": (5e-5, 1e-3),
     "fast_spread": (0.5, 0.5), "seconds": (10.0, 10.0), "travel": (0.04, 0.03), "visible": (0.5, 1.0),
 }  # fmt: skip
-"""Where the fit of an error's numbers begins: of the position [m], of the rotation [rad]."""
+"""Start of the fit of an error's numbers: of the position [m], of the rotation [rad]."""
 
 Values = dict[str, dict[str, float]]
 
 
 def simulated(values: Mapping[str, Mapping[str, float]], episodes: Sequence[Array], seed: int = 0) -> Array:
-    """(N · COPIES, T, 16) the same truths put through a model."""
+    """Simulate the model's errors for the same true poses; return (N · COPIES, T, 16)."""
     truth = np.repeat(np.stack(episodes), COPIES, axis=0)
     state = NoiseState(values, np.random.default_rng(seed), len(truth))
     result = truth.copy()
@@ -68,7 +68,7 @@ def simulated(values: Mapping[str, Mapping[str, float]], episodes: Sequence[Arra
 
 
 def _turn(true: Array, seen: Array) -> FloatArray:
-    """Rotation vectors (N, 3), by quaternions, of small turns."""
+    """Return rotation vectors (N, 3) between quaternions, for small rotations."""
     v, w = true[:, :3], true[:, 3:]
     a, b = seen[:, :3], seen[:, 3:]
     part = w * a - b * v - np.cross(a, v)
@@ -78,7 +78,7 @@ def _turn(true: Array, seen: Array) -> FloatArray:
 
 
 def correlation(errors: Array, lag: int) -> float:
-    """Of errors (N, T, 3) about zero, `lag` frames apart; gross ones are left out by the caller."""
+    """Return the correlation about zero of errors (N, T, 3) `lag` frames apart, without gross ones."""
     size = np.linalg.norm(errors, axis=2, keepdims=True)
     errors = errors * np.minimum(1.0, np.nanquantile(size, SHORTENED) / np.maximum(size, 1e-12))
     a, b = errors[:, :-lag], errors[:, lag:]
@@ -88,14 +88,14 @@ def correlation(errors: Array, lag: int) -> float:
 
 
 def usual(episodes: Array, part: int) -> Array:
-    """(N, T, 3) errors of a part (0: position, 1: rotation) where neither is gross; nan elsewhere."""
+    """Return errors (N, T, 3) of a part (0: position, 1: rotation); nan where either is gross."""
     errors = episodes[..., 2:8].reshape(*episodes.shape[:2], 2, 3)
     size = np.linalg.norm(errors, axis=3)
     return np.where(np.all(size < GROSS, axis=2)[..., None], errors[:, :, part], np.nan)
 
 
 def figures(episodes: Array, part: int) -> FloatArray:
-    """What the numbers of a part are fitted to; all positive."""
+    """Return the figures to which the numbers of a part are fitted; all positive."""
     errors = usual(episodes, part)
     size, hidden = np.linalg.norm(errors, axis=2), episodes[..., 1] < HIDDEN
     bias = np.nanmedian(errors, axis=1)
@@ -115,12 +115,12 @@ def figures(episodes: Array, part: int) -> FloatArray:
 
 
 def fit(episodes: Sequence[Array], films: Sequence[int], values: Values) -> dict[str, dict[str, Any]]:
-    """Numbers of a model, each a value and an interval of 95 %, by drawing films again.
+    """Fit a model's numbers, each a value and a 95 % interval by bootstrapping over films.
 
     Args:
-        episodes: all of one length.
-        films: number of each episode's film.
-        values: of a model, to begin with; those of the delay stay.
+        episodes: episodes of the same length.
+        films: film number of each episode.
+        values: initial values of the model; those of the delay stay as they are.
     """
     whole, rng = np.stack(episodes), np.random.default_rng(0)
     of_film = [np.flatnonzero(np.array(films) == film) for film in np.unique(films)]
@@ -137,7 +137,7 @@ def fit(episodes: Sequence[Array], films: Sequence[int], values: Values) -> dict
 
 
 def _known(best: dict[str, float], drawn: Sequence[dict[str, float]]) -> dict[str, Any]:
-    """Numbers with the intervals in which those of films that are drawn again lie."""
+    """Return numbers with the intervals of their bootstrap samples."""
     ends = {key: np.quantile([one[key] for one in drawn], (0.025, 0.975)) for key in best}
     return {key: (value, [min(ends[key][0], value), max(ends[key][1], value)]) for key, value in best.items()}
 
@@ -153,7 +153,7 @@ def _error(whole: Array, drawn: Sequence[Array], part: int, group: str, values: 
 
     best = least_squares(misses, start, diff_step=0.03, max_nfev=25, loss="soft_l1", f_scale=0.3)
     spread = WEIGHTS[:, None] * np.cov(np.log([figures(one, part) for one in drawn]).T) * WEIGHTS
-    # What the pull to the start knows counts as well.
+    # The prior that pulls to the start contributes information as well.
     gain, rows = np.linalg.pinv(best.jac), len(expected)
     taught, pulled = gain[:, :rows], gain[:, rows:]
     error = np.sqrt(np.diag(taught @ spread @ taught.T + pulled @ pulled.T))
@@ -164,7 +164,7 @@ def _error(whole: Array, drawn: Sequence[Array], part: int, group: str, values: 
 
 
 def _missed(whole: Array) -> dict[str, float]:
-    """Rates of the chain, by likelihood."""
+    """Fit the rates of the Markov chain of missed frames, by maximum likelihood."""
     found, v = np.isfinite(whole[..., 2]), whole[:, 1:, 1].ravel()
     before, after = found[:, :-1].ravel(), found[:, 1:].ravel()
 
@@ -183,7 +183,7 @@ def _missed(whole: Array) -> dict[str, float]:
 
 
 def _confidence(whole: Array) -> dict[str, float]:
-    """How the confidence follows the visible share and the error, by regression."""
+    """Fit the dependence of confidence on visible fraction and error, by linear regression."""
     size, c, v = _sizes(whole), whole[..., 8], np.clip(whole[..., 1], 0.05, 1.0)
     given = np.isfinite(c) & (c < 1.0) & (c > 0.0)
     columns = np.stack([np.ones_like(v), np.log(v), -size[..., 0], -size[..., 1]], axis=-1)[given]
@@ -198,7 +198,7 @@ def _confidence(whole: Array) -> dict[str, float]:
 
 
 def _gross(whole: Array) -> dict[str, float]:
-    """How often errors are gross, for how long, and how large they are then, by counting."""
+    """Count how often errors are gross, for how long, and how large they are then."""
     size = _sizes(whole)
     gross, clear = np.any(size > GROSS, axis=2), np.clip(whole[..., 1], 0.05, 1.0)
     begins = max(int(np.sum(gross[:, 1:] & ~gross[:, :-1]) + gross[:, 0].sum()), 1)
@@ -214,13 +214,13 @@ def _gross(whole: Array) -> dict[str, float]:
 
 
 def _sizes(whole: Array) -> FloatArray:
-    """(N, T, 2) of the errors [m, rad]."""
+    """Return the sizes (N, T, 2) of the errors [m, rad]."""
     result: FloatArray = np.linalg.norm(whole[..., 2:8].reshape(*whole.shape[:2], 2, 3), axis=3)
     return result
 
 
 def agreement(measured: Array, modelled: Array) -> list[tuple[str, float, float]]:
-    """Figures of both: name, measured, modelled."""
+    """Return figures for both: name, measured, modelled."""
     rows = []
     for part, (name, scale) in enumerate((("position [mm]", 1e3), ("rotation [°]", 180 / np.pi))):
         for label, share in (("median", 0.5), ("90th percentile", 0.9)):
@@ -237,7 +237,7 @@ def agreement(measured: Array, modelled: Array) -> list[tuple[str, float, float]
 
 
 def to_toml(about: str, found: Mapping[str, Mapping[str, Any]]) -> str:
-    """A model's file."""
+    """Return the content of a model's file."""
     lines = [f'about = "{about}"']
     for group, units in UNITS.items():
         lines += ["", f"[{group}]"]

@@ -1,4 +1,4 @@
-"""Quantiles and shares, and how sure they are."""
+"""Quantiles and shares, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -12,43 +12,43 @@ from scipy.stats import binomtest
 from tracker.conventions import Array
 
 RIGHT_MM, RIGHT_DEG = 5.0, 5.0
-"""A pose counts as right within these errors [mm], [°]."""
+"""Errors up to which a pose counts as right [mm], [°]."""
 
 SURE = 0.5
-"""Confidence above which a wrong pose is wrong and sure."""
+"""Confidence above which a wrong pose counts as wrong and sure."""
 
 RESAMPLES = 999
 
 
 def within(errors: Array, millimetres: float = RIGHT_MM, degrees: float = RIGHT_DEG) -> Array:
-    """(N,) whether errors (N, 2) [mm], [°] are within these; nan is not."""
+    """Return (N,) whether errors (N, 2) [mm], [°] are within these limits; False for nan."""
     return np.asarray((np.asarray(errors, dtype=np.float64) <= (millimetres, degrees)).all(axis=1))
 
 
 def quantile(values: Any, q: float) -> float:
-    """Of the finite ones; nan of none."""
+    """Return a quantile of the finite values; nan if there are none."""
     values = np.asarray(values, dtype=np.float64)
     values = values[np.isfinite(values)]
     return float(np.quantile(values, q)) if len(values) else float("nan")
 
 
 def median(values: Any) -> float:
-    """Of the finite ones; nan of none."""
+    """Return the median of the finite values; nan if there are none."""
     return quantile(values, 0.5)
 
 
 def mean(values: Any) -> float:
-    """Of all; nan of none."""
+    """Return the mean of all values; nan if there are none."""
     return float(np.mean(values)) if len(values) else float("nan")
 
 
 def percent(flags: Any) -> float:
-    """Share [%] of flags that are set; nan of none."""
+    """Return the share of flags that are set [%]; nan if there are none."""
     return 100 * mean(np.asarray(flags))
 
 
 def wilson_interval(share: float, count: int) -> tuple[float, float]:
-    """Wilson's interval [%] in which a share [%] of so many lies with 95 % confidence."""
+    """Return Wilson's 95 % interval [%] of a share [%] of `count`."""
     if count == 0:
         return 0.0, 100.0
     found = binomtest(round(share * count / 100), count).proportion_ci(method="wilson")
@@ -56,7 +56,7 @@ def wilson_interval(share: float, count: int) -> tuple[float, float]:
 
 
 def bootstrap_interval(of: Callable[[pd.DataFrame], float], rows: pd.DataFrame) -> tuple[float, float]:
-    """The 2.5 and 97.5 % quantiles of a figure over resampled rows; the resamples are seeded."""
+    """Return the 2.5 and 97.5 % quantiles of a figure over bootstrap samples of the rows, of a fixed seed."""
     rng = np.random.default_rng(1)
     drawn = [
         of(rows.iloc[rng.integers(len(rows), size=len(rows))]) for _ in range(RESAMPLES if len(rows) else 0)

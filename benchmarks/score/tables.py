@@ -1,6 +1,6 @@
-"""Which figures are made of which answers: tables of the results, in the order in which they are shown.
+"""The tables of the results, in the order in which they are shown: which figures for which answers.
 
-A new table is an entry of TABLES. Everything else, results, gate, documents, reads them from here.
+A new table is an entry of TABLES, from which results, gate and documents read everything.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ VISIBLE = ((0.9, 1.0), (0.7, 0.9), (0.5, 0.7), (0.3, 0.5), (0.0, 0.3))
 """Bins of the mean visible fraction."""
 
 CONFIDENCE = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 0.98, 0.99, 1.0)
-"""Borders of the bins of confidence."""
+"""Limits of the bins of confidence."""
 
 STAGES = ("light", "segmentation", "pose")
-"""Of a detection that `Observation.timing_ms` names."""
+"""Stages of a detection that `Observation.timing_ms` names."""
 
 
 def figures(frames: Mapping[str, pd.DataFrame]) -> list[dict[str, Any]]:
-    """All figures of what was measured."""
+    """Return all figures of the measured parts."""
     return [
         _finite(row) for table in TABLES if table.part in frames for row in table.figures(frames[table.part])
     ]
@@ -58,7 +58,7 @@ def _finite(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def by_confidence(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Bins of the stated confidence that hold any."""
+    """Yield the non-empty bins of the stated confidence."""
     given = rows[rows.confidence.notna()]
     place = np.clip(np.searchsorted(CONFIDENCE, given.confidence, side="right") - 1, 0, len(CONFIDENCE) - 2)
     for k, (low, high) in enumerate(itertools.pairwise(CONFIDENCE)):
@@ -67,7 +67,7 @@ def by_confidence(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 def by_rest(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """At rest, and moving."""
+    """Yield the rows at rest, and those in motion."""
     for name, own in (("at rest", rows[rows.at_rest]), ("moving", rows[~rows.at_rest])):
         if len(own):
             yield name, own
@@ -77,7 +77,7 @@ _PAGE = ("realistic", "world", "one camera", "hard light", "poor images", "other
 """Workloads that the page of figures shows."""
 
 _BRIEFLY = ("realistic", "world")
-"""Those of the tables of confidence and time."""
+"""Workloads that it shows in the tables of confidence and time."""
 
 NOT_THE_OBJECT = ("absent", "look-alike: *")
 """Workloads that do not show the object."""

@@ -1,1 +1,1 @@
-"""Scenes of the platform's own simulation package, drawn in an environment of its own."""
+"""Scenes rendered by the platform's own simulation package in a separate environment."""

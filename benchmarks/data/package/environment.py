@@ -1,7 +1,7 @@
-"""The platform's own simulation package, in an environment of its own.
+"""The platform's own simulation package in a separate environment.
 
-It comes from PyPI with more than this project wants to depend on. It gets a virtual environment below the
-cache, or lives where the environment variable TRIFINGER_SIMULATION_PYTHON names an interpreter.
+It comes from PyPI with more dependencies than this project should have. A virtual environment for it is made
+below the cache, unless the environment variable TRIFINGER_SIMULATION_PYTHON names an interpreter.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ _SECONDS = 3600
 
 
 class PackageError(TrackerError):
-    """The simulation package cannot be had, or fails."""
+    """The simulation package is not available, or fails."""
 
 
 def interpreter(folder: Path = CACHE, *, install: bool = True) -> Path:
-    """An interpreter that can import the package; its environment is made if need be.
+    """Return an interpreter that can import the package; create its environment if necessary.
 
     Args:
-        folder: where the environment is kept.
-        install: whether to make it where there is none.
+        folder: folder of the environment.
+        install: whether to create a missing environment.
 
     Raises:
-        PackageError: there is none, with the reason.
+        PackageError: there is no such interpreter, with the reason.
     """
     chosen = os.environ.get(VARIABLE)
     if chosen:
@@ -43,8 +43,8 @@ def interpreter(folder: Path = CACHE, *, install: bool = True) -> Path:
         return Path(chosen)
     root = folder.resolve() / f"{PACKAGE}-{VERSION}"
     python, stamp = root / "bin" / "python", root / ".installed"
-    # The stamp is made last, so that what an interruption left unfinished is made again; an interpreter that
-    # has gone since then is a link to a Python that was removed.
+    # The stamp is made last, so that an interrupted installation is repeated. The interpreter may be missing
+    # in spite of it: it is a link to a Python that may have been removed.
     if stamp.is_file() and python.is_file():
         return python
     if not install:
@@ -59,10 +59,10 @@ def interpreter(folder: Path = CACHE, *, install: bool = True) -> Path:
 
 
 def run(command: Sequence[str]) -> str:
-    """What a command of the package's environment prints.
+    """Run a command in the package's environment and return what it prints.
 
     Raises:
-        PackageError: it fails, with the last line that it wrote to stderr, or takes more than an hour.
+        PackageError: it fails, with its last line on stderr, or takes more than an hour.
     """
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_SECONDS)

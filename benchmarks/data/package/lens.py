@@ -1,4 +1,4 @@
-"""Pictures without distortion, bent as a camera's lens bends them."""
+"""Distortion of undistorted images by a camera's lens."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tracker.geometry.camera import Camera
 
 @functools.lru_cache(maxsize=8)
 def normalised(camera: Camera) -> FloatArray:
-    """(H, W, 2) normalised coordinates X/Z, Y/Z of the rays through the centres of a camera's pixels.
+    """Return normalised coordinates X/Z, Y/Z (H, W, 2) of the rays through a camera's pixel centres.
 
-    By OpenCV's inverse of the lens, iterated to convergence: pictures share no projection with the tracker.
+    Uses OpenCV's inverse of the lens, iterated to convergence, not the tracker's own projection.
 
     Raises:
-        CalibrationError: the lens has no inverse all over the image.
+        CalibrationError: the lens model cannot be inverted all over the image.
     """
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
@@ -30,14 +30,14 @@ def normalised(camera: Camera) -> FloatArray:
 
 
 def bend_map(camera: Camera, margin: int) -> Array:
-    """(H, W, 2) float32: where the rays of a camera's pixels meet a picture that it took without distortion.
+    """Return (H, W, 2) float32 pixels of an undistorted image at the rays of a camera's pixels.
 
     Args:
-        camera: with its distortion.
-        margin: by which that picture is wider than the camera's own on each side [px].
+        camera: camera with its distortion.
+        margin: width by which that image extends beyond the camera's own on each side [px].
 
     Raises:
-        CalibrationError: the lens has no inverse all over the image, or shows more than the margin holds.
+        CalibrationError: the lens model cannot be inverted all over the image, or the margin is too small.
     """
     places = normalised(camera) * camera.matrix[(0, 1), (0, 1)] + camera.matrix[:2, 2] + margin
     last = np.array([camera.width, camera.height]) + 2 * margin - 1
@@ -51,5 +51,5 @@ def bend_map(camera: Camera, margin: int) -> Array:
 
 
 def bent(picture: Array, places: Array) -> Array:
-    """A picture without distortion (H', W', ...), bilinear at `places` (H, W, 2) [px]; of its own type."""
+    """Sample an undistorted image (H', W', ...) bilinearly at `places` (H, W, 2) [px]; same type."""
     return np.asarray(cv2.remap(picture, places[..., 0], places[..., 1], cv2.INTER_LINEAR))

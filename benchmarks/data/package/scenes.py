@@ -1,4 +1,4 @@
-"""Scenes that the platform's own simulation package renders."""
+"""Scenes rendered by the platform's own simulation package."""
 
 from __future__ import annotations
 
@@ -24,36 +24,36 @@ from tracker.objects.model import CuboidModel, load_object
 
 SCRIPT = Path(__file__).with_name("script.py")
 CHUNK = 20
-"""Scenes that are drawn by one process."""
+"""Number of scenes that one process renders."""
 
 KINDS = {"cube_v2": "cube", "cuboid_2x2x8_v2": "cuboid"}
 
 ROWS_TOO_HIGH = 1.0
-"""Rows of its own grid by which the package's camera draws everything too high [px]."""
+"""Number of rows of its own grid by which the package's camera renders everything too high [px]."""
 
 
 LENS_MARGIN = 27
-"""By which pictures that the lens is to bend are wider on each side: the package's own padding [px]."""
+"""Extra width on each side of images that will be distorted: the package's own padding [px]."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """How the package's pictures are drawn, and which cameras the tracker is given."""
+    """How the package's images are rendered, and which cameras the tracker is given."""
 
     scale: int = 1
-    """Points along each axis of a pixel: 1 as the package draws, 4 for smooth edges."""
+    """Samples per pixel along each axis: 1 as in the package, 4 for smooth edges."""
     lens: bool = False
-    """Whether the cameras' distortion bends the finished picture, and the deviations that the files state
-    are kept; the package itself bends by whole pixels. Else there is neither."""
+    """Whether to distort the finished image by the cameras' lenses and to keep the deviations stated in the
+    files, unlike the package, which distorts by whole pixels. If False, there is neither."""
 
     @property
     def margin(self) -> int:
-        """By which pictures are wider on each side than the camera's own [px]."""
+        """Extra width of rendered images on each side [px]."""
         return LENS_MARGIN if self.lens else 0
 
 
 def package_rig(python: Path, drawing: Drawing) -> CameraRig:
-    """The package's cameras as they draw.
+    """Return the package's cameras as they actually render.
 
     Raises:
         PackageError: the package fails.
@@ -65,28 +65,28 @@ def package_rig(python: Path, drawing: Drawing) -> CameraRig:
 
 
 def as_drawn(camera: Camera, drawing: Drawing) -> Camera:
-    """The camera of a file, looking as high as the package draws it."""
+    """Return a file's camera with the vertical offset of the package's rendering."""
     matrix = camera.matrix.copy()
     matrix[1, 2] -= ROWS_TOO_HIGH / drawing.scale
     if drawing.lens:
-        # Nothing of these cameras is uncertain, but a user of the package has these files.
+        # These cameras are exact, but a user of the package has files that state deviations.
         return dataclasses.replace(camera, matrix=matrix)
-    # Nothing of these cameras is uncertain, whatever the files say of the real ones.
+    # These cameras are exact, whatever the files state about the real ones.
     return dataclasses.replace(camera, matrix=matrix, distortion=np.zeros(5), camera_from_world_std=None)
 
 
 def package_store(
     object_name: str, drawing: Drawing, python: Path, seed: int, workers: int = 2, cache: Path = CACHE
 ) -> Store[Scene]:
-    """The package's scenes of one object, by their numbers.
+    """Return the package's scenes of one object, by their numbers.
 
     Args:
         object_name: name of the object.
-        drawing: how they are drawn.
-        python: an interpreter that can import the package.
-        seed: of all that is drawn.
-        workers: number of processes that render what is missing.
-        cache: where scenes are kept.
+        drawing: how they are rendered.
+        python: interpreter that can import the package.
+        seed: seed of the benchmark.
+        workers: number of processes that render missing scenes.
+        cache: folder of rendered scenes.
     """
     own = stream(seed, "package", object_name)
     make = functools.partial(_maker, object_name, drawing, python, own)
@@ -123,10 +123,10 @@ def _maker(object_name: str, drawing: Drawing, python: Path, seed: int) -> Maker
 
 
 def face_map(camera: Camera, model: CuboidModel, position: Array, rotation: FloatArray) -> Image:
-    """(H, W) uint8 labels of the faces that a camera sees of the object alone, at the pixels' centres."""
+    """Return (H, W) uint8 labels of the object's faces, unoccluded, at the centres of a camera's pixels."""
     points = corners(model.size) @ rotation.T + position
     in_camera = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    # Where edges are straight: before the lens.
+    # Before the lens, where edges are straight.
     pixels = in_camera[:, :2] / in_camera[:, 2:]
     result = np.zeros((camera.height, camera.width), np.uint8)
     centres = normalised(camera)
@@ -136,7 +136,7 @@ def face_map(camera: Camera, model: CuboidModel, position: Array, rotation: Floa
         inside = np.ones(result.shape, bool)
         for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
             (dx, dy), offset = end - start, centres - start
-            # Seen from outside, corners go counter-clockwise; rows grow downwards.
+            # Corners run counter-clockwise seen from outside, and rows grow downwards.
             inside &= dx * offset[..., 1] <= dy * offset[..., 0]
         result[inside] = model.face_labels[face]
     return result

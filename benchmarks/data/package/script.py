@@ -1,13 +1,13 @@
-"""Renders scenes with the platform's own simulation package; runs in an environment that has it.
+"""Renders scenes with the platform's own simulation package, in an environment that has it.
 
     python script.py cube|cuboid SEED SCALE MARGIN OUT.npz NUMBER…
 
-SCALE 1 draws each pixel by one ray, as the package does; SCALE 4 takes the mean of 4×4. Pictures show MARGIN
-pixels more on each side. The lens is drawn without distortion: the package bends finished pictures by whole
-pixels.
+SCALE 1 samples each pixel by one ray, as the package does; SCALE 4 takes the mean of 4×4. Images extend by
+MARGIN pixels on each side. They are rendered without distortion: the package distorts finished images by
+whole pixels.
 """
 
-# The package is no dependency of this project, and neither is what comes along with it.
+# The package and what it installs are not dependencies of this project.
 from __future__ import annotations
 
 import sys
@@ -25,13 +25,13 @@ TURNS = (
     *(Rotation.from_euler("x", angle, degrees=True) for angle in (90, -90, 180)),
     *(Rotation.from_euler("y", angle, degrees=True) for angle in (90, -90)),
 )
-"""Which face is down."""
+"""Rotations that turn each face down."""
 
 FINGERS = np.array([0.0, 0.9, -1.7] * 3)
-"""Joint angles around which fingers are drawn [rad]."""
+"""Mean of the drawn joint angles of the fingers [rad]."""
 
 CLEARANCE = 0.012
-"""Least distance of a joint from the object [m]."""
+"""Smallest distance of a joint from the object [m]."""
 
 
 class Studio:
@@ -78,7 +78,7 @@ class Studio:
         return result
 
     def draw(self, rng: np.random.Generator) -> tuple[np.ndarray, Rotation]:
-        """Put object and fingers somewhere; the object's position [m] and rotation."""
+        """Place object and fingers at random; return the object's position [m] and rotation."""
         while True:
             position, rotation = self._pose(rng)
             joints = np.clip(
@@ -114,7 +114,7 @@ class Studio:
         return float((np.abs(rotation.inv().apply(places - position)) - self.half).max(axis=1).min())
 
     def images(self) -> np.ndarray:
-        """(3, H, W, 3) uint8 BGR."""
+        """Return images (3, H, W, 3) uint8 BGR."""
         pictures = [one.get_image(renderer=pybullet.ER_TINY_RENDERER)[:, :, 2::-1] for one in self.cameras]
         return np.stack([np.rint(self._shrunk(picture)) for picture in pictures]).astype(np.uint8)
 
@@ -124,7 +124,7 @@ class Studio:
         return result
 
     def masks(self) -> np.ndarray:
-        """(3, H, W) bool: pixels of which the object has more than half."""
+        """Return masks (3, H, W) bool: pixels of which the object covers more than half."""
         return np.stack([self._mask(one) for one in self.cameras])
 
     def _mask(self, one: camera.CalibratedCamera) -> np.ndarray:
