@@ -1,7 +1,7 @@
-"""What a single picture says of the camera that took it: blur, overshoot, noise, response, fringes, blocks.
+"""Measurements of a camera from one image: blur, overshoot, noise, response, fringes, JPEG blocks.
 
-Where a picture is, to the bit, the interpolation of an RGGB mosaic, values are read at the mosaic's own sites
-only, so that interpolation takes no part in blur and fringes.
+If an image is, to the bit, the interpolation of an RGGB mosaic, values are read at the mosaic's own sites
+only, so that interpolation does not affect blur and fringes.
 """
 
 from __future__ import annotations
@@ -19,48 +19,48 @@ from tracker.conventions import Array, FloatArray, Image
 
 CHANNELS = ("blue", "green", "red")
 SITES = (((1, 1),), ((0, 1), (1, 0)), ((0, 0),))
-"""Rows and columns modulo 2 where an RGGB sensor sees blue, green and red."""
+"""Rows and columns modulo 2 at which an RGGB sensor measures blue, green and red."""
 
 LENGTH, REACH = 20.0, 6.0
-"""Of an edge's piece: along it and to both of its sides [px]; four fifths of it in small pictures."""
+"""Size of an edge's piece: along it, and to each side [px]; four fifths of it in small images."""
 
 STEP, MISFIT = 30.0, 0.08
-"""Least step of values across an edge, and greatest root mean square residual relative to it."""
+"""Smallest step of values across an edge, and largest root mean square residual relative to it."""
 
 _BLOCK = 6
-"""Edge of the squares [sites] in which noise is separated from light."""
+"""Side of the squares in which noise is separated from light [sites]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """A blurred step fitted to a straight piece of an edge, in one channel."""
+    """A blurred step fitted to a straight piece of an edge in one channel."""
 
     center: FloatArray
     """(2,) [px]."""
     normal: FloatArray
     """(2,) unit vector towards the brighter side."""
     offset: float
-    """Of the step along the normal, from `center` [px]."""
+    """Position of the step along the normal, from `center` [px]."""
     sigma: float
     """Standard deviation of its blur, in light [px]; the pixel's own square alone gives 0.29."""
     over: tuple[float, float]
-    """Values 0.7 to 1.8 px beside the step, beyond those further out: how much darker on the dark side, how
-    much brighter on the bright one, relative to the step; NaN: cut off there."""
+    """Overshoot at 0.7 to 1.8 px from the step, beyond the values further out: how much darker on the dark
+    side, how much brighter on the bright side, relative to the step; NaN where values are clipped."""
 
 
 def is_mosaic(image: Image) -> bool:
-    """Whether the picture is the interpolation of its own mosaic, which compression ends."""
+    """Return whether the image is the interpolation of its own mosaic; compression destroys this."""
     inner = np.s_[2:-2, 2:-2]  # OpenCV copies values to the border
     return bool(np.array_equal(demosaicked(mosaicked(image))[inner], image[inner]))
 
 
 def is_raw(image: Image) -> bool:
-    """Whether the mosaic is the sensor's own: the small recorded pictures were mosaicked a second time."""
+    """Return whether the mosaic is the sensor's own: small recorded images were mosaicked a second time."""
     return image.shape[0] > 400 and is_mosaic(image)
 
 
 def pieces(image: Image) -> list[tuple[FloatArray, FloatArray]]:
-    """Centres (2,) and directions (2,) of straight pieces of edges."""
+    """Return centres (2,) and directions (2,) of straight pieces of edges."""
     grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (0, 0), 0.8)
     lines = cv2.createLineSegmentDetector().detect(grey)[0]
     length = _scale(image) * LENGTH
@@ -76,7 +76,7 @@ def pieces(image: Image) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def edges(image: Image, channel: int, most: int = 400) -> Iterator[Edge | None]:
-    """Each piece of an edge as the channel shows it; None where it shows no clean step."""
+    """Yield each piece of an edge as seen in the channel; None where it shows no clean step."""
     raw = is_raw(image)
     for center, along in pieces(image)[:most]:
         yield _fit(image, channel, raw, center, along)
@@ -89,7 +89,7 @@ def _scale(image: Image) -> float:
 def _values(
     image: Image, channel: int, raw: bool, center: FloatArray, along: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Values near an edge with their places along and across it; None too near the border."""
+    """Return values near an edge with their positions along and across it; None too near the border."""
     length, reach = _scale(image) * LENGTH, _scale(image) * REACH
     half = int(length / 2 + reach + 2)
     i, j = int(center[0]), int(center[1])
@@ -118,7 +118,7 @@ def _fit(image: Image, channel: int, raw: bool, center: FloatArray, along: Float
     first, last = (low / 255) ** RESPONSE_GAMMA, (high / 255) ** RESPONSE_GAMMA
 
     def model(p: FloatArray) -> FloatArray:
-        # Light: a step with a slope on each side; values: what is below black is cut off.
+        # Light: a step with a slope on each side; values: clipped at black.
         u = d - p[0] - p[1] * s / 12
         before = p[3] * (1 + p[5] * np.minimum(u, 0) / 6)
         light = before + (p[4] * (1 + p[6] * np.maximum(u, 0) / 6) - p[3]) * ndtr(u / p[2])
@@ -151,10 +151,10 @@ def _over(values: FloatArray, u: FloatArray, side: float, step: float) -> float:
 
 
 def fringes(image: Image, channel: int, most: int = 400) -> tuple[FloatArray, FloatArray] | None:
-    """By how much a channel's edges are off those of green, and its standard deviations; None: too few edges.
+    """Return the shift of a channel's edges from green's, and standard deviations; None: too few edges.
 
-    Shift (x, y) [px], growth at half the picture's height from its centre [px], and shift towards the bright
-    side [px], which is no fringe but a difference of blur that the response makes a shift.
+    It consists of the shift (x, y) [px], the growth at half the image's height from its centre [px], and the
+    shift towards the bright side [px], which is not a fringe but an effect of the response on unequal blur.
     """
     height, width = image.shape[:2]
     rows, values = [], []
@@ -177,14 +177,14 @@ def fringes(image: Image, channel: int, most: int = 400) -> tuple[FloatArray, Fl
 
 
 def planes(image: Image, channel: int) -> list[FloatArray]:
-    """What the channel holds without interpolation: the sites of a mosaic, or all of it."""
+    """Return the channel without interpolated values: the sites of a mosaic, or all of it."""
     if not is_raw(image):
         return [image[:, :, channel].astype(np.float64)]
     return [image[row::2, column::2, channel].astype(np.float64) for row, column in SITES[channel]]
 
 
 def _flat(plane: Array) -> tuple[FloatArray, FloatArray]:
-    """Means (N,) and residuals (N, n, n) of even squares: those whose light is a parabola, not cut off."""
+    """Return means (N,) and residuals (N, n, n) of even squares: unclipped, with quadratic light."""
     n = _BLOCK
     height, width = (size // n * n for size in plane.shape)
     squares = plane[:height, :width].reshape(height // n, n, width // n, n).swapaxes(1, 2).reshape(-1, n * n)
@@ -199,7 +199,7 @@ def _flat(plane: Array) -> tuple[FloatArray, FloatArray]:
 
 
 def noise_curve(image: Image, channel: int) -> FloatArray:
-    """Rows (level, standard deviation of the noise, squares) in bins of 8 levels; texture counts little."""
+    """Return rows (level, standard deviation of noise, squares) in bins of 8 levels, robust to texture."""
     flats = [_flat(plane) for plane in planes(image, channel)]
     level = np.concatenate([flat[0] for flat in flats])
     freedom = _BLOCK**2 - 6
@@ -208,13 +208,13 @@ def noise_curve(image: Image, channel: int) -> FloatArray:
     for low in range(8, 240, 8):
         own = (level >= low) & (level < low + 8)
         if own.sum() >= 12:
-            # The 30th percentile of deviations of 30 degrees of freedom is a fourteenth below the true one.
+            # The 30th percentile of deviations with 30 degrees of freedom is 1/14 below the true one.
             rows.append((level[own].mean(), 1.07 * np.percentile(noise[own], 30), own.sum()))
     return np.array(rows).reshape(-1, 3)
 
 
 def response_exponent(curve: FloatArray) -> float:
-    """Exponent of light = value ** exponent that constant and shot noise in light explain a curve with."""
+    """Fit the exponent of light = value ** exponent to a curve, with constant and shot noise in light."""
     if len(curve) < 6:
         return np.nan
     level, noise, count = curve.T
@@ -231,11 +231,11 @@ def response_exponent(curve: FloatArray) -> float:
 
 
 def noise_spectrum(image: Image, channel: int) -> FloatArray:
-    """Share of the noise's power in rings of spatial frequency, from low to high, of the picture as it is."""
+    """Return the shares of noise power in rings of spatial frequency, low to high, of the image as it is."""
     _, residual = _flat(image[:, :, channel].astype(np.float64))
     if len(residual) < 30:
         return np.full(4, np.nan)
-    # Textured squares, which noise alone does not explain, would count most.
+    # Leave out textured squares, which noise alone does not explain and which would dominate.
     strength = (residual**2).sum(axis=(1, 2))
     residual = residual[strength < np.percentile(strength, 60)]
     power = np.mean(np.abs(np.fft.fft2(residual)) ** 2, axis=0)
@@ -248,16 +248,16 @@ def noise_spectrum(image: Image, channel: int) -> FloatArray:
 
 
 def block_ratio(image: Image) -> float:
-    """Greatest mean step between columns eight apart, over the median of such means: 1 without blocks."""
+    """Return the largest mean step between columns, by column modulo 8, over the median; 1 without blocks."""
     steps = np.abs(np.diff(image[:, :, 1].astype(np.float64), axis=1))
     means = [steps[:, k::8].mean() for k in range(8)]
     return float(max(means) / np.median(means))
 
 
 def vignetting(image: Image) -> float:
-    """Light lost at half the height from the centre, relative to it, of grey even surfaces; NaN: too few.
+    """Return the relative light loss at half the height from the centre, on grey surfaces; NaN: too few.
 
-    The light on them is taken to be linear over the picture, so one picture says little and many say some.
+    The light on them is assumed linear over the image, so only many images together are informative.
     """
     n = 12
     height, width = (size // n * n for size in image.shape[:2])

@@ -1,6 +1,6 @@
 """Find phrases that docs/style/phrases.txt replaces: `python scripts/check_phrases.py FILE ...`.
 
-codespell knows single words only. Exit code 1 where there is one.
+codespell knows single words only. The exit code is 1 if any is found.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from pathlib import Path
 PHRASES = Path(__file__).resolve().parents[1] / "docs" / "style" / "phrases.txt"
 SUFFIXES = {".md", ".py"}
 SKIPPED = {"test_style.py"}
-"""Which shows what is found."""
+"""Files that contain the phrases on purpose."""
 
 
 def read_phrases(text: str) -> list[tuple[re.Pattern[str], str]]:
-    """Patterns with what to write instead, of lines `pattern -> plainer words`; remarks begin with #."""
+    """Parse lines `pattern -> plainer words` into pairs; comments begin with #."""
     lines = (line.strip() for line in text.splitlines())
     pairs = (line.split(" -> ") for line in lines if line and not line.startswith("#"))
     return [
@@ -27,14 +27,14 @@ def read_phrases(text: str) -> list[tuple[re.Pattern[str], str]]:
 
 
 def found(text: str, phrases: Iterable[tuple[re.Pattern[str], str]]) -> Iterator[tuple[int, str, str]]:
-    """Line, phrase and plainer words of each phrase in a text."""
+    """Yield line, phrase and plainer words of each phrase in a text."""
     for pattern, better in phrases:
         for match in pattern.finditer(text):
             yield text.count("\n", 0, match.start()) + 1, " ".join(match[0].split()), better
 
 
 def main(paths: Iterable[str]) -> int:
-    """Print what is found in files and folders; the exit code."""
+    """Print the phrases in files and folders; return the exit code."""
     phrases = read_phrases(PHRASES.read_text(encoding="utf-8"))
     files = [
         file

@@ -1,9 +1,9 @@
-"""Recorded pictures beside rendered ones of the same poses, calibrations and light: a sheet and a table.
+"""Compare recorded images with rendered ones of the same poses, calibrations and light: a sheet and a table.
 
     python scripts/compare_with_recorded.py REAL_FOLDER -o sheet.png [--effects world] [--draws N]
 
-The sheet shows every recorded triplet (above) and one rendered like it (below), and the objects enlarged. The
-table has medians over all edges and pictures, and the ratio of rendered to recorded.
+The sheet shows every recorded triplet above one that is rendered like it, with the objects enlarged. The
+table has medians over all edges and images, and the ratio of rendered to recorded.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from tracker.conventions import Image
 from tracker.geometry.cuboid import corners
 
 CELL = 400
-"""Edge of the sheet's pictures [px]."""
+"""Side of the sheet's images [px]."""
 
 KINDS = {"cubes, 540 px": ("cube_v1", "cube_v2"), "cuboid, 270 px": ("cuboid_2x2x8_v2",)}
 
 _LEVELS = (24.0, 110.0)
-"""Of green where the noise is looked at."""
+"""Levels of green at which noise is compared."""
 
 
 def sheet(pairs: Sequence[tuple[Triplet, Triplet]]) -> Image:
-    """Recorded pictures and rendered ones below, then the objects enlarged in the same order."""
+    """Return recorded images with rendered ones below, and the objects enlarged beside them."""
     rows = []
     for triplets in pairs:
         for triplet in triplets:
@@ -57,7 +57,7 @@ def _around(triplet: Triplet, view: int) -> Image:
 
 
 def fitted(triplet: Triplet) -> Triplet:
-    """The triplet with the pose that the tracker finds in its pictures."""
+    """Return the triplet with the pose that the tracker estimates from its images."""
     rig = tracker.CameraRig(tuple(view.camera for view in triplet.views))
     found = tracker.ObjectTracker(triplet.model, rig).detect([view.image for view in triplet.views])
     if found.object_pose is None:
@@ -72,7 +72,7 @@ def _noise(triplets: Sequence[Triplet], level: float) -> float:
 
 
 def _spectrum(triplets: Sequence[Triplet]) -> float:
-    """Power of green's noise at its highest frequencies, of that at middle ones."""
+    """Return the noise power of green at its highest frequencies relative to middle ones."""
     ratios = []
     for triplet in triplets:
         for view in triplet.views:

@@ -1,9 +1,9 @@
-"""Draw the pictures of docs/how-it-works.md: one for each stage of a detection, from the still of the demo.
+"""Draw the figures of docs/how-it-works.md: one for each stage of a detection, from the still of the demo.
 
     python scripts/draw_how_it_works.py [--output FOLDER] [--quick]
 
-The scene is the one that `examples/still.py` writes to the folder `demo`. What is drawn are the values that
-the tracker itself works with; only the curves in `strips.jpg` are fitted here.
+The scene is the one that `examples/still.py` writes to the folder `demo`. The figures show the values with
+which the tracker itself works; only the curves in `strips.jpg` are fitted here.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from tracker.pose.views import Sight
 from tracker.pose.votes import gather, vote
 
 SEED = 6
-"""Of the scene: that of examples/still.py."""
+"""Seed of the scene: that of examples/still.py."""
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "how-it-works"
 
 TINTS = np.array([[0.94, 0.94, 0.94], *(DISPLAY_COLORS_BGR[1:, ::-1] / 255 * 0.8 + 0.1)])
-"""(7, 3) RGB in which labels are drawn."""
+"""(7, 3) RGB colours of the labels in figures."""
 
 LONGER = 12.0
-"""Factor by which offsets are drawn longer than they are."""
+"""Factor by which offsets are enlarged in figures."""
 
 HIT, OFF, MARK = "#1b7f3b", "#d1341f", "#ff3d14"
 
@@ -57,13 +57,13 @@ parser.add_argument("--quick", action="store_true", help="small pictures, to see
 
 
 class Scene(NamedTuple):
-    """What the pictures show."""
+    """The scene of the figures, with the tracker's intermediate values."""
 
     model: CuboidModel
     rig: CameraRig
     images: Sequence[Array]
     position: FloatArray
-    """(3,) true [m]."""
+    """(3,) true position [m]."""
     rotation: FloatArray
     """(3, 3) true world_from_object."""
     estimator: PoseEstimator
@@ -71,7 +71,7 @@ class Scene(NamedTuple):
 
 
 def make_scene() -> Scene:
-    """Render the still, and read its labels."""
+    """Render the still, and compute its label maps."""
     model, rig = tracker.load_object("cube_v2"), CameraRig(default_cameras())
     rng = np.random.default_rng(SEED)
     still = take(scene_with_fingers(model, rng), rig.cameras, Sensor.realistic(), rng, shadows=True)
@@ -81,7 +81,7 @@ def make_scene() -> Scene:
 
 
 def draw_labels(scene: Scene) -> Figure:
-    """Pictures above, label maps below."""
+    """Draw the images above, label maps below."""
     figure = Figure(figsize=(9, 6.3), layout="constrained")
     axes = figure.subplots(2, 3)
     for c, camera in enumerate(scene.rig):
@@ -98,12 +98,12 @@ def draw_labels(scene: Scene) -> Figure:
 
 
 def found_positions(scene: Scene) -> list[FloatArray]:
-    """The positions (3,) [m] that may be tried, best vote first."""
+    """Return the candidate positions (3,) [m], best vote first."""
     return list(scene.estimator.search.positions(scene.sight.labels, scene.sight.pictures, EVERYWHERE.places))
 
 
 def draw_votes(scene: Scene, quick: bool) -> Figure:
-    """The votes from above, and the squares in which they are counted."""
+    """Draw the votes from above, and the squares in which they are counted."""
     search, sight, found = scene.estimator.search.positions, scene.sight, found_positions(scene)
     side, heights = (
         np.linspace(-0.235, 0.235, 24 if quick else 95),
@@ -149,7 +149,7 @@ def draw_votes(scene: Scene, quick: bool) -> Figure:
 
 
 def _draw_squares(axis: Any, lens: Any, position: FloatArray, radius: float, name: str) -> None:
-    """The squares around a position (3,) [m] in a label map, if they are in it."""
+    """Draw the squares around a position (3,) [m] in a label map, if they are in it."""
     x, y, z = lens["rotation"] @ position + lens["translation"]
     u, v = lens["focal"] * (x / z, y / z) + lens["center"]
     reach = radius * float(lens["focal"][0]) / z
@@ -159,7 +159,7 @@ def _draw_squares(axis: Any, lens: Any, position: FloatArray, radius: float, nam
         corner = share * reach * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
         axis.plot(u + corner[:, 0], v + corner[:, 1], "k", ls=style, lw=1.2)
     axis.plot(u, v, "x", color=MARK, ms=6, mew=2)
-    # Above the square where there is no room below it.
+    # Label above the square if there is no room below it.
     below, height = v + reach + 1, lens["height"]
     place, side = (below, "top") if below < 0.9 * height else (v - reach - 1, "bottom")
     axis.text(max(u - reach, 0), place, name, color=MARK, weight="bold", va=side, ha="left")
@@ -167,7 +167,7 @@ def _draw_squares(axis: Any, lens: Any, position: FloatArray, radius: float, nam
 
 
 def draw_rotations(scene: Scene) -> Figure:
-    """Rotations of the even grid by their rank, at the position on the object, in all label maps."""
+    """Draw rotations of the even grid by rank, at the candidate position on the object, in all label maps."""
     estimator, sight = scene.estimator, scene.sight
     position = min(found_positions(scene), key=lambda at: float(np.linalg.norm(at - scene.position)))
     grid, single, _ = estimator.search.grid
@@ -212,20 +212,20 @@ class Edges(NamedTuple):
     found: Array
     """(C, S) of OFFSET."""
     counts: Array
-    """(C,) strips of each camera."""
+    """(C,) number of strips of each camera."""
     reaches: Array
-    """(C,) half widths [px]."""
+    """(C,) half widths of the strips [px]."""
     distance: FloatArray
-    """(C, P) of the strips' pixels [px]."""
+    """(C, P) signed distances of the strips' pixels from the edge [px]."""
     values: FloatArray
-    """(C, 3, P) their colours."""
+    """(C, 3, P) colours of these pixels."""
     blurs: FloatArray
-    """(C,) standard deviations of the pictures' steps [px]."""
+    """(C,) standard deviations of the images' blurred steps [px]."""
     start: Start
-    """Response and rim."""
+    """Exponent of the response, and rim."""
 
     def left(self, c: int) -> tuple[Array, FloatArray]:
-        """Usable strips of camera c, and the offsets [px] that are left there."""
+        """Return the usable strips of camera c, and their residuals [px]."""
         usable = np.flatnonzero(self.found[c, : self.counts[c]]["usable"])
         exponent, rim = self.start.exponent, self.start.rim
         offsets = [residual(self.strips[c, s], self.found[c, s], np.zeros(6), exponent, rim) for s in usable]
@@ -233,7 +233,7 @@ class Edges(NamedTuple):
 
 
 def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: Start) -> Edges:
-    """Lay strips at a pose, and measure their offsets."""
+    """Place strips at a pose, and measure their offsets."""
     refiner, pictures = scene.estimator.refiner, scene.sight.pictures
     _, cameras, work = refiner.edges(pictures, rotation, position, start)
     parts = work.strips, work.found, cameras["strips"], cameras["reach"], work.distance, work.values
@@ -241,7 +241,7 @@ def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: St
 
 
 def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
-    """Strips at the best hypothesis after alignment on the label maps, and at the pose refined from it."""
+    """Return strips at the best hypothesis after alignment on the label maps, and at its refined pose."""
     estimator, sight = scene.estimator, scene.sight
     best = estimator.search.rounds(sight)(Round(places=1, first=2, others=0))[0]
     fit = estimator.refine(sight, best.rotation, best.position)
@@ -251,7 +251,7 @@ def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
 
 
 def draw_strips(scene: Scene, before: Edges) -> Figure:
-    """The strips of one camera with their offsets, and the pixels of one of them with the model's curves."""
+    """Draw one camera's strips with their offsets, and the pixels of one strip with the model's curves."""
     c = 0
     figure = Figure(figsize=(11, 5), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
@@ -279,7 +279,7 @@ def draw_strips(scene: Scene, before: Edges) -> Figure:
 
 
 def _clearest(edges: Edges, c: int, usable: Array) -> int:
-    """The strip on the object's outline whose offset exceeds its standard deviation most."""
+    """Return the strip on the object's outline with the largest offset in standard deviations."""
     found, strips = edges.found[c][usable], edges.strips[c][usable]
     clear = np.abs(found["offset"]) / np.sqrt(found["variance"])
     alone = (strips["outside"] == 0) & (strips["reach_in"] > 2 * edges.reaches[c])
@@ -287,7 +287,7 @@ def _clearest(edges: Edges, c: int, usable: Array) -> int:
 
 
 def _draw_profile(axis: Any, edges: Edges, c: int, s: int) -> None:
-    """The pixels of a strip and the curves of equation (8)."""
+    """Draw the pixels of a strip and the curves of equation (8)."""
     strip, blur = edges.strips[c, s], edges.blurs[c]
     offset, reach = float(edges.found[c, s]["offset"]), float(edges.reaches[c])
     fine = np.linspace(-reach, reach, 200)
@@ -297,7 +297,7 @@ def _draw_profile(axis: Any, edges: Edges, c: int, s: int) -> None:
         return np.stack([1 - step, step], axis=1)
 
     for k, (name, color) in enumerate(zip("BGR", ("#2457c5", "#1b8a3a", "#c8281e"), strict=True)):
-        # Of a mosaic each channel has pixels of its own.
+        # In a mosaic each channel has its own pixels.
         part = k if strip["count"][1] > 0 else 0
         pixels = slice(strip["first"][part], strip["first"][part] + strip["count"][part])
         at, values = edges.distance[c, pixels], edges.values[c, k, pixels]
@@ -329,7 +329,7 @@ def _draw_profile(axis: Any, edges: Edges, c: int, s: int) -> None:
 
 
 def draw_residuals(scene: Scene, before: Edges, after: Edges) -> Figure:
-    """What is left of the offsets before and after the refinement."""
+    """Draw the residuals before and after the refinement."""
     c = 0
     figure = Figure(figsize=(11, 4.4), layout="constrained")
     axes = figure.subplots(1, 3, width_ratios=(1, 1, 1.25))
@@ -357,7 +357,7 @@ def draw_residuals(scene: Scene, before: Edges, after: Edges) -> Figure:
 def _outline(
     scene: Scene, c: int, rotation: FloatArray, position: FloatArray
 ) -> list[tuple[int, FloatArray]]:
-    """Faces that camera c sees at a pose, and their corners (4, 2) [px]."""
+    """Return the faces that camera c sees at a pose, and their corners (4, 2) [px]."""
     camera = scene.rig[c]
     seen = cuboid.visible_faces(scene.model.size, rotation.T @ (camera.position - position))
     pixels = camera.project(position + cuboid.corners(scene.model.size) @ rotation.T)
@@ -365,7 +365,7 @@ def _outline(
 
 
 def _crop(axis: Any, scene: Scene, c: int, rim: float = 8.0) -> None:
-    """Show the part of camera c's picture that holds the object."""
+    """Show the region of camera c's image that contains the object."""
     pixels = np.concatenate([points for _, points in _outline(scene, c, scene.rotation, scene.position)])
     low, high = pixels.min(axis=0) - rim, pixels.max(axis=0) + rim
     axis.imshow(scene.images[c][..., ::-1], interpolation="nearest")
@@ -378,7 +378,7 @@ def _bare(axes: Any) -> None:
 
 
 def main(folder: Path, quick: bool) -> None:
-    """Draw all, and write them."""
+    """Draw and save all figures."""
     mpl.rcParams.update({"font.size": 10, "axes.titlesize": 10})
     scene = make_scene()
     before, after = before_and_after(scene)

@@ -1,14 +1,14 @@
-"""Fit the numbers of the evidence on scenes of the simulated platform, where the truth is known.
+"""Fit the numbers of the evidence to scenes of the simulated platform with known poses.
 
     python scripts/fit_confidence.py [SCENES] [NUMBER …]
 
-Only the numbers that are named are fitted, all if none is.
+Only the named numbers are fitted; without names, all.
 
-Right and wrong fits teach them: in a tidy world and in one with all imperfections of the real one, with all
-cameras, with two and with one, in odd light, in poor pictures, where there is no object, where another thing
-is shown, where pictures or channels were mixed up, and with another robot's calibration.
-Prints what tracker/pose/evidence.py and tracker/pose/judge.py hold, and how reliable it is: every third scene
-judges the numbers that the others teach.
+The data are right and wrong fits: in a tidy world and in one with all imperfections of the real one, with all
+cameras, with two and with one, in unusual light, in poor images, without the object, with look-alikes, with
+swapped images or channels, and with another robot's calibration.
+Prints the numbers for tracker/pose/evidence.py and tracker/pose/judge.py, and their reliability on every
+third scene when they are fitted to the others.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ from tracker.pose.rivals import reconcilable
 
 SEED = 101
 WEIGHTS = {"swapped": 0.5, "other calibration": 0.25}
-"""Of workloads that are rarer than these scenes have them, or that no evidence can tell."""
+"""Weights of workloads that are rarer in practice than here, or that no evidence can recognise."""
 
 PROBABILITIES = ("wrong", "misread", "hidden", "broken", "more", "alike", "colored")
 ODDS = ("body", "shape", "resized", "nothing", "offset")
-"""How numbers are searched: probabilities and odds by their log odds, all others by their logarithm."""
+"""Search variables: log odds for probabilities and odds, the logarithm for all others."""
 
 MISTAKES = 1e-4
-"""Probability at which a surprise costs no more."""
+"""Probability at which the loss of a surprising outcome is capped."""
 
 
 @dataclasses.dataclass
 class Cases:
-    """Fits and whether each is right."""
+    """Fits, and whether each is right."""
 
     seen: list[Array] = dataclasses.field(default_factory=list)
     labels: list[Array] = dataclasses.field(default_factory=list)
     numbers: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
-    """stands, by how much a body with another edge explains more, log odds of being near, probability that
-    the calibration fits and the arena holds it, right, weight, the scene's number."""
+    """stands, log evidence gained by other edge lengths, log odds of being near, probability that calibration
+    and arena are consistent with it, right, weight, the scene's number."""
     rivals: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     group: list[str] = dataclasses.field(default_factory=list)
 
     def add(self, found: list[Fit], right: list[bool], model: CuboidModel, group: str, scene: int) -> None:
-        """All fits to one set of pictures."""
+        """Add all fits to one set of images."""
         first, radius = len(self.seen), 0.5 * float(np.linalg.norm(model.size))
         for one, good in zip(found, right, strict=True):
             near = min(max(probably_near(one.covariance), 1e-6), 1 - 1e-6)
@@ -80,7 +80,7 @@ class Cases:
 
 
 def situations(object_name: str, scenes: int) -> Iterator[tuple]:
-    """Tracker, pictures, true pose, workload and number of each scene in each workload."""
+    """Yield tracker, images, true pose, workload and number of each scene in each workload."""
     plan = Plan(scenes, SEED, shares={**SHARES, LOOK_ALIKE: 0.4, "absent": 0.6})
     usual = [w for w in WORKLOADS if w.usual and object_name in w.objects]
     bases = dict.fromkeys(w.base for w in usual if w.base in ("realistic", "world", "absent"))
@@ -105,7 +105,7 @@ def situations(object_name: str, scenes: int) -> Iterator[tuple]:
 
 
 def collect(scenes: int) -> Cases:
-    """Every fit that is chosen from, in all situations."""
+    """Return every fit among which the tracker chooses, in all situations."""
     cases = Cases()
     for name in OBJECTS:
         for one, images, truth, group, number in situations(name, scenes):
@@ -127,14 +127,14 @@ def collect(scenes: int) -> Cases:
 
 @compiled
 def weigh_all(seen, labels, stands, numbers, out):  # type: ignore[no-untyped-def]
-    """Evidence (N, 5) of N fits, see `weighed`."""
+    """Compute the evidence (N, 5) of N fits, see `weighed`."""
     for i in range(len(seen)):
         here, body, shape, nothing, ahead = weighed(seen[i], labels[i], stands[i], numbers)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = here, body, shape, nothing, ahead
 
 
 class Model:
-    """Cases as arrays, and what numbers say of them."""
+    """Cases as arrays, and the confidence that numbers give them."""
 
     def __init__(self, cases: Cases) -> None:
         self.seen = np.array(cases.seen, dtype=SEEN)
@@ -145,7 +145,7 @@ class Model:
         self.group = np.array(cases.group)
 
     def confidence(self, values: dict[str, float]) -> FloatArray:
-        """(N,) of all fits."""
+        """Return the confidence (N,) of all fits."""
         numbers = Numbers(**{name: values[name] for name in Numbers._fields})
         out = np.empty((len(self.seen), 5))
         weigh_all(self.seen, self.labels, np.ascontiguousarray(self.stands), numbers, out)
@@ -160,7 +160,7 @@ class Model:
         return np.asarray(self.holds * near / (1 + against))
 
     def fit(self, start: dict[str, float], names: list[str], use: Array) -> dict[str, float]:
-        """The likeliest of some numbers for some of the cases, with all others."""
+        """Return the most likely values of the named numbers for the cases in `use`; others stay."""
         first = np.array([_searched(name, start[name]) for name in names])
 
         def loss(x: FloatArray) -> float:
@@ -179,7 +179,7 @@ class Model:
 
 
 def _exp(x: FloatArray) -> FloatArray:
-    """What no number can tell from 0 or infinity is neither."""
+    """Return the exponential of x, clipped to ±40 where it is practically 0 or infinite."""
     return np.exp(np.clip(x, -40.0, 40.0))
 
 
@@ -196,7 +196,7 @@ def _meant(name: str, value: float) -> float:
 
 
 def main(scenes: int, names: list[str]) -> None:
-    """Collect, fit, print; the reliability is that of the scenes held out."""
+    """Collect, fit, print; the reliability is measured on held-out scenes."""
     model = Model(collect(scenes))
     start = dict(NUMBERS._asdict()) | dict(zip(("offset", "growth"), NEARNESS, strict=True))
     names = names or list(start)

@@ -1,9 +1,9 @@
-"""Fit the probability that a die is real on scenes of the simulated platform, where the truth is known.
+"""Fit the probability that a die is real to scenes of the simulated platform with known poses.
 
     python scripts/fit_dice_probability.py [SCENES]
 
-Prints the weights that tracker/tasks/rearrange_dice/finder.py holds, with images and with masks alone, and
-how reliable they are on every third scene, which is left out of the fit.
+Prints the weights for tracker/tasks/rearrange_dice/finder.py, with images and with masks alone, and their
+reliability on every third scene, which is left out of the fit.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from tracker.conventions import Array, FloatArray
 from tracker.tasks.rearrange_dice import finder, segment_dice
 
 SEED = 71_000
-"""Of the scenes; the benchmarks take another."""
+"""Seed of the scenes; the benchmarks use another."""
 
 BINS = (0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 1.0)
 
 
 def gains_and_truth(scenes: int, *, shaded: bool) -> tuple[FloatArray, Array, Array]:
-    """Of every die reported: log of its gain, whether it is real, and whether its scene is left out."""
+    """Return, for every reported die, the log of its gain, whether it is real, and whether it is held out."""
     rig = sized(standard_rig(), 270)
     rows = []
     for kind in KINDS:
@@ -42,19 +42,19 @@ def gains_and_truth(scenes: int, *, shaded: bool) -> tuple[FloatArray, Array, Ar
 
 
 def log_odds(weights: FloatArray, gains: FloatArray) -> FloatArray:
-    """Log odds of dice of these log gains."""
+    """Return the log odds of dice with these log gains."""
     return weights[0] + weights[1] * gains
 
 
 def fit(gains: FloatArray, right: Array) -> FloatArray:
-    """Offset and slope (2,) of the most likely logistic model."""
+    """Return offset and slope (2,) of the most likely logistic model."""
     sign = np.where(right, 1.0, -1.0)
     found = minimize(lambda w: np.logaddexp(0, -sign * log_odds(w, gains)).sum(), np.array([0.0, 1.0]))
     return np.asarray(found.x, dtype=np.float64)
 
 
 def main(scenes: int = 150) -> None:
-    """Fit both models and print them."""
+    """Fit and print both models."""
     finder.LEAST = 0.0
     for shaded in (True, False):
         gains, right, held = gains_and_truth(scenes, shaded=shaded)

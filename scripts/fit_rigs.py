@@ -1,9 +1,9 @@
-"""How recorded calibrations are spread, for the random rigs of `synthetic.camera.rigs`.
+"""Measure the spread of recorded calibrations, for the random rigs of `synthetic.camera.rigs`.
 
     python scripts/fit_rigs.py REAL_FOLDER
 
-REAL_FOLDER holds `calibration/robots/rN_camera*.yml`. Prints mean and standard deviation of what a random
-camera is drawn by, at 270 × 270.
+REAL_FOLDER holds `calibration/robots/rN_camera*.yml`. Prints mean and standard deviation of the parameters of
+random cameras, at 270 × 270.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NAMES = (
 
 
 def figures(camera: Camera) -> list[float]:
-    """What NAMES says of one camera."""
+    """Return the values named by NAMES for one camera."""
     rotation, position = camera.camera_from_world[:3, :3], camera.position
     axis = rotation[2]
     distance = -position[2] / axis[2]
@@ -50,13 +50,13 @@ def figures(camera: Camera) -> list[float]:
         *(camera.matrix[:2, 2] - 134.5),
         *camera.distortion,
         1e3 * float(std[:3, 3].mean()),
-        # Of nine elements the mean square is two thirds of the variance of a turn about one axis.
+        # The mean square of the nine elements is 2/3 of the variance of a rotation about one axis.
         1e3 * float(np.sqrt(1.5 * (std[:3, :3] ** 2).mean())),
     ]
 
 
 def main(real: Path) -> None:
-    """Print the figures of every camera together."""
+    """Print the statistics over all cameras."""
     folder = real / "calibration" / "robots"
     robots = sorted({path.name.split("_")[0] for path in folder.glob("r*_camera*.yml")})
     rigs = [CameraRig.load(folder, pattern=f"{robot}_*.yml") for robot in robots]

@@ -1,15 +1,15 @@
-"""Find how far within the nominal edges the faces of recorded objects end.
+"""Measure how far within the nominal edges the faces of recorded objects end.
 
     python scripts/fit_rims.py REAL_FOLDER
 
-REAL_FOLDER holds `pose/OBJECT` with a triplet and its calibration. A wrong rim shows where cameras must
-agree: the pose from all cameras but one, predicted into the last, misses there, and one camera alone puts
-the object too near or too far. For each width of the rim, taken as exact, it prints the miss, and how much
-farther away than all cameras together one camera alone puts the object.
+REAL_FOLDER holds `pose/OBJECT` with a triplet and its calibration. A wrong rim makes cameras disagree: the
+pose from all cameras but one, projected into the last, misses there, and a single camera estimates the object
+too near or too far. For each width of the rim, taken as exact, the script prints the miss, and how much
+farther away a single camera puts the object than all cameras together.
 
-The last line of each triplet is the rim that all cameras together find, whatever the object's file states:
-0.2 mm for cube_v1, 0.6 mm for cube_v2 and 0.9 mm for the cuboid. `tracker/objects/data` says so, with a
-standard deviation for other objects of the kind.
+The last line of each triplet is the rim estimated by all cameras together, whatever the object's file states:
+0.2 mm for cube_v1, 0.6 mm for cube_v2 and 0.9 mm for the cuboid. `tracker/objects/data` states these values,
+with a standard deviation for other objects of the kind.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from tracker.pose.fit import Fit
 WIDTHS = np.arange(0.0, 0.00105, 0.0001)
 
 UNKNOWN = 3e-4, 6e-4
-"""A rim of which hardly anything is known, and its standard deviation [m]."""
+"""Weak prior of the rim: mean and standard deviation [m]."""
 
 
 def measure(
     detector: tracker.ObjectTracker, images: list[Image], width: float
 ) -> tuple[list[float], list[float]]:
-    """Misses in each camera [px], and how much farther away it puts the object by itself [mm]."""
+    """Return misses in each camera [px], and how much farther away each puts the object by itself [mm]."""
     model = dataclasses.replace(detector.model, rim=width, rim_std=LEAST_RIM_STD)
     exact = tracker.ObjectTracker(model, detector.rig, detector.colors)
     whole = exact.detect(list(images)).object_pose

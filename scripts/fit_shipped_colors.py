@@ -1,11 +1,11 @@
-"""Fit the colour models that come with the package, from the platform's labelled images.
+"""Fit the colour models that come with the package to the platform's labelled images.
 
     python scripts/fit_shipped_colors.py REAL_FOLDER
 
-REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT` and `dice`. Each object's model comes from its
-own labelled images, with a little weight on the other objects'. `simulation` comes from the pure
-colours that the platform's simulation shows, under shading; `dice` from the blue of one image. These two
-are fitted without veils: the renderer has none, and the dice's mask follows the blue into shade by itself.
+REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT` and `dice`. Each object's model is fitted to its own
+labelled images, with a small weight on those of the other objects. `simulation` is fitted to the pure colours
+of the platform's simulation under shading; `dice` to the blue of one image. These two are fitted without
+veils: the renderer has none, and the dice's mask follows the blue into shade by itself.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 DATA = Path(__file__).resolve().parent.parent / "tracker" / "segmentation" / "data"
 
 UNVEILED = FitOptions(shaded_share=0.0, reject=0.02)
-"""Neither shade nor veil, and twice the room for colours of no class."""
+"""Options without shade and veil, and with twice the share of rejected colours."""
 
 SIMULATION_RGB = {
     "red": (195, 48, 0),
@@ -40,7 +40,7 @@ SIMULATION_RGB = {
 
 
 def labelled_images(real: Path) -> dict[str, list[LabelledImage]]:
-    """Labelled images by object."""
+    """Return labelled images by object."""
     result = {}
     for name in OBJECTS:
         folders = [real / kind / name for kind in ("pose", "segmentation")]
@@ -49,7 +49,7 @@ def labelled_images(real: Path) -> dict[str, list[LabelledImage]]:
 
 
 def simulation_image(seed: int = 0) -> LabelledImage:
-    """A field of the simulation's colours under shading, with greys of all levels as background."""
+    """Return a field of the simulation's colours under shading, with greys of all levels as background."""
     rng = np.random.default_rng(seed)
     size = 240
     image = np.empty((size, size, 3), np.uint8)
@@ -65,7 +65,7 @@ def simulation_image(seed: int = 0) -> LabelledImage:
 
 
 def dice_image(real: Path) -> LabelledImage:
-    """The dice image; its mask is generous, so only its bluish pixels count as dice."""
+    """Return the dice image; its mask is generous, so only its bluish pixels count as dice."""
     image = read_image(real / "dice" / "test_image.png")
     mask = read_image(real / "dice" / "test_mask.png").max(axis=2) > 0
     level = apply_gains(image, find_light(image).gains).astype(int)
@@ -76,28 +76,28 @@ def dice_image(real: Path) -> LabelledImage:
 def face_histograms(
     images: dict[str, list[LabelledImage]], options: FitOptions
 ) -> dict[str, list[Histograms]]:
-    """Histograms of labelled images, by object."""
+    """Return the histograms of labelled images, by object."""
     return {name: [image_histograms(image, options) for image in images[name]] for name in images}
 
 
 def object_model(
     name: str, own: Sequence[Histograms], histograms: dict[str, list[Histograms]], options: FitOptions
 ) -> ColorModel:
-    """The model of an object from those of its images that `own` holds, and all images of other objects."""
+    """Return an object's model from its images in `own` and all images of other objects."""
     others = [h for other in histograms if other != name for h in histograms[other]]
     return combine(own, others, options, name=name)
 
 
 def simulation_model() -> ColorModel:
-    """The model of the simulation's colours."""
+    """Return the model of the simulation's colours."""
     options = dataclasses.replace(UNVEILED, brightness=0.12, channel=0.03, haze=2.0)
-    # The field's greys are neutral by design: it is as a normalised picture would be.
+    # The field's greys are neutral by design, as in a normalised image.
     field = image_histograms(simulation_image(), options, normalise=False)
     return combine([field], (), options, name="simulation")
 
 
 def dice_model(real: Path, histograms: dict[str, list[Histograms]]) -> ColorModel:
-    """The model of the dice's blue, before all backgrounds."""
+    """Return the model of the dice's blue against all backgrounds."""
     backgrounds = [{0: h[0]} for own in histograms.values() for h in own]
     dice = image_histograms(dice_image(real), UNVEILED)
     return combine([dice], backgrounds, UNVEILED, name="dice")

@@ -1,10 +1,10 @@
-"""What becomes of live tracking when something breaks in mid-run, each fault ten times.
+"""Test how live tracking survives faults in mid-run, each fault ten times.
 
     python scripts/live_faults.py [--times N] [--away SECONDS]
 
-Simulated cameras give a film of the simulated platform; faults are theirs, a subscriber's, the
-disk's, and the end of the whole process. Printed of each: whether tracking goes on, its statuses meanwhile,
-and after how many whole sets of pictures the object is found again; of recordings, how much is lost.
+Simulated cameras show a film of the simulated platform. Faults affect the cameras, a subscriber, the disk, or
+end the whole process. Printed for each: whether tracking continues, its statuses during the fault, and after
+how many complete sets of images the object is found again; for recordings, how much is lost.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NAMES = ("camera60", "camera180", "camera300")
 
 
 class Faults:
-    """What is wrong with the pretended cameras now."""
+    """The current faults of the simulated cameras."""
 
     def __init__(self) -> None:
         self.state: dict[int, str] = {}
@@ -48,7 +48,7 @@ class Faults:
 
 
 class Pretended:
-    """A camera that shows a film, or what its fault says."""
+    """A simulated camera that shows a film, or its fault."""
 
     triggered = True
 
@@ -80,7 +80,7 @@ class Pretended:
 
 
 class Run:
-    """Tracking of the pretended cameras, and all that was found."""
+    """Live tracking with the simulated cameras, and all its moments."""
 
     def __init__(self, film: Simulation, listeners: list[Callable[[Moment], None]]) -> None:
         self.faults, self.moments = Faults(), list[Moment]()
@@ -97,7 +97,7 @@ class Run:
     def fault(
         self, name: str, times: int, seconds: float, state: str = "", off: float = 0.0, cameras: int = 1
     ) -> None:
-        """Have a fault, and tell what became of it."""
+        """Cause a fault, and print its effects."""
         needed, statuses, faults = [], set[str](), dict[str, str]()
         for _ in range(times):
             before = len(self.moments)
@@ -128,7 +128,7 @@ class Run:
 
 
 def hanging(film: Simulation, times: int) -> None:
-    """A subscriber that connects and reads nothing."""
+    """Test subscribers that connect and read nothing."""
     publisher = ZmqPublisher("tcp://127.0.0.1:*")
     host, port = publisher.address.removeprefix("tcp://").split(":")
     run = Run(film, [publisher])
@@ -143,7 +143,7 @@ def hanging(film: Simulation, times: int) -> None:
 
 
 def full_disk(film: Simulation, times: int, folder: Path) -> None:
-    """A disk that takes no more after some frames."""
+    """Test a disk that is full after some frames."""
     append, kept = Hdf5LogWriter.append, []
 
     def limited(writer: Hdf5LogWriter, *arguments: object) -> None:
@@ -169,7 +169,7 @@ def full_disk(film: Simulation, times: int, folder: Path) -> None:
 
 
 def killed(times: int, folder: Path) -> None:
-    """Kill -9 of a process that records."""
+    """Test kill -9 of a process that records."""
     lost = []
     for number in range(times):
         path = folder / f"killed{number}.h5"
@@ -188,7 +188,7 @@ def killed(times: int, folder: Path) -> None:
 
 
 def record(path: Path) -> None:
-    """Record for ever; for `killed`."""
+    """Record forever; run by `killed`."""
     film = Simulation("cube_v2", frames=2)
     recorder = Recorder(path, film.rig)
     print_moment = lambda m: print(json.dumps({"sequence": m.sequence, "timestamp": m.timestamp}), flush=True)  # noqa: E731
@@ -198,7 +198,7 @@ def record(path: Path) -> None:
 
 
 def main(times: int, away: float) -> None:
-    """Have all faults."""
+    """Test all faults."""
     film = Simulation("cube_v2", frames=12)
     run = Run(film, [])
     run.fault("a failed buffer", times, 0.3, "failed")

@@ -1,8 +1,8 @@
-"""The lowest versions that pyproject.toml allows, as requirements for pip: `name==version` on each line.
+"""Print the lowest versions that pyproject.toml allows as requirements for pip, one `name==version` per line.
 
     python scripts/lowest_versions.py [--python VERSION] [EXTRA ...]
 
-Of the project itself, of the extras that are named, and of what the tests run with.
+They are those of the project itself, of the named extras, and of the packages that run the tests.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ else:
 
 PROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
 RUNNERS = ("pytest", "hypothesis", "pytest-xdist", "pytest-timeout")
-"""What the extra `dev` has that runs tests, beside what checks the code."""
+"""Packages of the extra `dev` that run tests; the others check the code."""
 
 
 def requirements(*extras: str, python: str) -> Iterator[Requirement]:
-    """What the project and some of its extras need on a Python, such as "3.10".
+    """Yield what the project and some of its extras require on a Python version, such as "3.10".
 
     Raises:
-        KeyError: there is no such extra.
+        KeyError: an extra does not exist.
     """
     project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
     lists = [project["dependencies"], *(project["optional-dependencies"][extra] for extra in extras)]
@@ -44,10 +44,10 @@ def requirements(*extras: str, python: str) -> Iterator[Requirement]:
 
 
 def lowest(requirement: Requirement) -> Version:
-    """The lowest version that a requirement allows.
+    """Return the lowest version that a requirement allows.
 
     Raises:
-        ValueError: it states none.
+        ValueError: it states no lowest version.
     """
     found = [one.version for one in requirement.specifier if one.operator in (">=", "==")]
     if len(found) != 1:

@@ -1,4 +1,4 @@
-"""Make the recording that `tracker demo` tracks: a short film of the simulated platform, with its truth.
+"""Make the recording for `tracker demo`: a short film of the simulated platform, with its ground truth.
 
     python scripts/make_demo.py
 
@@ -23,7 +23,7 @@ OBJECT, COUNT, SEED, QUALITY = "cube_v2", 20, 5, 95
 
 
 def main() -> None:
-    """Simulate, and write."""
+    """Simulate and write the recording."""
     rig = sized(standard_rig(), 270)
     shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir()

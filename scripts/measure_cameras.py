@@ -1,10 +1,10 @@
-"""Measure the cameras of recorded pictures, and compare rendered pictures with them.
+"""Measure the cameras of recorded images, and compare rendered images with them.
 
     python scripts/measure_cameras.py REAL_FOLDER [--scenes N] [--effects NAMES]
 
-REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT`, `dice` and `charuco`. Prints what each picture says of
-the camera that took it, the figures that the distributions of `synthetic.camera` are drawn with, and of
-recorded and rendered pictures of the same kind the medians side by side.
+REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT`, `dice` and `charuco`. Prints the camera measurements
+of each image, the figures behind the distributions of `synthetic.camera`, and the medians of recorded and
+rendered images of the same kind side by side.
 """
 
 from __future__ import annotations
@@ -34,26 +34,26 @@ from synthetic.frames import frames
 from tracker.conventions import FloatArray, Image
 
 SEED = 60_613
-"""Of the rendered pictures; other than those that anything is judged on."""
+"""Seed of the rendered images; different from those of any evaluation."""
 
 KINDS = {"540, new": ("cube_v2", 540, "new"), "270, old": ("cuboid_2x2x8_v2", 270, "old")}
-"""Kinds of recorded pictures: object, height [px] and path of rendered ones like them."""
+"""Kinds of recorded images: object, height [px] and path of the corresponding rendered ones."""
 
 LIKE_RECORDED = tuple(
     name for name in NAMES if name not in ("sharpening", "calibration", "compression", "timing")
 )
-"""Effects that the recorded mosaics show: nothing sharpened or compressed them, and nothing moved."""
+"""Effects that recorded mosaics show: nothing sharpened or compressed them, and nothing moved."""
 
 LEVELS = (40, 80, 120)
-"""At which noise is stated [steps of 8 bits]."""
+"""Levels at which noise is reported [steps of 8 bits]."""
 
 SHARP = 25
-"""Percentile of the blurs of a picture's edges that is taken for the lens's: most edges are round or shaded,
+"""Percentile of the blurs of an image's edges that is attributed to the lens: most edges are round or shaded,
 few are sharp."""
 
 
 def measure(image: Image) -> dict[str, float]:
-    """Every figure of a picture."""
+    """Return all measurements of an image."""
     result: dict[str, float] = {}
     for channel, name in enumerate(CHANNELS):
         found = [edge for edge in edges(image, channel, 250) if edge is not None]
@@ -77,7 +77,7 @@ def measure(image: Image) -> dict[str, float]:
 
 
 def recorded(real: Path) -> dict[str, dict[str, Image]]:
-    """Pictures of each kind by name: those that are mosaics to the bit."""
+    """Return images of each kind by name, if they are mosaics to the bit."""
     paths = [*sorted(real.glob("pose/*/camera*.png")), *sorted(real.glob("segmentation/*/*_image.png"))]
     result: dict[str, dict[str, Image]] = {kind: {} for kind in KINDS}
     for path in [*paths, real / "dice" / "test_image.png"]:
@@ -89,7 +89,7 @@ def recorded(real: Path) -> dict[str, dict[str, Image]]:
 
 
 def rendered(kind: str, scenes: int, effects: str) -> dict[str, Image]:
-    """Pictures of all cameras of some scenes."""
+    """Return images of all cameras for some scenes."""
     name, size, path = KINDS[kind]
     made = frames(name, scenes, SEED, size=size, path=path, empty=0.0, effects=Effects.of(effects).names)
     return {f"{frame.index}/{c}": image for frame in made for c, image in enumerate(frame.images)}
@@ -105,7 +105,7 @@ def _medians(rows: Iterable[dict[str, float]]) -> dict[str, float]:
 
 
 def print_pictures(rows: dict[str, dict[str, float]]) -> None:
-    """One line for each picture; three figures are those of blue, green and red."""
+    """Print one line for each image; three values are those of blue, green and red."""
     heads = "blur [px] | over dark | over bright | exponent | noise at 40 | at 120 | share of 0 | blocks"
     print(f"| picture | {heads} |\n|---|---|---|---|---|---|---|---|---|")
     for name, row in rows.items():
@@ -116,7 +116,7 @@ def print_pictures(rows: dict[str, dict[str, float]]) -> None:
 
 
 def print_photos(real: Path) -> None:
-    """What the photos of the board say: they are neutral, sharp, and the board is everywhere in them."""
+    """Print measurements of the board's photos: they are neutral, sharp, and the board covers all of them."""
     paths = sorted(real.glob("charuco/intrinsic_camera/*.jpeg"))
     falls, shifts = [], []
     for path in paths:
@@ -135,7 +135,7 @@ def print_photos(real: Path) -> None:
 
 
 def _table(quality: int) -> tuple[int, ...]:
-    """The beginning of the luma table of a JPEG of this quality, as it stands in the file."""
+    """Return the first entries of the luma table of a JPEG of this quality, in the file's order."""
     base = np.array([16, 11, 10, 16, 24, 40, 51, 61])
     scale = 5000 // quality if quality < 50 else 200 - 2 * quality
     return tuple(np.clip((base * scale + 50) // 100, 1, 255).tolist())
@@ -148,7 +148,7 @@ def _spread(values: FloatArray) -> str:
 
 
 def print_comparison(title: str, real: dict[str, float], made: dict[str, float]) -> None:
-    """Medians of recorded and of rendered pictures, and their ratios."""
+    """Print medians of recorded and of rendered images, and their ratios."""
     print(f"\n| {title} | recorded | rendered | ratio |\n|---|---|---|---|")
     for key in real:
         if not key.startswith(("over", "black", "exponent")):

@@ -1,10 +1,10 @@
-"""Measure what edges of the object look like: in the recorded triplets, and rendered with the same poses.
+"""Measure the appearance of the object's edges in recorded triplets, and rendered with the same poses.
 
     python scripts/measure_edges.py REAL_FOLDER [--effects none|world|NAMES] [--draws N]
 
-Across every edge that is seen on both of its sides profiles of the picture are taken, aligned on the line
-that they themselves show, and averaged. Of each one: how far the brightness goes beyond that of both sides
-(a glint, a dark seam), how wide the step is, and how far single profiles stray from the line.
+Across every edge with both sides in view, intensity profiles are aligned on the edge line that they show
+themselves, and averaged. Measured for each edge: how far the brightness exceeds the range of both sides (a
+glint, a dark seam), the width of the step, and the scatter of single profiles about the line.
 """
 
 from __future__ import annotations
@@ -24,54 +24,54 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners, face_centers
 
 STEP = 0.25
-"""Between the values of a profile [px]."""
+"""Spacing of the samples of a profile [px]."""
 
 REACH, SIDE, MIDDLE = 8.0, (3.5, 6.0), 2.0
-"""Half the length of a profile, where its sides are taken to be even, and how far from the edge its rim may
-show [px]."""
+"""Half the length of a profile, the range in which its sides are assumed even, and the largest distance from
+the edge at which its rim may show [px]."""
 
 SEARCH = 3.0
-"""How far from the projected edge the picture's may lie [px]."""
+"""Largest distance between the projected edge and the image's [px]."""
 
 LEAST = 12
-"""Profiles that an edge needs; one on which the object stands, half as many."""
+"""Smallest number of profiles of an edge; half as many for edges on which the object stands."""
 
 STANDING = 0.003
-"""Ends of an edge on which the object stands are no higher than this above its lowest corner [m]."""
+"""Largest height above the object's lowest corner of the ends of an edge on which it stands [m]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EdgeProfile:
-    """The mean profile across one edge in one picture."""
+    """The mean profile across one edge in one image."""
 
     inner: bool
-    """Between two faces in view; else between a face and what is behind it."""
+    """Whether it is between two visible faces; otherwise between a face and the background."""
     values: FloatArray
-    """(N, 3) BGR levels, from the face in view (of inner edges the first one) to the other side."""
+    """(N, 3) BGR levels, from the visible face (of inner edges the first one) to the other side."""
     sides: FloatArray
-    """(2, 3) levels of both sides."""
+    """(2, 3) BGR levels of both sides."""
     stray: float
     """Standard deviation of single profiles from the line [px]."""
     offset: float
-    """Of the line from where the pose has it, in the middle [px]; outwards of outer edges."""
+    """Offset of the line's middle from the projected edge [px]; positive outwards for outer edges."""
     lower: bool = False
-    """An outer edge on which the object stands, as the pose has it."""
+    """Whether it is an outer edge on which the object stands, by the pose."""
     px_per_mm: float = np.nan
-    """Pixels to a millimetre at the edge's middle."""
+    """Pixels per millimetre at the edge's middle."""
 
     @property
     def over(self) -> float:
-        """By how much the rim is brighter than both sides [levels]."""
+        """Excess of the rim's brightness over both sides [levels]."""
         return float(max(self._rim().max() - self.sides.mean(axis=1).max(), 0.0))
 
     @property
     def under(self) -> float:
-        """By how much the rim is darker than both sides [levels]."""
+        """Deficit of the rim's brightness below both sides [levels]."""
         return float(max(self.sides.mean(axis=1).min() - self._rim().min(), 0.0))
 
     @property
     def width(self) -> float:
-        """From 10 to 90 % of the step [px]."""
+        """Width of the step from 10 to 90 % [px]."""
         step = self.sides[1] - self.sides[0]
         share = (self.values - self.sides[0]) @ step / (step @ step)
         offsets = _offsets()
@@ -88,7 +88,7 @@ def _offsets() -> FloatArray:
 
 
 def edge_profiles(triplet: Triplet) -> Iterator[EdgeProfile]:
-    """Profiles of all edges in all pictures that show enough of them."""
+    """Yield profiles of all edges in all images that show enough of them."""
     size = triplet.model.size
     points = corners(size) @ triplet.rotation.T + triplet.position
     centers = face_centers(size) @ triplet.rotation.T + triplet.position
@@ -116,7 +116,7 @@ def edge_profiles(triplet: Triplet) -> Iterator[EdgeProfile]:
 def _profile(
     view: View, line: FloatArray, middle: FloatArray, labels: Sequence[int], least: int
 ) -> EdgeProfile | None:
-    """Of a face and what is beside it, by their labels; None: fewer than `least` profiles show it."""
+    """Return the profile between two labels; None if fewer than `least` single profiles show it."""
     first, second = labels
     tangent = line[-1] - line[0]
     length = float(np.linalg.norm(tangent))
@@ -124,7 +124,7 @@ def _profile(
     if normal @ (middle - line.mean(axis=0)) > 0:
         normal = -normal
     line = line[:: max(1, int(len(line) / length))]
-    # Wide enough that a face of 8 px is one, in pictures of half the size.
+    # The sides are wide enough for a face of 8 px, in images of half the size.
     scale = min(1.0, view.image.shape[0] / 540 + 0.25)
     offsets = _offsets()
     sides = [scale * (SIDE[0] + SIDE[1]) / 2 * sign for sign in (-1, 1)]
@@ -160,7 +160,7 @@ def _profile(
 
 
 def _crossings(share: Array, offsets: FloatArray) -> FloatArray:
-    """Where each row of shares (N, K) first goes from below to above a half within SEARCH; NaN: nowhere."""
+    """Return, for each row of shares (N, K), the rise through 0.5 nearest to 0 within SEARCH; NaN: none."""
     result = np.full(len(share), np.nan)
     near = np.flatnonzero(np.abs(offsets) <= SEARCH)
     for row, values in enumerate(share):
@@ -172,14 +172,14 @@ def _crossings(share: Array, offsets: FloatArray) -> FloatArray:
 
 
 def _sampled(image: Array, line: FloatArray, normal: FloatArray, offsets: FloatArray) -> Array:
-    """Values (N, K, …) of a picture at offsets (K,) [px] along `normal` (2,) from points (N, 2)."""
+    """Return values (N, K, …) of an image at offsets (K,) [px] along `normal` (2,) from points (N, 2)."""
     places = (line[:, None] + offsets[:, None] * normal).astype(np.float32)
     how = cv2.INTER_NEAREST if image.ndim == 2 else cv2.INTER_LINEAR
     return np.asarray(cv2.remap(image, places[..., 0].copy(), places[..., 1].copy(), how))
 
 
 def summary(profiles: Iterable[EdgeProfile]) -> list[str]:
-    """Cells of the table's row."""
+    """Return the cells of the table's row."""
     cells: list[str] = []
     known = list(profiles)
     for inner in (True, False):
@@ -199,9 +199,9 @@ def summary(profiles: Iterable[EdgeProfile]) -> list[str]:
 
 
 def feet(profiles: Iterable[EdgeProfile]) -> list[str]:
-    """Cells of the table of where faces end that are lighter than what is behind them.
+    """Return cells about where faces end that are lighter than their background.
 
-    Over edges on which the object stands, and over its other outer edges.
+    They are for edges on which the object stands, and for its other outer edges.
     """
     outer = [p for p in profiles if not p.inner and p.sides[0].max() > p.sides[1].max()]
     cells: list[str] = []

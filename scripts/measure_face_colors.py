@@ -1,11 +1,11 @@
-"""Measure the colours of faces in the platform's labelled images, for pictures that look like them.
+"""Measure the colours of faces in the platform's labelled images, for rendering.
 
     python scripts/measure_face_colors.py REAL_FOLDER
 
 REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT` and `dice`. Writes
 synthetic/look/data/face_colors.json.
-An object at rest shows one face from above, which is the one whose pixels lie highest in the picture, and
-others from the side, which get less light; the table says which it was.
+An object at rest shows one face from above, whose pixels are the highest in the image, and others from the
+side, which get less light; the table states which it was.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from tracker.segmentation.light import TARGET_GREY, find_light
 DATA = Path(__file__).resolve().parent.parent / "synthetic" / "look" / "data" / "face_colors.json"
 
 MIN_PIXELS = 20
-"""Fewer than these within a mask without its rim: the mask as it is."""
+"""Smallest number of pixels of a mask without its rim; smaller masks keep their rim."""
 
 BLOCK = 8
-"""Edge of the squares [px] whose means tell dirt from noise, which they average out."""
+"""Side of the squares whose means average out noise, but not dirt [px]."""
 
 
 def inner(mask: Array) -> Array:
-    """A mask without its rim, where two surfaces mix; as it is where nothing would be left."""
+    """Return a mask without its rim, where two surfaces mix; unchanged if too little would be left."""
     smaller = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     return smaller if smaller.sum() >= MIN_PIXELS else mask
 
 
 def dirt(image: Image, mask: Array) -> float | None:
-    """Relative standard deviation of the strongest channel's light between squares; None: too few."""
+    """Return the relative standard deviation of the strongest channel's light between squares, or None."""
     channel = int(np.argmax(np.median(image[mask], axis=0)))
     light = linear(image[..., channel])
     if np.median(image[mask][:, channel]) > 245:  # nothing varies where the sensor is saturated
@@ -54,7 +54,7 @@ def dirt(image: Image, mask: Array) -> float | None:
 
 
 def measure(images: list[LabelledImage]) -> dict[str, Any]:
-    """What one object's images say of each of its colours."""
+    """Return the measurements of one object's colours."""
     seen: dict[str, list[tuple[FloatArray, bool, float | None]]] = {}
     for labelled in images:
         gains = find_light(labelled.image).gains
@@ -80,7 +80,7 @@ def measure(images: list[LabelledImage]) -> dict[str, Any]:
 
 
 def main(real: Path) -> None:
-    """Measure and write."""
+    """Measure and write the table."""
     objects = {name: measure(images) for name, images in labelled_images(real).items()}
     objects["dice"] = measure([dice_image(real)])
     about = (

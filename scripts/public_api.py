@@ -1,9 +1,9 @@
-"""Write the names and signatures of all that is public: tests/public_api.txt, to which a test holds them.
+"""Write the names and signatures of the public API to tests/public_api.txt, with which a test compares it.
 
     python scripts/public_api.py
 
-Public is what `tracker` names, what the documentation's reference shows, and what the packages that the pages
-speak of name. A change there is one that users notice: it belongs into CHANGELOG.md.
+Public are the names that `tracker` exports, that the documentation's reference shows, and that the packages
+in the documentation's pages export. Users notice a change there: it belongs in CHANGELOG.md.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SHOWN = re.compile(r"^::: ([\w.]+)$", re.MULTILINE)
 
 
 def public_api() -> str:
-    """The snapshot: a line for each public name, signatures as the sources have them."""
+    """Return the snapshot: a line for each public name, with signatures as in the sources."""
     return "".join(f"{line}\n" for line in _lines())
 
 
@@ -41,7 +41,7 @@ def _lines() -> Iterator[str]:
 
 
 def _described(name: str, home: str) -> Iterator[str]:
-    """What the sources say of `home`, called `name`."""
+    """Yield the lines for `home`, under the public name `name`."""
     module, _, last = home.rpartition(".")
     node = _defined(_tree(module))[last]
     if isinstance(node, ast.FunctionDef):
@@ -67,7 +67,7 @@ def _signature(name: str, node: ast.FunctionDef) -> str:
 
 
 def _home(name: str) -> str:
-    """Where a name is defined: imports are followed."""
+    """Return where a name is defined, following imports."""
     module, _, last = name.rpartition(".")
     tree = _tree(module)
     if last in _defined(tree):
@@ -82,7 +82,7 @@ def _home(name: str) -> str:
 
 
 def _defined(tree: ast.Module) -> dict[str, ast.AST]:
-    """What a module itself defines, without what is private."""
+    """Return what a module itself defines, except private names."""
     found: dict[str, ast.AST] = {}
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
@@ -95,7 +95,7 @@ def _defined(tree: ast.Module) -> dict[str, ast.AST]:
 
 
 def _exported(tree: ast.Module) -> list[str]:
-    """What a module hands on: the names of `__all__`, or those that it imports as themselves."""
+    """Return a module's exports: the names of `__all__`, or those imported under their own name."""
     for node in tree.body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return list(ast.literal_eval(node.value))
@@ -109,7 +109,7 @@ def _exported(tree: ast.Module) -> list[str]:
 
 
 def _tree(module: str) -> ast.Module:
-    """The source of a module."""
+    """Return the syntax tree of a module's source."""
     place = ROOT.joinpath(*module.split("."))
     path = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
     return ast.parse(path.read_text(encoding="utf-8"))

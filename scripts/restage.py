@@ -1,6 +1,6 @@
-"""Recorded triplets staged once more: the same calibration and pose, rendered.
+"""Recorded triplets, rendered again with the same calibration and pose.
 
-The pose is the one that the tracker finds. Calibrated worlds float some millimetres above or below the table:
+The pose is the tracker's estimate. Calibrated worlds float some millimetres above or below the table, so
 object and cameras are raised together until the object rests on it.
 """
 
@@ -28,41 +28,41 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 
 POSED = {"cube_v1": "new", "cube_v2": "new", "cuboid_2x2x8_v2": "old"}
-"""Objects that there is a triplet of, and how its pictures were recorded."""
+"""Objects with a recorded triplet, and how its images were recorded."""
 
 _DARK = 30
-"""Of pictures whose light is compared, values below this count as the dark around the arena."""
+"""Value below which pixels are ignored as the dark around the arena when light is compared."""
 
 _TRIES, _SEEN = 8, 0.8
-"""Draws of fingers, until every camera sees this share of the object."""
+"""Number of draws of fingers, until every camera sees this share of the object."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class View:
-    """One picture, and what is known of it."""
+    """One image, its labels and its camera."""
 
     image: Image
     """(H, W, 3) uint8 BGR."""
     labels: Image
-    """(H, W) uint8: 0 other, 1 red … 6 yellow."""
+    """(H, W) uint8 label map: 0 other, 1 red … 6 yellow."""
     camera: Camera
-    """With which it was taken."""
+    """The camera that took it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Triplet:
-    """The pictures of one object by all cameras, and its pose."""
+    """Images of one object from all cameras, and its pose."""
 
     model: tracker.CuboidModel
     views: tuple[View, ...]
     position: FloatArray
-    """(3,) [m]."""
+    """(3,) position [m]."""
     rotation: FloatArray
-    """(3, 3) world from object."""
+    """(3, 3) world_from_object."""
 
 
 def recorded(real: Path, name: str) -> Triplet:
-    """The recorded triplet of an object, with its hand-made masks and the pose that the tracker finds."""
+    """Return an object's recorded triplet, with its hand-made masks and the tracker's pose."""
     folder = real / "pose" / name
     images = {image.name.split("camera")[1]: image for image in read_labelled(folder)}
     rig, model = tracker.CameraRig.load(folder), tracker.load_object(name)
@@ -77,9 +77,9 @@ def recorded(real: Path, name: str) -> Triplet:
 def restaged(
     platform: Platform, record: Triplet, seed: int, effects: Effects, *, blur: float | None = None
 ) -> Triplet:
-    """The triplet as the generator would have it, with colours, light and fingers drawn from `seed`.
+    """Render the triplet with the generator, with colours, light and fingers drawn from `seed`.
 
-    `blur` [px at 540] replaces what the sensor draws.
+    `blur` [px at 540] replaces the sensor's random blur.
     """
     rng = np.random.default_rng(seed)
     raised = np.array([0.0, 0.0, -lowest(record.model.size, record.rotation) - record.position[2]])
@@ -122,7 +122,7 @@ def _raised(camera: Camera, by: FloatArray) -> Camera:
 
 
 def _like(unit: Unit, first: CameraShot, view: View) -> CameraSettings:
-    """Settings that give the surroundings of the object the light that they have in the record."""
+    """Return settings that give the object's surroundings the same light as in the recorded image."""
     here = _light_around(first.image, first.labels, unit.sensor)
     there = _light_around(view.image, view.labels, unit.sensor)
     gains = unit.settings.gains * np.clip(there / here, 0.2, 5.0)
@@ -130,7 +130,7 @@ def _like(unit: Unit, first: CameraShot, view: View) -> CameraSettings:
 
 
 def _light_around(image: Image, labels: Image, sensor: Sensor) -> FloatArray:
-    """Median light (3,) BGR of what is no object and not quite dark."""
+    """Return the median light (3,) BGR of pixels that are neither object nor almost black."""
     values: Array = image[(labels == 0) & (image.max(axis=2) > _DARK)]
     result: FloatArray = np.median(linear(values, sensor.gamma), axis=0) + sensor.black
     return result

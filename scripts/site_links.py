@@ -1,4 +1,4 @@
-"""A hook of MkDocs: reports of measurements are pages, examples are shown, other code is no link."""
+"""A hook of MkDocs: it adds reports as pages, shows examples, and turns links to other code into text."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 REPORTS = (Path("benchmarks/results.md"), Path("benchmarks/tools.md"), Path("CHANGELOG.md"))
-"""Pages that stand elsewhere: beside what measures them, and where people look for them."""
+"""Pages from outside docs/: beside what measures them, or where people look for them."""
 
 OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./([^)#]+)([^)]*)\)")
 
 EXAMPLE = re.compile(r"^\[`(examples/\w+\.py)`\]\(\.\./\1\)$", re.MULTILINE)
-"""A line that links to an example and to nothing else."""
+"""A line with a link to an example and nothing else."""
 
 BESIDE = re.compile(r"\]\((\w[\w-]*\.md)\)")
 
@@ -22,17 +22,17 @@ PAGES = re.compile(r"\]\(\.\./docs/")
 
 
 SHORT = re.compile(r"^\[[^\]]+\]\(\.\./README\.md#accuracy\)$", re.MULTILINE)
-"""A line that links to the README's figures and to nothing else."""
+"""A line with a link to the README's figures and nothing else."""
 
 IN_TABLE = re.compile(r"(?<=<td>)(?:(?!</td>).)*<code>.*?(?=</td>)", re.DOTALL)
 JOINT = re.compile(r"(?<=[\w)])(?=[_./](?=\w))")
 
 
 def _link(found: re.Match[str]) -> str:
-    """A link to a file of the repository that is no page: its words alone, the path when pointed at.
+    """Replace a link to a file that is no page by its words, with the path as a tooltip.
 
     Raises:
-        FileNotFoundError: there is no such file, which fails the build.
+        FileNotFoundError: the file does not exist, which fails the build.
     """
     if not (ROOT / found[2]).exists():
         raise FileNotFoundError(f"a page links to ../{found[2]}, which is not there")
@@ -43,12 +43,12 @@ def _link(found: re.Match[str]) -> str:
 
 
 def _example(found: re.Match[str]) -> str:
-    """The example's text below its name: a reader of the site has no repository."""
+    """Add the example's text below its name, since a reader of the site has no repository."""
     return f"`{found[1]}`:\n\n```python\n{(ROOT / found[1]).read_text(encoding='utf-8')}```"
 
 
 def on_config(config: Any, **_: Any) -> Any:
-    """The settings, with the version below each page."""
+    """Return the settings, with the version below each page."""
     from tracker import __version__
 
     config["copyright"] = f"Version {__version__}"
@@ -56,7 +56,7 @@ def on_config(config: Any, **_: Any) -> Any:
 
 
 def on_files(files: Any, *, config: Any, **_: Any) -> Any:
-    """The pages, and the reports."""
+    """Return the pages, with the reports added."""
     from mkdocs.structure.files import File
 
     root = Path(config["config_file_path"]).parent
@@ -66,13 +66,13 @@ def on_files(files: Any, *, config: Any, **_: Any) -> Any:
 
 
 def _figures() -> str:
-    """The README's figures, for readers of the site."""
+    """Return the README's figures, for readers of the site."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     return readme.partition("-->\n")[2].partition("\n<!-- /figures")[0]
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """The page with joints at which names in tables may break."""
+    """Return the page with points at which names in tables may break."""
     return IN_TABLE.sub(lambda cell: re.sub(r"<code>[^<]*</code>", _jointed, cell[0]), html)
 
 
@@ -81,16 +81,16 @@ def _jointed(code: re.Match[str]) -> str:
 
 
 BOOST = {"troubleshooting.md": 3.0, "results.md": 0.3, "tools.md": 0.2, "CHANGELOG.md": 0.3}
-"""Weights of pages in the search: a symptom leads to its remedy first."""
+"""Weights of pages in the search, which put a symptom's remedy first."""
 
 
 def on_page_markdown(markdown: str, *, page: Any = None, **_: Any) -> str:
-    """The page's text with links that lead to a page of the site."""
+    """Return the page's text with links to pages of the site."""
     if page is not None and page.file.src_uri in BOOST:
         page.meta["search"] = {"boost": BOOST[page.file.src_uri]}
     for report in REPORTS:
         if page is not None and page.file.src_uri == report.name:
-            # In the repository they are elsewhere than the other pages.
+            # The repository has the report in another folder than the other pages.
             markdown = PAGES.sub("](", BESIDE.sub(rf"](../{report.parent}/\1)", markdown))
     markdown = SHORT.sub(lambda _: _figures(), EXAMPLE.sub(_example, markdown))
     return OUTSIDE.sub(_link, markdown)

@@ -1,4 +1,4 @@
-"""A hook of MkDocs: formulas become MathML when the site is built, so that its pages load no script."""
+"""A hook of MkDocs: it turns formulas into MathML during the build, so that pages load no script."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ NUMBER = re.compile(r"\\tag\{(\d+)\}")
 
 
 def mathml(formula: str, display: str = "inline") -> str:
-    """The formula as browsers draw it.
+    """Return the formula as MathML.
 
-    Fences of a fixed size become such that grow: an exponent then belongs to what they hold rather than to
-    the last of them. A function's name stands a little apart from what follows.
+    Delimiters of fixed size become growing ones, so that an exponent belongs to all that they enclose rather
+    than to the last term. A small space follows a function's name.
 
     Raises:
-        ValueError: a command that the converter does not know.
+        ValueError: the converter does not know a command.
     """
     grown = FENCED.sub(lambda found: {"l": r"\left", "r": r"\right"}[found[1]], formula)
     found = convert(grown, display=display)
@@ -36,27 +36,27 @@ def _block(language: str, text: str) -> str:
     if language != "math":
         return f"```{language}\n{text}```"
     formula, number = text.strip(), NUMBER.search(text)
-    # What stands side by side goes below each other where a screen is narrow.
+    # On a narrow screen, formulas that stand side by side go below each other.
     math = "".join(mathml(part, "block") for part in NEXT.split(NUMBER.sub("", formula)))
     label = f"<span>({number[1]})</span>" if number else ""
     return f'<div class="equation" id="equation-{number[1] if number else ""}"><div>{math}</div>{label}</div>'
 
 
 def _inline(found: re.Match[str]) -> str:
-    # A bar would end the cell of a table, and a paragraph that begins with <math> would be a block of it.
+    # A bar would end the cell of a table, and a paragraph that begins with <math> would become a block.
     return found[1] or f"<span>{mathml(found[2]).replace('|', '&#124;')}</span>"
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """The page's text with formulas as GitHub has them, `$…$` and fences of `math`, made MathML.
+    """Return the page's text with formulas in GitHub's syntax, `$…$` and fences of `math`, as MathML.
 
     Raises:
-        ValueError: its equations are not numbered in their order, which fails the build.
+        ValueError: its equations are not numbered in order, which fails the build.
     """
     numbers = [int(number) for number in NUMBER.findall(markdown)]
     if numbers != list(range(1, len(numbers) + 1)):
         raise ValueError(f"equations are numbered {numbers}, expected 1, 2, 3 …")
-    # Between two fences: words, then the language and text of the next.
+    # Text, then language and content of each fence, alternate.
     parts = FENCE.split(markdown)
     words = (INLINE.sub(_inline, part) for part in parts[::3])
     blocks = (_block(*fence) for fence in zip(parts[1::3], parts[2::3], strict=True))

@@ -1,11 +1,11 @@
-"""Try `tracker batch` the hard way: what two workers gain over one, and killing workers and whole runs.
+"""Stress-test `tracker batch`: the gain of two workers over one, and killed workers and runs.
 
     python scripts/try_batch.py scale RECORDING --copies 60
     python scripts/try_batch.py kill RECORDING --copies 12 --times 5 --seed 1
 
-Both take copies of one recording with its calibration. `kill` sends SIGKILL at random moments, to a worker
-or to a run with all its workers, gives the same command again, and compares every result with those of a
-run that nothing disturbed: to the bit, none missing, none done twice.
+Both use copies of one recording with its calibration. `kill` sends SIGKILL at random times, to a worker or to
+a run with all its workers, repeats the command, and compares every result with those of an undisturbed run:
+they must be equal to the bit, with none missing and none done twice.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ RESULTS = ("*.poses.h5", "*.summary.json", "summary.parquet", "failures.json")
 
 
 def copies_of(recording: Path, count: int, folder: Path) -> Path:
-    """The recording so many times, each in a folder of its own."""
+    """Copy the recording `count` times, each into its own folder."""
     for number in range(count):
         shutil.copytree(recording, folder / f"{number:04d}")
     return folder
 
 
 def begin(inputs: Path, output: Path, name: str, workers: int) -> subprocess.Popen[bytes]:
-    """A run in a group of processes of its own."""
+    """Start a run in its own process group."""
     command = ["-m", "tracker", "batch", "run", f"{inputs}/*", "--object", name, "-o", str(output), "--quiet"]
     return subprocess.Popen(
         [sys.executable, *command, "--jobs", str(workers)],
@@ -45,7 +45,7 @@ def begin(inputs: Path, output: Path, name: str, workers: int) -> subprocess.Pop
 
 
 def whole(inputs: Path, output: Path, name: str, workers: int) -> float:
-    """Seconds that a run takes from its beginning to its end."""
+    """Return the duration of a complete run [s]."""
     began = time.perf_counter()
     code = begin(inputs, output, name, workers).wait()
     if code:
@@ -54,26 +54,26 @@ def whole(inputs: Path, output: Path, name: str, workers: int) -> float:
 
 
 def contents(output: Path) -> dict[str, bytes]:
-    """All results, but what names the folder they are in."""
+    """Return all results that do not contain the folder's name."""
     return {
         str(path.relative_to(output)): path.read_bytes() for kind in RESULTS for path in output.rglob(kind)
     }
 
 
 def finished(output: Path) -> dict[Path, int]:
-    """When each result that is whole was made."""
+    """Return the time at which each complete result was made."""
     return {path: path.stat().st_mtime_ns for path in output.rglob("*.summary.json")}
 
 
 def workers_of(pid: int) -> list[int]:
-    """Processes that a run has begun and that track."""
+    """Return the ids of a run's worker processes."""
     listed = subprocess.run(["ps", "-wweo", "pid,ppid,args"], capture_output=True, text=True, check=True)
     rows = [line.split(None, 2) for line in listed.stdout.splitlines()[1:]]
     return [int(one) for one, parent, what in rows if int(parent) == pid and "spawn_main" in what]
 
 
 def kill(inputs: Path, root: Path, name: str, times: int, rng: random.Random) -> bool:
-    """Disturb runs; whether all results are as if nothing had happened."""
+    """Disturb runs; return whether all results equal those of an undisturbed run."""
     seconds = whole(inputs, root / "undisturbed", name, 2)
     expected, well = contents(root / "undisturbed"), True
     for number in range(times):
@@ -107,9 +107,9 @@ def kill(inputs: Path, root: Path, name: str, times: int, rng: random.Random) ->
 
 
 def scale(inputs: Path, root: Path, name: str) -> None:
-    """Compare one worker with two, in turn, so that what else the machine does meets both.
+    """Compare one worker with two, alternating, so that other load affects both.
 
-    Where two need more processor time than one, the machine's cores are not two whole ones.
+    If two need more processor time than one, the machine does not have two whole cores.
     """
     for turn in range(2):
         times, spent = [], []
@@ -125,13 +125,13 @@ def scale(inputs: Path, root: Path, name: str) -> None:
 
 
 def _processor_time() -> float:
-    """Of all runs that have ended, with their workers [s]."""
+    """Return the processor time of all ended runs with their workers [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def main() -> int:
-    """Try what the arguments say."""
+    """Run the chosen test."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -142,7 +142,7 @@ def main() -> int:
     parser.add_argument("--times", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    warm_up()  # else the first run would compile, and the moments be those of a run that does
+    warm_up()  # otherwise the first run would compile, and kill times would be scaled by its duration
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         inputs = copies_of(given.recording, given.copies, root / "in")

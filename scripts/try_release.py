@@ -1,10 +1,10 @@
-"""Build the sdist, of it the wheel, and try the wheel where there is nothing else.
+"""Build the sdist and a wheel from it, and try the wheel in clean environments.
 
     python scripts/try_release.py [--output FOLDER] [PYTHON ...]
 
-Looks at what the wheel holds and installs it for each Python into an environment of its own, without extras.
-There the first runs what a user would, and what needs an extra has to name it; a strict type checker reads
-the examples. The others find a pose, for which everything is compiled.
+Checks the wheel's contents and installs it for each Python into a separate environment, without extras. With
+the first Python it runs what a user would; commands that need an extra must name it, and a strict type
+checker reads the examples. With the others it finds a pose, which compiles everything.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ RUNS = (
     [*BATCH, "results"],
     ["doctor"],
 )
-"""What has to work without any extra."""
+"""Commands that must work without any extra."""
 
 SMOKE = RUNS[:2]
-"""What each Python is tried with."""
+"""Commands that are tried with each Python."""
 
 MISSED = {
     "plot": ["track", "tracker-demo", "--object", "cube_v2", "-o", "b.h5", "--plot", "b.png"],
@@ -57,16 +57,16 @@ MISSED = {
     "pylon": ["live", "pylon", *ONE_SET],
     "synthetic": ["live", "simulation", "--object", "cube_v2"],
 }
-"""By extra, what needs it."""
+"""Commands that need an extra, by extra."""
 
 TYPED = ("detect_cube.py", "track_recording.py", "task_errors.py", "own_arena.py")
 
 
 def build(output: Path) -> Path:
-    """The wheel, made of the sdist.
+    """Build the sdist and the wheel from it; return the wheel.
 
     Raises:
-        SystemExit: it holds other names than the package's, or lacks some of its files.
+        SystemExit: it holds names other than the package's, or lacks some of its files.
     """
     for old in output.glob("trifinger_object_tracker-*"):
         old.unlink()
@@ -83,7 +83,7 @@ def build(output: Path) -> Path:
 
 
 def install(wheel: Path, python: str, folder: Path) -> Path:
-    """The interpreter of a new environment that has the wheel and what it needs."""
+    """Create an environment with the wheel and its requirements; return its interpreter."""
     subprocess.run([python, str(ROOT / "scripts" / "kept_environment.py"), str(folder), "."], check=True)
     own = folder / "bin" / "python"
     pip = [str(own), "-m", "pip", "--disable-pip-version-check"]
@@ -93,7 +93,7 @@ def install(wheel: Path, python: str, folder: Path) -> Path:
 
 
 def run(python: Path, folder: Path, works: Sequence[list[object]], missed: dict[str, list[object]]) -> None:
-    """Run what works, and by extra what needs one, in an empty folder.
+    """Run commands that work, and by extra commands that need one, in an empty folder.
 
     Raises:
         SystemExit: something fails, or fails in another way than it should.
@@ -114,7 +114,7 @@ def run(python: Path, folder: Path, works: Sequence[list[object]], missed: dict[
 
 
 def check_types(python: Path) -> None:
-    """Read the examples as a user's strict type checker does, against what is installed."""
+    """Check the examples with a strict type checker, as a user would, against the installed package."""
     examples = [str(ROOT / "examples" / name) for name in TYPED]
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--python-executable", str(python)]
     subprocess.run([*command, *examples], cwd=python.parent, check=True)
