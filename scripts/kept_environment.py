@@ -1,11 +1,11 @@
-"""Make a virtual environment out of one that is kept for all checkouts, which is made if need be.
+"""Make a virtual environment from a cached one that all checkouts share; create the cached one if missing.
 
     python scripts/kept_environment.py FOLDER [ARGUMENT ...]
 
-ARGUMENTs are pip's, and name what to install. The kept environment is named after all that decides what is
-in it: these, what pyproject.toml wants where "." is among them, the files that follow `-r`, the interpreter.
-It lies in `$XDG_CACHE_HOME/trifinger-object-tracker/environments`. FOLDER gets links to its files, so that it
-stays whole whatever becomes of the kept one. The project itself is in neither.
+ARGUMENTs are passed to pip and name what to install. The cached environment is named by a hash of all that
+determines its contents: these arguments, pyproject.toml's requirements if "." is among them, the files after
+`-r`, and the interpreter. It is in `$XDG_CACHE_HOME/trifinger-object-tracker/environments`. FOLDER gets links
+to its files, so that it stays complete whatever happens to the cached one. The project itself is in neither.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ ROOT = Path(__file__).resolve().parents[1]
 PROJECT = "trifinger-object-tracker"
 KEPT = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / PROJECT / "environments"
 MOST = 8
-"""Environments that are kept; of more, those go that were used the longest ago."""
+"""Number of cached environments; beyond it, the least recently used ones are removed."""
 
 
 def requirements() -> str:
-    """What pyproject.toml requires; the whole file where no parser of it is at hand."""
+    """Return pyproject.toml's requirements; without a TOML parser, the whole file."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     if tomllib is None:
         return text
@@ -43,7 +43,7 @@ def requirements() -> str:
 
 
 def key(arguments: Sequence[str]) -> str:
-    """Name of the kept environment of this interpreter that has what pip's arguments ask for."""
+    """Return the name of this interpreter's cached environment for pip's arguments."""
     key_parts = [sys.version, os.path.realpath(sys.executable), *arguments]
     key_parts += [requirements() for argument in arguments if argument.startswith(".")]
     files = [Path(name) for flag, name in itertools.pairwise(arguments) if flag == "-r"]
@@ -53,7 +53,7 @@ def key(arguments: Sequence[str]) -> str:
 
 @contextlib.contextmanager
 def alone(name: str) -> Iterator[None]:
-    """Wait until no other process makes the environment of this name."""
+    """Lock the environment of this name against other processes that make it."""
     KEPT.mkdir(parents=True, exist_ok=True)
     with (KEPT / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -61,12 +61,12 @@ def alone(name: str) -> Iterator[None]:
 
 
 def kept(arguments: Sequence[str]) -> Path:
-    """The kept environment that has what pip's arguments ask for."""
+    """Return the cached environment for pip's arguments; create it if missing."""
     name = key(arguments)
     folder = KEPT / name
     stamp = KEPT / f"{name}.installed"
     with alone(name):
-        # The stamp is made last, so that an interrupted installation is done again.
+        # The stamp is made last, so that an interrupted installation is repeated.
         if not stamp.is_file():
             subprocess.run([sys.executable, "-m", "venv", "--clear", str(folder)], check=True)
             pip = [str(folder / "bin" / "python"), "-m", "pip", "--disable-pip-version-check"]
@@ -78,7 +78,7 @@ def kept(arguments: Sequence[str]) -> Path:
 
 
 def forget_the_oldest() -> None:
-    """Remove kept environments that were used the longest ago."""
+    """Remove the least recently used cached environments."""
     stamps = sorted(KEPT.glob("*.installed"), key=lambda stamp: stamp.stat().st_mtime)
     for stamp in stamps[:-MOST]:
         stamp.unlink()
@@ -86,7 +86,7 @@ def forget_the_oldest() -> None:
 
 
 def link(source: str, target: str) -> None:
-    """A second name of a file; a copy where that is on another disk."""
+    """Hard-link a file, or copy it if the target is on another disk."""
     try:
         os.link(source, target)
     except OSError:
@@ -108,7 +108,7 @@ def lay(source: Path, target: Path) -> None:
 
 
 def main() -> None:
-    """Make the environment that the command line asks for."""
+    """Make the environment that the command line requests."""
     if len(sys.argv) < 2:
         raise SystemExit(__doc__)
     folder, *arguments = sys.argv[1:]
