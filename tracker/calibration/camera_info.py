@@ -1,4 +1,4 @@
-"""Calibrations inside HDF5 files, of logs and of poses: `/camera_info` has a group for each camera."""
+"""Read calibrations from HDF5 files of logs and of poses: `/camera_info` has a group for each camera."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ CAMERA_DATASETS = {
     "tf_world_to_camera": ("camera_from_world", (4, 4)),
     "tf_world_to_camera_std": ("camera_from_world_std", (4, 4)),
 }
-"""Attribute of a Camera, and shape in the file, of each dataset in a camera's group; -1: of its lens."""
+"""Attribute of a Camera and shape in the file, for each dataset in a camera's group; -1: varies."""
 
 _MAY_BE_MISSING = "tf_world_to_camera_std"
 _LENSES = tuple((1, count) for count in COUNTS)
 
 
 def read_rig(file: Any, names: tuple[str, ...], size: tuple[int, int], where: str) -> CameraRig | None:
-    """The calibration of cameras with images of a size (width, height) [px], or None where the file has none.
+    """Return the calibration of cameras with images of `size` (width, height) [px]; None if there is none.
 
     `where` names the file in errors.
 
@@ -41,7 +41,7 @@ def read_rig(file: Any, names: tuple[str, ...], size: tuple[int, int], where: st
 
 
 def read_camera(file: Any, name: str, size: tuple[int, int], where: str) -> Camera:
-    """One camera; LogError where something is missing or damaged, CalibrationError where it can be none."""
+    """Return one camera; LogError: something is missing or damaged; CalibrationError: it is not a camera."""
     group = f"camera_info/{name}"
     arrays: dict[str, Any] = {}
     for key, (attribute, shape) in CAMERA_DATASETS.items():

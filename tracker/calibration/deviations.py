@@ -1,8 +1,8 @@
-"""What a calibration file states of a camera's errors, as a covariance and back.
+"""Convert the standard deviations in a calibration file to the covariance of a camera's errors, and back.
 
-An error (δt, ω) of camera_from_world, which is exp(ω) R and t + δt in truth, moves a point P of the world in
-the camera as if the world had moved by a = Rᵀδt and w = Rᵀω: R (exp(w) P + a) + t. Covariances are of (a, w)
-[m, rad], along world axes.
+If camera_from_world is R, t and the truth is exp(ω) R, t + δt, the camera sees a point P of the world as if
+the world had moved by a = Rᵀδt and w = Rᵀω: R (exp(w) P + a) + t. Covariances are those of (a, w) [m, rad],
+along world axes.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 UNSTATED_STD = np.full((4, 4), 1e-7)
-"""Element-wise standard deviation of a transform whose file states none: taken as exact."""
+"""Element-wise standard deviation of a transform whose file states none; it is taken as exact."""
 
 LEAST_VARIANCE = 1e-14
-"""A calibration is never taken to be more exact than a ten-thousandth of a millimetre or milliradian."""
+"""Smallest variance of a calibration: that of a ten-thousandth of a millimetre or milliradian [m², rad²]."""
 
 
 def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> FloatArray:
-    """Variances (3,) of ω in exp(ω) R that come nearest to element-wise standard deviations (3, 3).
+    """Return the variances (3,) of ω in exp(ω) R that best explain element-wise standard deviations (3, 3).
 
-    Element (i, j) of [e_k]× R tells how much it moves with ω_k, so the squares of the given standard
-    deviations are linear in the variances; they are solved for with the constraint of being positive.
+    Element (i, j) of [e_k]× R is the derivative of R_ij by ω_k, so the squares of the given standard
+    deviations are linear in the variances. These are solved for under the constraint that none is negative.
     """
     design = np.stack([(so3.hat(axis) @ rotation).ravel() ** 2 for axis in np.eye(3)], axis=1)
     variances = np.asarray(element_std).ravel() ** 2
     solution = np.asarray(np.linalg.lstsq(design, variances, rcond=None)[0], dtype=np.float64)
     if solution.min() < 0.0:
-        # Imported where it is needed, which is hardly ever: a fifth of the time to the first pose.
+        # Imported here since it is hardly ever needed, and takes a fifth of the time to the first pose.
         from scipy.optimize import nnls
 
         solution = nnls(design, variances)[0]
@@ -38,12 +38,12 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
 
 
 def is_stated(camera: Camera) -> bool:
-    """Whether a calibration states deviations; else it is taken as exact."""
+    """Return whether a calibration states deviations; if not, it is taken as exact."""
     return camera.camera_from_world_std is not None and bool(camera.camera_from_world_std.any())
 
 
 def calibration_covariance(camera: Camera) -> FloatArray:
-    """(6, 6) covariance of (Rᵀδt, Rᵀω) [m, rad], where camera_from_world is off by δt and exp(ω)."""
+    """Return the covariance (6, 6) of (Rᵀδt, Rᵀω) [m, rad], for errors δt and exp(ω) of camera_from_world."""
     std = camera.camera_from_world_std
     if std is None:
         std = UNSTATED_STD
@@ -55,7 +55,7 @@ def calibration_covariance(camera: Camera) -> FloatArray:
 
 
 def turned_std(rotation: FloatArray, std: FloatArray, turned: FloatArray) -> FloatArray:
-    """(3, 3) element-wise standard deviations of a rotation that is now `turned` (3, 3), errors as before."""
+    """Return the element-wise deviations (3, 3) of the rotation `turned` (3, 3) with errors as before."""
     variances = rotation_vector_variance(rotation, std)
     moved = np.stack([so3.hat(axis) @ turned for axis in np.eye(3)])
     out: FloatArray = np.sqrt(np.tensordot(variances, moved**2, axes=1))
@@ -63,9 +63,9 @@ def turned_std(rotation: FloatArray, std: FloatArray, turned: FloatArray) -> Flo
 
 
 def element_std(rotation: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(4, 4) element-wise standard deviations of a transform with rotation (3, 3) and a covariance (6, 6).
+    """Return the element-wise deviations (4, 4) of a transform with a rotation (3, 3) and covariance (6, 6).
 
-    The inverse of `calibration_covariance`, for covariances whose axes are the camera's.
+    Inverse of `calibration_covariance`, for covariances whose principal axes are the camera's.
     """
     turned = np.kron(np.eye(2), rotation)
     variances = np.diag(turned @ covariance @ turned.T)

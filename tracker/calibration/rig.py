@@ -3,12 +3,12 @@
 The arena is stated beside the camera files, in one TOML file, `arena.toml`:
 
     center = [0.0, 0.0]         # of the arena in the world, x and y [m]
-    radius = 0.235              # within which the object's centre is [m]
-    height = 0.185              # up to which it is, above the table [m]
+    radius = 0.235              # largest distance of the object's centre from it [m]
+    height = 0.185              # largest height of the object's centre above the table [m]
     table = 0.0                 # z of the table in the world [m], or "none"
-    table_std = [0.008, 0.017]  # how well height [m] and tilt [rad] of the table are known
+    table_std = [0.008, 0.017]  # standard deviations of the table's height [m] and tilt [rad]
 
-A key that is left out has the value shown, which is that of `geometry.arena.Arena`.
+The values shown are the defaults, those of `geometry.arena.Arena`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
 
 ARENA_FILE = "arena.toml"
-"""Name of the file in the folder of the camera files."""
+"""Name of the arena's file in the folder of the camera files."""
 
 _NO_TABLE = "none"
 
@@ -40,7 +40,7 @@ _ARENA_TITLE = "# Where the object may be and where the table is, in the cameras
 
 
 def read_arena(folder: Path) -> Arena:
-    """The arena of a folder's file, or the default; CalibrationError: it cannot be read or is malformed."""
+    """Return the arena of a folder, or the default; CalibrationError: its file is unreadable or malformed."""
     path = folder / ARENA_FILE
     if not path.exists():
         return Arena()
@@ -52,7 +52,7 @@ def read_arena(folder: Path) -> Arena:
 
 
 def write_arena(arena: Arena, folder: Path) -> None:
-    """Write the file that `read_arena` reads; for the default arena there is none, one of old is removed.
+    """Write the file that `read_arena` reads; for the default arena, remove an existing file instead.
 
     CalibrationError: the file cannot be written or removed.
     """
@@ -60,7 +60,7 @@ def write_arena(arena: Arena, folder: Path) -> None:
     values = dataclasses.asdict(arena)
     if arena.table is None:
         values["table"] = _NO_TABLE
-    # JSON's texts, numbers and lists of them are TOML's, too.
+    # Strings, numbers and lists look the same in JSON and TOML.
     text = _ARENA_TITLE + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
     with told_as(CalibrationError, path):
         if arena == Arena():
@@ -74,7 +74,7 @@ class CameraRig:
     """One or more cameras with different names; images are given in the order of `cameras`.
 
     Raises:
-        CalibrationError: there is no camera, something is none, or two have the same name.
+        CalibrationError: there is no camera, something is not a Camera, or two have the same name.
     """
 
     cameras: tuple[Camera, ...]
@@ -135,18 +135,18 @@ class CameraRig:
         """Load the calibration files of a folder, or those listed, and `arena.toml` beside them.
 
         Args:
-            path: a folder with one file per camera; or a file; or files, whose order is kept. A folder's
-                cameras are ordered by the number in their name, then by name. Without `arena.toml`, or with
+            path: a folder with one file per camera; or a file; or files, whose order is kept. The cameras of
+                a folder are ordered by the number in their name, then by name. Without `arena.toml`, or with
                 files of several folders, the arena is the default.
             pattern: the files of the folder to load, e.g. `*_cropped.yml`; by default every .yml and
                 .yaml file with `camera` in its name.
-            correct_halved_principal_point: the files were made by halving K[:2] (the platform's
-                `*_cropped_and_downsampled.yml` and the 270×270 `camera*.yml` of a job's output), which puts
-                the principal point a quarter of a pixel too far right and down: take it back.
+            correct_halved_principal_point: move the principal point back by a quarter of a pixel, left and
+                up, for files made by halving K[:2] (the platform's `*_cropped_and_downsampled.yml` and the
+                270×270 `camera*.yml` of a job's output).
 
         Raises:
-            CalibrationError: a file is missing or malformed, or the folder has no calibration file, or
-                several of one camera (the message says how to select).
+            CalibrationError: a file is missing or malformed, or the folder has no calibration file or
+                several files of one camera (the message says how to select).
         """
         of_kind(correct_halved_principal_point, bool, "correct_halved_principal_point", CalibrationError)
         if pattern is not None and not isinstance(pattern, str):
@@ -166,8 +166,8 @@ class CameraRig:
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write one platform file per camera, e.g. `camera60.yml`, so that `load(folder)` finds them.
 
-        An arena other than the default is written beside them; an `arena.toml` of old is replaced by it, or
-        removed.
+        An arena other than the default is written to `arena.toml` beside them; for the default arena, an
+        existing `arena.toml` is removed.
 
         Raises:
             CalibrationError: a file cannot be written.
@@ -184,7 +184,7 @@ class CameraRig:
         write_arena(self.arena, root)
 
     def resized(self, width: int, height: int) -> CameraRig:
-        """The rig of images scaled to `width` × `height` [px]; see `Camera.resized`."""
+        """Return the rig for images scaled to `width` × `height` [px]; see `Camera.resized`."""
         return dataclasses.replace(
             self, cameras=tuple(camera.resized(width, height) for camera in self.cameras)
         )

@@ -1,14 +1,14 @@
-"""The ChArUco board: a chessboard whose white squares hold markers, each of which says which it is; its page.
+"""The ChArUco board, a chessboard whose white squares hold numbered markers, and the page to print it on.
 
 Board frame: origin at the board's centre, x to the right and y upwards as the board is printed, z out of
-the print. Corners are the inner ones of the chessboard; number 0 is at the top left, counted along rows.
+the print. Corners are the inner corners of the chessboard, numbered row by row from 0 at the top left.
 
-Of boards with an even number of rows there are two patterns: today's begin with a black square at the top
-left, those that OpenCV printed before its version 4.6 (`legacy`) with a marker. With an odd number both
-are the same.
+Boards with an even number of rows exist in two patterns: current ones begin with a black square at the top
+left, those printed by OpenCV before version 4.6 (`legacy`) with a marker. With an odd number of rows both
+patterns are the same.
 
-Pages are PDF, SVG and PNG of a picture at 600 dots per inch. A dot is 0.04 mm, and every square begins at the
-nearest one: the error does not add up along the board.
+Pages are PDF, SVG or PNG files of an image at 600 dots per inch. A dot is 0.04 mm, and every square begins at
+the nearest dot, so rounding errors do not add up along the board.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tracker.conventions import FloatArray, Image
 from tracker.errors import CalibrationError
 
 MOST_SQUARES = 60
-"""Squares along an edge; more are not seen as squares by any camera of the platform."""
+"""Largest number of squares along an edge; the platform's cameras cannot resolve more."""
 
 
 def dictionaries() -> tuple[str, ...]:
@@ -39,7 +39,7 @@ def dictionaries() -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Board:
-    """A board of `columns` × `rows` squares; CalibrationError where there is none such."""
+    """A board of `columns` × `rows` squares; CalibrationError if no such board can exist."""
 
     columns: int
     rows: int
@@ -48,9 +48,9 @@ class Board:
     marker: float
     """Edge of a marker [m]."""
     dictionary: str = "DICT_APRILTAG_16h5"
-    """Name of the set of markers, see `dictionaries`."""
+    """Name of the set of markers; see `dictionaries`."""
     legacy: bool = False
-    """Whether a board with an even number of rows begins with a marker."""
+    """Whether a board with an even number of rows begins with a marker (the old pattern)."""
 
     def __post_init__(self) -> None:
         if not (3 <= self.columns <= MOST_SQUARES and 3 <= self.rows <= MOST_SQUARES):
@@ -83,17 +83,17 @@ class Board:
 
     @property
     def markers(self) -> Any:
-        """OpenCV's dictionary."""
+        """OpenCV's dictionary of markers."""
         return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
 
     @property
     def two_patterns(self) -> bool:
-        """Whether the old pattern differs from today's."""
+        """Whether the old pattern differs from the current one."""
         return self.rows % 2 == 0
 
     @functools.cached_property
     def opencv(self) -> Any:
-        """OpenCV's board, whose frame begins at the top left, with y downwards and z into the print."""
+        """OpenCV's board, whose frame has its origin at the top left, y downwards and z into the print."""
         board = cv2.aruco.CharucoBoard(
             (self.columns, self.rows), float(self.square), float(self.marker), self.markers
         )
@@ -107,7 +107,7 @@ class Board:
 
     @functools.cached_property
     def corners(self) -> FloatArray:
-        """(N, 3) inner corners in the board's frame [m]."""
+        """Positions (N, 3) of the inner corners in the board's frame [m]."""
         rows, columns = np.mgrid[1 : self.rows, 1 : self.columns]
         across, up = columns - self.columns / 2, self.rows / 2 - rows
         points: FloatArray = np.stack([across, up, np.zeros(across.shape)], axis=-1).reshape(-1, 3)
@@ -115,14 +115,14 @@ class Board:
 
 
 PAGES = {"A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1": (594.0, 841.0)}
-"""Width and height [mm] of pages, the smallest first."""
+"""Width and height [mm] of standard pages, the smallest first."""
 
 _DOTS, _LARGE_DOTS = 600, 300
-"""Per inch; of a page beyond A1, which would need a gigabyte, fewer."""
+"""Resolution of pages [dots per inch]; lower beyond A1, where the image would otherwise need a gigabyte."""
 
 _LEAST_MARGIN = 4.0
 _LARGEST = 1200.0
-"""Longest edge [mm] of a board without a page of a standard size."""
+"""Longest edge [mm] of a board that fits no standard page."""
 
 _TEXT = 2.5
 """Height of the text [mm]."""
@@ -140,15 +140,15 @@ class Page:
 
     @property
     def origin(self) -> tuple[float, float]:
-        """The board's left and top edge on the page [mm]."""
+        """Position of the board's left and top edges on the page [mm]."""
         across, down = (1000 * size for size in self.board.size)
         return (self.width - across) / 2, (self.height - down) / 2
 
 
 def page_of(board: Board) -> Page:
-    """The smallest page of PAGES, upright or lying, that holds the board; else one as large as it needs.
+    """Return the smallest page of PAGES, portrait or landscape, that holds the board; else one made to fit.
 
-    CalibrationError: the board is larger than what is printed.
+    CalibrationError: the board is too large to print.
     """
     across, down = (1000 * size for size in board.size)
     for width, height in PAGES.values():
@@ -164,7 +164,7 @@ def page_of(board: Board) -> Page:
 
 
 def page_image(page: Page, dots: float) -> Image:
-    """(H, W) the page without its text at a number of dots per inch."""
+    """Return the page without its text as an image (H, W) at a resolution of `dots` per inch."""
     scale = dots / 25.4
     image = np.full((round(page.height * scale), round(page.width * scale)), 255, np.uint8)
     left, top = (round(edge * scale) for edge in page.origin)
@@ -174,7 +174,7 @@ def page_image(page: Page, dots: float) -> Image:
 
 
 def printed(page: Page, suffix: str) -> bytes:
-    """The page as a file: .pdf, .svg or .png."""
+    """Return the content of the page's file: .pdf, .svg or .png."""
     dots = _DOTS if page.width * page.height <= np.prod(PAGES["A1"]) else _LARGE_DOTS
     image = Pillow.fromarray(page_image(page, dots)).convert("1")
     scale = dots / 25.4

@@ -1,10 +1,10 @@
-"""Where cameras are in the world, from photos of a board that all of them look at.
+"""Camera poses in the world, from photos of a board that all cameras see.
 
-Unknown are the cameras and all places of the board but the first, which is given; the residuals are those
-of all corners in all photos together:
+The unknowns are the camera poses and all poses of the board but the first, which is given. The residuals of
+all corners in all photos are fitted together:
     r = seen - project(camera_from_world · world_from_board · corner).
-Lenses are taken as they are. A deviation tells by how much a camera, with the lens of its file, may be off
-relative to the board's given place; what that place itself is off by moves all cameras alike.
+Lenses are not changed. The standard deviations of a camera's pose hold for its given lens and relative to the
+board's given pose; an error of that given pose moves all cameras alike.
 """
 
 from __future__ import annotations
@@ -23,45 +23,45 @@ from tracker.errors import CalibrationError
 from tracker.geometry import so3
 
 MOST_RMS = 1.5e-3
-"""Largest RMS of a camera's photos [focal lengths], 0.9 px at 590: beyond it the lens is not the camera's."""
+"""Largest RMS residual of a camera [focal lengths], 0.9 px at 590; beyond it the lens is another camera's."""
 
 Photo = tuple[int, int]
-"""Numbers of the camera and of the board's place."""
+"""Numbers of the camera and of the board's pose."""
 
 Poses = Mapping[int, FloatArray]
-"""(4, 4) by the number of a camera or place."""
+"""Transforms (4, 4) by the number of a camera or of a board pose."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Placed:
-    """What photos of a board say of where cameras are."""
+    """Camera poses estimated from photos of a board."""
 
     cameras: tuple[Calibrated, ...]
-    """In the order given, each with the standard deviations of its place."""
+    """The cameras in the order given, each with the standard deviations of its pose."""
     world_from_board: tuple[FloatArray, ...]
-    """(4, 4) places of the board, the first as given."""
+    """Poses (4, 4) of the board, the first as given."""
     residuals: Mapping[Photo, FloatArray]
-    """(N, 2) where corners are seen, less where the fit puts them [px], of every photo with a board."""
+    """Residuals (N, 2) [px] of every photo with a board: observed minus fitted corners."""
     sightings: Mapping[Photo, BoardView]
-    """Without the corners that were dropped."""
+    """The views of the board, without the corners that were dropped as outliers."""
     faults: Mapping[Photo, str]
-    """What is wrong with the photos that the fit does not rest on."""
+    """The photos excluded from the fit, and what is wrong with each."""
 
     def rms(self, camera: int) -> float:
-        """Of a camera's photos that the fit rests on [px]."""
+        """Return the RMS residual of a camera's photos that the fit uses [px]."""
         return rms([one for at, one in self.residuals.items() if at[0] == camera and at not in self.faults])
 
 
 def place_cameras(
     lenses: Sequence[Calibrated], sightings: Mapping[Photo, BoardView], world_from_board: FloatArray
 ) -> Placed:
-    """Fit the places of cameras, and of the board, to photos of the board in several places.
+    """Fit the poses of the cameras and of the board to photos of the board in several poses.
 
-    Where the `lenses` are is not used. `world_from_board` (4, 4) [m] is the board's place 0.
+    The poses of `lenses` are ignored. `world_from_board` (4, 4) [m] is the board's pose number 0.
 
     Raises:
-        CalibrationError: a photo is of another size than its lens, a camera cannot be linked to the
-            board's given place, or a camera's lens does not fit its photos.
+        CalibrationError: a photo differs in size from its lens's images, no chain of photos links a camera
+            to the board's given pose, or a camera's lens does not fit its photos.
     """
     for (number, _), one in sightings.items():
         lens = lenses[number].camera
@@ -72,7 +72,7 @@ def place_cameras(
             )
     residuals = [one.least_misses(_optics(lenses[number])) for (number, _), one in sightings.items()]
     views = list(sightings.values())
-    # Each photo by itself; most of its corners stay.
+    # Every photo is cleaned at its own best pose; at least two thirds of its corners must remain.
     cleaned = without_wrong(views, residuals, lambda one: 2 * len(one) / 3) if views else []
     photos, faults = dict(zip(sightings, cleaned, strict=True)), dict[Photo, str]()
     fit = _fitted(lenses, photos, world_from_board)
@@ -97,11 +97,11 @@ def place_cameras(
 
 class _Fit(NamedTuple):
     cameras: Poses
-    """camera_from_world of each."""
+    """camera_from_world of each camera."""
     places: Poses
-    """world_from_board of each."""
+    """world_from_board of each board pose."""
     covariance: FloatArray
-    """Of six unknowns of each camera (ω, δt of exp(ω) R, t + δt), then of six of each further place."""
+    """Covariance of six unknowns per camera (ω, δt in exp(ω) R, t + δt), then six per further board pose."""
     squares: float
     """Sum of the squared residuals [px²]."""
 
@@ -109,7 +109,7 @@ class _Fit(NamedTuple):
 def _fitted(
     lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
 ) -> _Fit:
-    """The fit to photos; CalibrationError where they do not link all cameras to place 0."""
+    """Return the fit to photos; CalibrationError if they do not link all cameras to board pose 0."""
     cameras, places = _start(lenses, photos, world_from_board)
     free = sorted(place for place in places if place != 0)
 
@@ -140,22 +140,22 @@ def _residuals(
 def _odd_one(
     lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray, fit: _Fit
 ) -> tuple[Photo, str, _Fit] | None:
-    """The photo that the others contradict, what is wrong with it, and the fit without it; or None.
+    """Return the photo that the others contradict, what is wrong with it, and the fit without it; or None.
 
-    It is the one without which the sum of squares falls most, by far more than its corners account for: the
-    `fit` to all spreads what one photo misses over many.
+    Removing it lowers the sum of squares most, and by far more than its corners account for.
+    Its residuals are no criterion: a `fit` to all photos spreads the error of one photo over many.
     """
     alone = {at: float((one.least_misses(_optics(lenses[at[0]])) ** 2).sum()) for at, one in photos.items()}
     best: tuple[Photo, _Fit] | None = None
     for at, one in photos.items():
         others = {other: kept for other, kept in photos.items() if other != at}
-        # No fit of the others is better than each alone: most photos are cleared without a fit.
+        # No joint fit is better than separate fits of each photo: this bound clears most photos cheaply.
         least = sum(alone[other] for other in others)
         if not others or fit.squares - least <= _odd_gain(one, least, others):
             continue
         try:
             rest = _fitted(lenses, others, world_from_board)
-        except CalibrationError:  # it links a camera to the others
+        except CalibrationError:  # only this photo links some camera to the others
             continue
         odd = fit.squares - rest.squares > _odd_gain(one, rest.squares, others)
         if odd and (best is None or rest.squares < best[1].squares):
@@ -169,7 +169,7 @@ def _odd_one(
 
 
 def _odd_gain(photo: BoardView, rest: float, others: Mapping[Photo, BoardView]) -> float:
-    """What the sum of squares [px²] may rise by with a photo that the others do not contradict."""
+    """Return how much a photo that agrees with the others may add to the sum of squares [px²]."""
     return MANY_TIMES**2 * rest / sum(len(one) for one in others.values()) * len(photo)
 
 
@@ -187,7 +187,7 @@ def _step(pose: FloatArray, step: FloatArray) -> FloatArray:
 def _start(
     lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
 ) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
-    """Cameras and places to begin with, from photo to photo, those with most corners first."""
+    """Return initial camera and board poses, chained from photo to photo, those with most corners first."""
     poses = {at: one.pose(_optics(lenses[at[0]])) for at, one in photos.items()}
     cameras: dict[int, FloatArray] = {}
     places = {0: world_from_board}
@@ -211,7 +211,7 @@ def _start(
 
 
 def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: FloatArray) -> Calibrated:
-    """The camera at its place; element-wise deviations follow from those of (ω, δt)."""
+    """Return the camera at its pose, with the element-wise deviations that follow from those of (ω, δt)."""
     std = np.zeros((4, 4))
     turns = np.stack([so3.hat(axis) @ camera_from_world[:3, :3] for axis in np.eye(3)])
     std[:3, :3] = np.sqrt(np.einsum("aij,ab,bij->ij", turns, covariance[:3, :3], turns))

@@ -1,8 +1,8 @@
 """Focal lengths, principal point and distortion of a camera, from photos of a board.
 
-The fit is OpenCV's (Zhang, A flexible new technique for camera calibration, 2000); what is decided here is
-which photos it rests on, and whether it may be believed. Each photo is judged by a lens fitted without it:
-a lens fitted to all bends to the odd one.
+The fit is OpenCV's (Zhang, A flexible new technique for camera calibration, 2000). This module decides
+which photos it uses and whether to trust it. Each photo is judged by a lens fitted without it, since a lens
+fitted to all photos adapts to an outlier among them.
 """
 
 from __future__ import annotations
@@ -28,64 +28,64 @@ from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 
 FEWEST_PHOTOS = 6
-"""Which a lens is fitted to at least."""
+"""Smallest number of photos to fit a lens to."""
 
 FEWEST_CORNERS = 8
-"""Of a photo that has a say in the lens."""
+"""Smallest number of corners of a photo that the lens is fitted to."""
 
 MOST_FOCAL_STD = 0.01
-"""Largest standard deviation of the focal lengths [their own]; photos that are too alike leave more."""
+"""Largest relative standard deviation of the focal lengths; it is larger if the photos are too similar."""
 
 LEAST_TILT = 15.0
-"""Least angle [degrees] between the two boards that differ most; below it a fit finds any focal length, some
-with deviations that look small."""
+"""Smallest angle [degrees] between the two most different boards; below it a fit may find any focal length,
+sometimes with standard deviations that look small."""
 
 MOST_LEFT_OUT = 2e-3
-"""Largest RMS of photos left out [focal lengths], 1.2 px at 590: beyond it no such lens took the photos."""
+"""Largest RMS of left-out photos [focal lengths], 1.2 px at 590; beyond it no single lens explains them."""
 
 _MORE_TILT = "tilt the board by 30° to 45° in all directions"
 
 _PARTS = 6
-"""Into so many parts photos are divided, of which each is left out once."""
+"""Number of folds of the cross-validation: each part of the photos is left out once."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PhotoFit:
-    """What became of a photo."""
+    """How well the lens fits a photo, and whether the photo was used."""
 
     sighting: BoardView
-    """Without the corners that were dropped."""
+    """The view of the board, without the corners that were dropped as outliers."""
     residuals: FloatArray
-    """(N, 2) where corners are seen, less where the lens puts them [px]."""
+    """Residuals (N, 2) [px]: observed minus projected corners."""
     left_out: float
-    """RMS [px] of its corners before a lens fitted without it."""
+    """RMS residual [px] under a lens fitted without this photo."""
     dropped: int
-    """Corners that were not found where they are."""
+    """Number of corners dropped as outliers."""
     fault: str | None = None
-    """Why the lens does not rest on it, or None where it does."""
+    """Why the photo was excluded from the fit; None if it was used."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Lens:
-    """What photos of a board say of a camera."""
+    """A camera's lens, estimated from photos of a board."""
 
     calibrated: Calibrated
     photos: tuple[PhotoFit, ...]
-    """In the order given."""
+    """All photos, in the order given."""
     rms: float
-    """Of the photos that it rests on [px]."""
+    """RMS residual of the photos used [px]."""
     left_out: float
-    """Of the same photos, each before a lens fitted without it [px]."""
+    """RMS residual of the same photos, each under a lens fitted without it [px]."""
     reach: float
-    """How far from the image's centre corners are seen [half its diagonal]; beyond it the lens is guessed."""
+    """Largest distance of a corner from the image centre [half diagonals]; beyond it the lens is a guess."""
 
 
 def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
-    """Fit a camera's lens to sightings of a board, one of each photo, and name those that do not belong.
+    """Fit a camera's lens to views of a board, one per photo, and report the photos that do not fit.
 
     Raises:
-        CalibrationError: the photos differ in size, are too few or too alike, miss whole rows of the board,
-            or no lens fits them.
+        CalibrationError: the photos differ in size, are too few or too similar, never show whole rows of
+            the board, or no lens fits them.
     """
     size = _one_size(name, sightings)
     faults = {
@@ -128,7 +128,7 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
 def _judged(
     name: str, sightings: Sequence[BoardView], numbers: Sequence[int], size: tuple[int, int]
 ) -> tuple[FloatArray, dict[int, str]]:
-    """RMS (N,) of photos left out [px], NaN of those not in `numbers`; and what is wrong with which."""
+    """Return the left-out RMS (N,) of photos [px], NaN if not in `numbers`; and the faults by photo."""
     left_out = np.full(len(sightings), np.nan)
     faults: dict[int, str] = {}
     kept = list(numbers)
@@ -144,7 +144,7 @@ def _judged(
 
 
 def _fit(sightings: Sequence[BoardView], size: tuple[int, int]) -> tuple[Optics, FloatArray]:
-    """The lens with five coefficients, and the standard deviations (9,) of fx, fy, cx, cy, k1, …, k3."""
+    """Fit a lens with five coefficients; return it and the deviations (9,) of fx, fy, cx, cy, k1, …, k3."""
     points = [one.points.astype(np.float32) for one in sightings]
     pixels = [one.pixels.astype(np.float32) for one in sightings]
     fitted = cv2.calibrateCameraExtended(points, pixels, size, np.eye(3), np.zeros(5))
@@ -153,9 +153,9 @@ def _fit(sightings: Sequence[BoardView], size: tuple[int, int]) -> tuple[Optics,
 
 
 def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
-    """The sightings without corners that were not found where they are."""
+    """Return the views without corners that were detected in the wrong place."""
     cleaned = list(sightings)
-    for _ in range(3):  # a gross one hides those beside it
+    for _ in range(3):  # a gross outlier can mask others
         optics, _ = _fit(cleaned, size)
         before = cleaned
         cleaned = without_wrong(
@@ -167,7 +167,7 @@ def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[Boar
 
 
 def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[float]:
-    """RMS [px] of each photo before a lens fitted without its part of the photos."""
+    """Return the RMS residual [px] of each photo under a lens fitted without its part of the photos."""
     parts = min(_PARTS, len(sightings))
     result = [0.0] * len(sightings)
     for part in range(parts):
@@ -194,7 +194,7 @@ def _require_photos(name: str, found: int, all_photos: int) -> None:
 
 
 def _require_whole_board(name: str, sightings: Sequence[BoardView], board: Board) -> None:
-    """A board of which no photo shows the last rows has fewer rows than stated."""
+    """Raise if no photo shows the last rows or columns: the board is smaller than stated."""
     columns, rows = squares_shown(sightings, board)
     if (columns, rows) != (board.columns, board.rows):
         raise CalibrationError(
@@ -204,7 +204,7 @@ def _require_whole_board(name: str, sightings: Sequence[BoardView], board: Board
 
 
 def _require_belief(lens: Lens, std: FloatArray, normals: FloatArray) -> None:
-    """Refuse a lens whose photos are too alike, by the boards' normals (N, 3), or are missed."""
+    """Raise if the photos are too similar, by the boards' normals (N, 3), or the lens fits them badly."""
     camera = lens.calibrated.camera
     focal = camera.matrix[(0, 1), (0, 1)]
     limit = MOST_LEFT_OUT * float(focal.min())

@@ -1,4 +1,4 @@
-"""A board found in a photo: where it is, where its corners are, and how sharp they are; or why not."""
+"""Detect a board in a photo: its pose, its corners and their sharpness; or say why there is none."""
 
 from __future__ import annotations
 
@@ -15,59 +15,59 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
 
 FEWEST_CORNERS = 4
-"""From which a photo's pose follows."""
+"""Smallest number of corners that determines the board's pose."""
 
 MOST_BLUR = 1.5
-"""Standard deviation [px] of the blur above which markers are lost and corners drift."""
+"""Largest standard deviation [px] of the blur; above it markers are missed and corners drift."""
 
 _FEWEST_MARKERS = 4
-"""From which on markers are those of a board."""
+"""Smallest number of markers that is taken for a board."""
 
 MANY_TIMES = 3.0
-"""A photo that misses by so many times what others miss is not of the same kind."""
+"""A photo is an outlier if its residual exceeds that of the others by this factor."""
 
 _WRONG_CORNER = 6.0
-"""A corner that misses by so many standard deviations was not found where it is."""
+"""A corner is an outlier if its residual exceeds this many standard deviations."""
 
 Optics = tuple[FloatArray, FloatArray]
 """Matrix (3, 3) [px] and distortion of a lens."""
 
 _ACROSS, _ALONG = 0.11, 0.06
-"""Where an edge's profile is taken [edge lengths]: the marker begins beyond it."""
+"""Half extent of an edge's profile, across and along it [edge lengths]; it ends before the marker begins."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BoardView:
-    """What a photo shows of a board."""
+    """A board as seen in a photo."""
 
     photo: str
     """Name of the photo."""
     size: tuple[int, int]
     """Width and height of the photo [px]."""
     corners: Array
-    """(N,) numbers of the corners found, ascending."""
+    """Numbers (N,) of the corners found, ascending."""
     pixels: FloatArray
-    """(N, 2) where they are [px]."""
+    """Positions (N, 2) of the corners in the photo [px]."""
     points: FloatArray
-    """(N, 3) where they are in the board's frame [m]."""
+    """Positions (N, 3) of the corners in the board's frame [m]."""
     blur: float
-    """Standard deviation of the blur across the squares' edges, median [px]; NaN where no edge is seen."""
+    """Median standard deviation of the blur across the squares' edges [px]; NaN if no edge is seen."""
 
     def __len__(self) -> int:
         return len(self.corners)
 
     def without(self, dropped: Array) -> BoardView:
-        """The sighting without the corners of a mask (N,)."""
+        """Return the view without the corners that a mask (N,) selects."""
         kept = ~np.asarray(dropped, bool)
         return dataclasses.replace(
             self, corners=self.corners[kept], pixels=self.pixels[kept], points=self.points[kept]
         )
 
     def pose(self, optics: Optics) -> FloatArray:
-        """(4, 4) camera_from_board [m] that brings the corners nearest to where they are seen.
+        """Return camera_from_board (4, 4) [m] with the smallest reprojection error.
 
-        Of the two poses in which a plane looks alike from afar (Collins and Bartoli, Infinitesimal
-        plane-based pose estimation, 2014) the one that fits better, each refined.
+        A distant plane looks alike in two poses (Collins and Bartoli, Infinitesimal plane-based pose
+        estimation, 2014): both are refined, and the one that fits better is returned.
         """
         seen = self.points, self.pixels, *optics
         count, turns, shifts, _ = cv2.solvePnPGeneric(*seen, flags=cv2.SOLVEPNP_IPPE)
@@ -79,19 +79,19 @@ class BoardView:
         return min(poses, key=lambda pose: rms([self.misses(pose, optics)]))
 
     def misses(self, camera_from_board: FloatArray, optics: Optics) -> FloatArray:
-        """(N, 2) where the corners are seen, less where a pose (4, 4) puts them [px]."""
+        """Return the residuals (N, 2) at a pose (4, 4): observed minus projected corners [px]."""
         turn = cv2.Rodrigues(camera_from_board[:3, :3])[0]
         put, _ = cv2.projectPoints(self.points, turn, camera_from_board[:3, 3], *optics)
         result: FloatArray = self.pixels - np.asarray(put).reshape(-1, 2)
         return result
 
     def least_misses(self, optics: Optics) -> FloatArray:
-        """(N, 2) what the corners miss at the pose that fits them best [px]."""
+        """Return the residuals (N, 2) at the pose that fits best [px]."""
         return self.misses(self.pose(optics), optics)
 
 
 def transform(turn: FloatArray, shift: FloatArray) -> FloatArray:
-    """(4, 4) of a rotation vector [rad] and a translation [m]."""
+    """Return the transform (4, 4) of a rotation vector [rad] and a translation [m]."""
     out = np.eye(4)
     out[:3, :3] = cv2.Rodrigues(turn)[0]
     out[:3, 3] = shift
@@ -99,7 +99,7 @@ def transform(turn: FloatArray, shift: FloatArray) -> FloatArray:
 
 
 def rms(residuals: Sequence[FloatArray]) -> float:
-    """Root mean square length [px] of residuals (N, 2); NaN of none."""
+    """Return the root mean square length [px] of residuals (N, 2); NaN if there are none."""
     together = [one for one in residuals if len(one)]
     if not together:
         return float("nan")
@@ -109,10 +109,10 @@ def rms(residuals: Sequence[FloatArray]) -> float:
 def without_wrong(
     views: Sequence[BoardView], residuals: Sequence[FloatArray], least: Callable[[BoardView], float]
 ) -> list[BoardView]:
-    """The views without corners that miss by far more than the others do, where at least so many remain.
+    """Return the views without outlying corners; a view that would keep fewer than `least` is left as it is.
 
-    The spread is that of the median, which few wrong ones do not move; a photo's own where that is wider,
-    so that one that misses as a whole keeps its corners, and is judged as a whole.
+    The standard deviation follows from the median residual, which few outliers hardly move. A photo's own is
+    used where it is larger: a photo that misfits as a whole keeps its corners and is judged as a whole.
     """
     spread = _spread(np.concatenate(residuals))
     result = []
@@ -124,25 +124,25 @@ def without_wrong(
 
 
 def _spread(residuals: FloatArray) -> float:
-    """Standard deviation along an axis [px] whose Rayleigh distribution has the median length seen."""
+    """Return the deviation per axis [px] whose Rayleigh distribution has the observed median length."""
     return float(np.median(np.linalg.norm(residuals, axis=1))) / float(np.sqrt(2 * np.log(2)))
 
 
 CLEAR = 0.7
-"""Half width of the window in which a corner is looked for, over its distance from the markers."""
+"""Half width of the window in which a corner is refined, relative to its distance from the markers."""
 
 
 def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
-    """The board in an image (H, W, 3) or (H, W), or None where fewer than FEWEST_CORNERS are found.
+    """Detect the board in an image (H, W, 3) or (H, W); None if fewer than FEWEST_CORNERS are found.
 
-    Corners are saddle points of the brightness, as OpenCV's `cornerSubPix` finds them, in windows that end
+    Corners are saddle points of the brightness, found by OpenCV's `cornerSubPix` in windows that end
     before the markers.
     """
     gray = grey(image)
     pixels, numbers, _, _ = _detector(board).detectBoard(gray)
     if numbers is None or len(numbers) < FEWEST_CORNERS:
         return None
-    if board.opencv.checkCharucoCornersCollinear(numbers):  # which leaves the pose open
+    if board.opencv.checkCharucoCornersCollinear(numbers):  # do not determine the pose
         return None
     found = np.asarray(numbers).ravel()
     places = np.asarray(pixels, np.float64).reshape(-1, 2)
@@ -157,7 +157,7 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
 
 
 def _neighbours(numbers: list[int], columns: int) -> tuple[Array, Array]:
-    """Pairs (N, 2) of corners, as places in `numbers`, that follow each other in a row, and in a column."""
+    """Return pairs (N, 2) of adjacent corners, as indices into `numbers`: those in rows, and in columns."""
     at = {number: k for k, number in enumerate(numbers)}
     right = [(k, at[n + 1]) for n, k in at.items() if n + 1 in at and (n + 1) % columns]
     below = [(k, at[n + columns]) for n, k in at.items() if n + columns in at]
@@ -165,9 +165,9 @@ def _neighbours(numbers: list[int], columns: int) -> tuple[Array, Array]:
 
 
 def _refined(gray: Image, places: FloatArray, neighbours: Array, board: Board) -> FloatArray:
-    """Corners (N, 2) found once more, each as a saddle point: OpenCV 4's are off by half a pixel.
+    """Return corners (N, 2) refined to saddle points, since OpenCV 4's are off by half a pixel.
 
-    The windows end well before the markers, whose blurred edges would draw the corners towards them.
+    The windows end well before the markers, whose blurred edges would pull the corners towards them.
     """
     apart = np.hypot(*(places[neighbours[:, 1]] - places[neighbours[:, 0]]).T)
     gap = 0.5 * (1.0 - board.marker / board.square) * float(np.median(apart)) if len(apart) else 0.0
@@ -179,12 +179,12 @@ def _refined(gray: Image, places: FloatArray, neighbours: Array, board: Board) -
 
 
 def grey(image: Image) -> Image:
-    """The brightness (H, W) of an image (H, W, 3) BGR or (H, W)."""
+    """Return the brightness (H, W) of an image (H, W, 3) BGR or (H, W)."""
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def pattern_seen(images: Sequence[Image], board: Board) -> Board:
-    """The board in the pattern, old or today's, of which the images show more corners."""
+    """Return the board with the pattern, old or current, that yields more corners in the images."""
     if not board.two_patterns:
         return board
     counts = {}
@@ -195,7 +195,7 @@ def pattern_seen(images: Sequence[Image], board: Board) -> Board:
 
 
 def squares_shown(sightings: Sequence[BoardView], board: Board) -> tuple[int, int]:
-    """Columns and rows of squares within which all corners are that sightings show."""
+    """Return the columns and rows of squares that the corners of all views together span."""
     grid: Array = np.zeros((board.rows - 1) * (board.columns - 1), bool)
     for one in sightings:
         grid[one.corners] = True
@@ -204,7 +204,7 @@ def squares_shown(sightings: Sequence[BoardView], board: Board) -> tuple[int, in
 
 
 def why_no_board(image: Image, board: Board) -> str:
-    """What is wrong with an image (H, W, 3) or (H, W) in which `find_board` finds nothing, in few words."""
+    """Say briefly what is wrong with an image (H, W, 3) or (H, W) in which `find_board` finds nothing."""
     gray = grey(image)
     if find_board("", np.ascontiguousarray(gray[:, ::-1]), board) is not None:
         return "the photo is mirrored"
@@ -220,11 +220,11 @@ def why_no_board(image: Image, board: Board) -> str:
 
 
 def require_size(photo: str, image: Image, board: Board) -> None:
-    """CalibrationError for a board that is only part of the one in an image, which shows more markers."""
+    """Raise CalibrationError if the image shows markers beyond the board: the stated size is only a part."""
     edges = _markers(grey(image), board)
     known = set(board.opencv.getIds().ravel().tolist())
     usual = np.median([edge for number, edge in edges.items() if number in known] or [0.0])
-    # Specks of a photo are taken for markers, too, but are smaller.
+    # Specks can also be detected as markers, but they are smaller.
     more = [number for number, edge in edges.items() if number not in known and edge > 0.5 * usual]
     if len(more) > 1:
         raise CalibrationError(
@@ -234,7 +234,7 @@ def require_size(photo: str, image: Image, board: Board) -> None:
 
 
 def _markers(gray: Image, board: Board) -> dict[int, float]:
-    """Numbers of all markers in an image, and the length of their edges [px]."""
+    """Return the numbers of all markers in an image, with the length of their edges [px]."""
     found: Any = cv2.aruco.ArucoDetector(board.markers).detectMarkers(gray)
     corners, numbers = found[:2]
     if numbers is None:
@@ -244,11 +244,11 @@ def _markers(gray: Image, board: Board) -> dict[int, float]:
 
 
 def photo_blur(gray: Image) -> float:
-    """Blur [px] of the strongest edges of an image (H, W), whatever it shows; NaN where it shows none.
+    """Return the blur [px] of the strongest edges of any image (H, W); NaN if it has none.
 
-    An edge of blur σ loses its slope by the factor σ/√(σ² + s²) where the image is blurred by s more
-    (Zhuo and Sim, Defocus map estimation from a single image, 2011). Of rows and columns, which motion
-    blurs differently, the greater.
+    Blurring the image by a further s reduces the slope of an edge of blur σ by the factor σ/√(σ² + s²)
+    (Zhuo and Sim, Defocus map estimation from a single image, 2011). Motion blurs rows and columns
+    differently; the larger blur is returned.
     """
     image = gray.astype(np.float32)
     return max(_blur_along_rows(image), _blur_along_rows(np.ascontiguousarray(image.T)))
@@ -267,17 +267,17 @@ def _blur_along_rows(image: Array) -> float:
 
 
 def edge_blur(gray: Image, places: FloatArray, neighbours: Sequence[Array]) -> float:
-    """Blur [px] of the squares' edges between corners (N, 2) that are `neighbours` in a row, in a column.
+    """Return the blur [px] of the edges between corners (N, 2) that are `neighbours` in rows and in columns.
 
-    A step that is blurred by a Gaussian of standard deviation σ has the greatest slope step/(√(2π) σ); of
-    blurs that differ along rows and columns, as those of a moving board do, the greater counts.
+    A step blurred by a Gaussian of standard deviation σ has a maximum slope of step/(√(2π) σ). A moving board
+    is blurred differently along rows and columns; the larger blur is returned.
     """
     kinds = [[_profile_blur(gray, *places[pair]) for pair in pairs] for pairs in neighbours]
     return max((float(np.median(kind)) for kind in kinds if kind), default=float("nan"))
 
 
 def _profile_blur(gray: Image, start: FloatArray, end: FloatArray) -> float:
-    """Blur [px] of the edge between two corners, from the profile across its middle."""
+    """Return the blur [px] of the edge between two corners, from the profile across its middle."""
     along = end - start
     length = float(np.hypot(*along))
     across = np.array([-along[1], along[0]]) / length

@@ -1,11 +1,11 @@
-"""Does a calibration fit? Compares where each camera alone sees an object that all see; see `looks`.
+"""Check whether a calibration fits: compare the poses in which the cameras see the same object; see `looks`.
 
-It also says what misses a calibration's stated deviations predict, and what a lens leaves open.
+Also predict the disagreement that the stated deviations allow, and the error that a lens leaves possible.
 
-A camera k whose error is ξ_k (see `looks`) sees an object at P moved by -G ξ_k. Against the pose of the
-others camera c then sees it moved by d = -Σ_k M_k G ξ_k, with M_c = 1 and M_k the share of k in that pose,
-negative. A corner moves by A d in the picture, with A its Jacobian, so what stated covariances Σ_k predict
-of its square is the trace of A Σ_k (M_k G Σ_k Gᵀ M_kᵀ) Aᵀ.
+A camera k with error ξ_k (see `looks`) sees an object at P displaced by -G ξ_k. Relative to the pose that the
+others see, camera c then sees it displaced by d = -Σ_k M_k G ξ_k, with M_c = I and M_k minus the share of
+camera k in that pose. A corner moves by A d in the image, with A its Jacobian, so its expected squared
+displacement under stated covariances Σ_k is the trace of A Σ_k (M_k G Σ_k Gᵀ M_kᵀ) Aᵀ.
 """
 
 from __future__ import annotations
@@ -34,107 +34,106 @@ from tracker.pose.result import Status
 from tracker.segmentation.color_model import ColorModel
 
 FOCAL = 295.0
-"""Focal length of the pictures in whose pixels cameras are compared, whatever their own [px]."""
+"""Focal length of the reference images in whose pixels all cameras are compared [px]."""
 
 SQUARE = 0.003
-"""Share by which the two focal lengths of a camera may differ: those of a board's photos differ by 0.001."""
+"""Largest relative difference of a camera's focal lengths fx and fy; calibrations by a board give 0.001."""
 
 DEPTH = 2e-3
-"""Error of one camera's depth for which the needed accuracy of its focal length is given [m]."""
+"""Depth error of one camera for which the required accuracy of its focal length is stated [m]."""
 
 
 @dataclass(frozen=True)
 class Corners:
-    """By how much a camera misses the object's corners where the others have them.
+    """How far a camera sees the object's corners from where the others see them.
 
-    Of each look the root mean square over the corners, of those the median [px at FOCAL]; NaN: not asked.
+    Medians over the looks of the root mean square over the corners [px at FOCAL]; NaN if not measured.
     """
 
     seen: float
-    """What the looks show."""
+    """Measured in the looks."""
     shift: float
-    """The part of it that the corners of a look have in common: where the object is."""
+    """The part that the corners of a look have in common, from the object's position."""
     shape: float
-    """The rest: how large the object is, and how it is turned."""
+    """The remainder, from the object's size and rotation."""
     stated: float
-    """What the deviations that the cameras' files state predict; NaN where one states none."""
+    """Predicted from the deviations stated in the cameras' files; NaN if any file states none."""
 
 
 @dataclass(frozen=True)
 class FocalCheck:
-    """What a focal length leaves open of the depth that a camera alone sees."""
+    """How far a camera's focal length may be wrong, and the error of its depth that follows."""
 
     ratio: float
-    """Of the focal lengths, fy over fx."""
+    """Ratio of the focal lengths, fy over fx."""
     off: float
-    """Share by which the focal length may be off: the deviation that the camera's file states, at least half
-    of what the two focal lengths differ by."""
+    """Possible relative error of the focal length: the deviation stated in the camera's file, but at least
+    half the relative difference of fx and fy."""
     distance: float
-    """From the camera to the object, median over the looks [m]; NaN: not asked."""
+    """Distance from the camera to the object, median over the looks [m]; NaN if not measured."""
 
     @property
     def depth(self) -> float:
-        """Error of the camera's depth that follows [m]."""
+        """Resulting error of the camera's depth [m]."""
         return self.off * self.distance
 
     @property
     def needed(self) -> float:
-        """Share to which the focal length must be right for an error of DEPTH."""
+        """Relative accuracy of the focal length that keeps the depth error within DEPTH."""
         return DEPTH / self.distance
 
 
 LIMIT = 1.6 / FOCAL
-"""Angle [rad] by which cameras may miss what the others see, in the median over looks: 1.6 px on the
-platform, 3 mm at half a metre."""
+"""Largest median disagreement of the cameras [rad]: 1.6 px on the platform, 3 mm at half a metre."""
 
 LOST = 0.6
-"""Share of the looks in which a camera should see the object and cannot use it, from which on it is named."""
+"""Share of looks, from which a camera is named, in which it should see the object but cannot use its view."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraCheck:
-    """What the looks say of one camera."""
+    """The result of the check for one camera."""
 
     name: str
     looks: int
-    """In which it sees the object."""
+    """Number of looks in which it sees the object."""
     lost: int
-    """In which it should, and cannot use what it shows."""
+    """Number of looks in which it should see the object but cannot use its image."""
     miss_px: float
-    """Median miss of what the others see [px]; NaN where it was not asked."""
+    """Median disagreement with the other cameras [px]; NaN if not measured."""
     moved: bool
-    """Whether it is not where the calibration has it."""
+    """Whether its pose differs from the calibration."""
     correction: FloatArray
-    """(4, 4) what reconciles it with the others: camera_from_world is correction · given."""
+    """Transform (4, 4) that reconciles it with the others: camera_from_world is correction · given."""
     shift: float
-    """Length of the correction of the camera's place [m], …"""
+    """Distance by which the correction moves the camera [m]."""
     turn: float
-    """… and its angle [rad]."""
+    """Angle by which the correction turns the camera [rad]."""
     corners: Corners
-    """What it misses of the corners, and what was to be expected."""
+    """Measured and predicted displacement of the object's corners."""
     focal: FocalCheck
-    """What its focal length leaves open."""
+    """Possible error of its focal length."""
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationCheck:
-    """Whether a calibration fits."""
+    """The result of a calibration check."""
 
     cameras: tuple[CameraCheck, ...]
     miss: float
-    """Median over the looks of the cameras' root mean square miss [rad]."""
+    """Median over the looks of the cameras' root mean square disagreement [rad]."""
     looks: int
     misses: FloatArray
-    """(looks, C, 2) by which each camera misses what the others see [px], right and down; NaN: not asked."""
+    """Disagreement (looks, C, 2) of each camera with the others [px], right and down; NaN if not measured."""
 
     @property
     def fits(self) -> bool:
-        """Whether the calibration fits the pictures."""
+        """Whether the calibration fits the images."""
         return self.miss <= LIMIT and not any(one.moved or self.is_lost(one) for one in self.cameras)
 
     @property
     def warnings(self) -> list[str]:
-        """What the lenses' files say that is hardly true, a line each."""
+        """Implausible values of the lenses, one line each."""
         return [
             f"{one.name}: fy/fx is {one.focal.ratio:.4f}, expected 1 within {100 * SQUARE:g} %: depths that "
             f"it sees alone may be off by {1e3 * one.focal.depth:.1f} mm"
@@ -143,16 +142,16 @@ class CalibrationCheck:
         ]
 
     def is_lost(self, one: CameraCheck) -> bool:
-        """Whether a camera cannot use what it shows, as a rule."""
+        """Whether a camera cannot use its image in most looks."""
         return one.lost >= max(OFTEN, LOST * self.looks)
 
 
 def check_calibration(
     looks: Sequence[Look], cameras: Sequence[Camera], focal_std: Mapping[str, float] = {}
 ) -> CalibrationCheck:
-    """Judge a calibration of two cameras or more by looks at still objects.
+    """Check a calibration of two or more cameras by looks at still objects.
 
-    focal_std: by the camera's name, the deviation of the focal length that its file states [itself].
+    focal_std: relative standard deviation of the focal length that a camera's file states, by its name.
     CalibrationError: there are too few cameras or looks.
     """
     require_two(cameras, "check")
@@ -189,7 +188,7 @@ def check_calibration(
 
 
 def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: CameraErrors) -> list[Corners]:
-    """What each camera misses of the corners, and what was to be expected."""
+    """Return the measured and predicted displacement of the object's corners in each camera."""
     stated = all(map(is_stated, cameras))
     covariances = np.array([calibration_covariance(one) for one in cameras])
     result = []
@@ -215,14 +214,14 @@ def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: Cam
 
 
 def focal_check(camera: Camera, distances: FloatArray, focal_std: Mapping[str, float]) -> FocalCheck:
-    """What a camera's lens leaves open at distances (N,) [m]; `focal_std`: see `check_calibration`."""
+    """Return the possible error of a lens at distances (N,) [m]; `focal_std`: see `check_calibration`."""
     ratio = float(camera.matrix[1, 1] / camera.matrix[0, 0])
     off = max(abs(ratio - 1.0) / 2.0, focal_std.get(camera.name, 0.0))
     return FocalCheck(ratio, off, float(np.median(distances)) if len(distances) else float("nan"))
 
 
 def _corner_motion(camera: Camera, look: Look) -> FloatArray:
-    """(2 N, 6) motion of a look's corners in a camera's picture with the object's pose [px at FOCAL]."""
+    """Return the Jacobian (2 N, 6) of a look's corners in an image by the object's pose [px at FOCAL]."""
     _, jacobian = camera.project_with_jacobian(look.corners)
     swing = np.stack([-so3.hat(arm) for arm in look.corners - look.position])
     motion = np.concatenate([jacobian, jacobian @ swing], axis=2)
@@ -231,7 +230,7 @@ def _corner_motion(camera: Camera, look: Look) -> FloatArray:
 
 
 def _median_miss(misses: FloatArray, cameras: Sequence[Camera]) -> float:
-    """Median over the looks of the root mean square over the cameras [rad]."""
+    """Return the median over the looks of the root mean square over the cameras [rad]."""
     focal = np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in cameras])
     squares = ((misses / focal[:, None]) ** 2).sum(axis=2)
     asked = np.isfinite(squares).sum(axis=1) > 1
@@ -239,7 +238,7 @@ def _median_miss(misses: FloatArray, cameras: Sequence[Camera]) -> float:
 
 
 def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, float]:
-    """What undoes an error (a, w) of camera_from_world; how far it moves [m] and turns [rad] the camera."""
+    """Return the transform that undoes an error (a, w) of camera_from_world, its shift [m] and turn [rad]."""
     rotation = camera.camera_from_world[:3, :3]
     back = np.eye(4)
     back[:3, :3] = so3.exp(-rotation @ error[3:])
@@ -251,14 +250,14 @@ def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, f
 
 
 MOST = 40
-"""Looks at a film, at most."""
+"""Largest number of looks per film."""
 
 APART = 5
-"""Shots from one look at an object in the same place to the next."""
+"""Smallest number of shots between two looks in a film."""
 
 SURE = 0.3
-"""Probability that a pose is the object, if the calibration fits, from which it is looked at: where it does
-not, few are."""
+"""Smallest confidence of a pose that becomes a look, assuming that the calibration fits; if it does not, few
+poses reach it."""
 
 
 def check(
@@ -269,10 +268,10 @@ def check(
     progress: Callable[[int], None] = lambda _: None,
     focal_std: Mapping[str, float] = {},
 ) -> CalibrationCheck:
-    """Whether a calibration fits films and stills of an object.
+    """Check a calibration by films and stills of an object.
 
-    `progress` takes how many more shots were seen; `focal_std`: see `check_calibration`. CalibrationError:
-    there is one camera only, or the object was never seen still.
+    `progress` receives the number of further shots read; `focal_std`: see `check_calibration`.
+    CalibrationError: there is only one camera, or the object was never seen still.
     """
     tracker = ObjectTracker(model, rig, colors, table_prior=False)
     looks: list[Look] = []
@@ -286,7 +285,7 @@ def check(
 
 
 def look_of(fit: Fit, size: FloatArray) -> Look:
-    """What the cameras by themselves say of a pose of a cuboid of `size` (3,) [m]."""
+    """Return the look at a fitted cuboid of `size` (3,) [m]: the poses that the cameras see separately."""
     assert fit.own is not None
     seen = fit.cameras
     used = fit.own.inliers >= USED
@@ -299,7 +298,7 @@ def look_of(fit: Fit, size: FloatArray) -> Look:
 
 
 def _still(tracker: ObjectTracker, footage: Footage, progress: Callable[[int], None]) -> Iterator[int]:
-    """Numbers of the shots that show the object still; stills do."""
+    """Yield the numbers of the shots in which the object is still; every still image counts."""
     tracker.reset()
     last = -APART
     for shot in footage.shots():

@@ -1,7 +1,7 @@
-"""What a camera's picture says of the edges of a posed object: equations that are linear in small changes.
+"""Edges of a posed object measured in a camera's image, as equations that are linear in small changes.
 
-A pose's errors are its own, and those of the cameras, which all poses share. The calibration is in question
-while edges are read.
+The errors of a pose are partly its own and partly those of the cameras, which all poses share. Edges are
+measured without assuming that the calibration is correct.
 """
 
 from __future__ import annotations
@@ -31,39 +31,39 @@ from tracker.segmentation.color_model import ColorModel
 
 @dataclass(frozen=True, eq=False)
 class Contour:
-    """Pieces of visible edges of which one camera's picture shows where they are.
+    """Pieces of visible edges whose positions were measured in one camera's image.
 
     A piece's offset is jacobian · (δp, δθ) + bloom · γ + rim · ρ for an object that is moved by (δp, δθ)
     along world axes [m, rad], a response of exponent 1 + γ and a rim of width ρ [m]. Offsets and their
-    deviations are in pixels of a picture that shows the object in reference size.
+    standard deviations are in pixels of an image that shows the object in reference size.
     """
 
     pixel: FloatArray
-    """(N, 2) where the pieces are expected, from the principal point on [px of the picture]."""
+    """Predicted positions (N, 2) of the pieces, relative to the principal point [px of the image]."""
     normal: FloatArray
-    """(N, 2) unit vectors out of their faces."""
+    """Unit vectors (N, 2) normal to the edges, pointing out of their faces."""
     jacobian: FloatArray
-    """(N, 6) motion along the normal with the pose [px/m, px/rad]."""
+    """Motion (N, 6) along the normal by the pose [px/m, px/rad]."""
     bloom: FloatArray
-    """(N,) offset per exponent [px]."""
+    """Offset (N,) per unit of the exponent [px]."""
     rim: FloatArray
-    """(N,) offset per width of the rim [px/m]."""
+    """Offset (N,) per width of the rim [px/m]."""
     offset: FloatArray
-    """(N,) of the piece from where it is expected, along the normal [px]."""
+    """Measured offset (N,) of the piece from its predicted position, along the normal [px]."""
     variance: FloatArray
-    """(N,) of that [px²]."""
+    """Variance (N,) of the offset [px²]."""
     edge: Array
-    """(N,) which of the cuboid's twelve edges it is part of."""
+    """Number (N,) of the piece's edge among the cuboid's twelve."""
     foot: FloatArray
-    """(N,) standard deviation of the offset of an edge that may stand in its contact shadow [px], else 0."""
+    """Standard deviation (N,) of the offset of edges that contact shadows may shift [px]; else 0."""
     scale: float
-    """Pixels of the picture in one of an object of reference size."""
+    """Pixels of the image per pixel at reference size."""
 
     def information(self, columns: FloatArray, weight: FloatArray, own: float) -> FloatArray:
-        """(K, K) products of columns (N, K), where pieces of an edge have an offset in common.
+        """Return the weighted products (K, K) of columns (N, K); the pieces of an edge share an offset.
 
-        weight: (N,) of the pieces, from 0 to 1: how far they are believed.
-        own: variance of what all pieces of an edge have in common [px²], feet aside: it is integrated out.
+        weight: (N,) weights of the pieces, from 0 to 1.
+        own: variance of the offset that an edge's pieces share, without feet [px²]; it is marginalised.
         """
         weights = weight / self.variance
         total: FloatArray = (columns * weights[:, None]).T @ columns
@@ -78,27 +78,27 @@ class Contour:
 
 
 OWN = 0.05
-"""Standard deviation of what all pieces of an edge have in common [px]."""
+"""Standard deviation of the offset that all pieces of an edge share [px]."""
 
 EXPONENT_STD = 0.5
-"""Standard deviation of a camera's exponent of response."""
+"""Standard deviation of the exponent of a camera's response."""
 
 FAR = 2.0
-"""Offset from which on a piece is taken to be of something else [px]."""
+"""Offset from which a piece is taken for an edge of something else [px]."""
 
 _VAGUE = np.diag(np.repeat([1e-2, 3e-1], 3) ** -2.0)
-"""(6, 6) information that holds what no camera sees [m, rad]."""
+"""Weak prior information (6, 6), for directions that no camera observes [1/m², 1/rad²]."""
 
 
 def seen_motion(position: FloatArray) -> FloatArray:
-    """(6, 6) how an object at a position (3,) seems to move with a camera's error (a, w) [m, rad]."""
+    """Return the Jacobian (6, 6) of an object pose as seen at (3,) by a camera error (a, w) [m, rad]."""
     motion = np.eye(6)
     motion[:3, 3:] = -so3.hat(position)
     return motion
 
 
 def pose_information(contour: Contour, rim_std: float) -> FloatArray:
-    """(6, 6) what a camera's edges say of a pose, where exponent and rim are unknown [1/m², 1/rad²]."""
+    """Return a camera's information (6, 6) on a pose, exponent and rim marginalised [1/m², 1/rad²]."""
     columns = np.column_stack([contour.jacobian, contour.bloom, contour.rim])
     found = contour.information(columns, (np.abs(contour.offset) < FAR).astype(float), OWN**2)
     other = found[6:, 6:] + np.diag([EXPONENT_STD**-2, rim_std**-2])
@@ -109,10 +109,10 @@ def pose_information(contour: Contour, rim_std: float) -> FloatArray:
 def pose_errors(
     contours: Sequence[Contour | None], position: FloatArray, cameras: Sequence[Camera], rim_std: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariance (6, 6) of a pose's own errors, and how it moves (6, C, 6) with the errors of the cameras.
+    """Return the covariance (6, 6) of a pose's own errors, and its Jacobian (6, C, 6) by the cameras' errors.
 
-    With H_c the information of camera c's edges, and D_c the covariance of what its stated error feigns at
-    `position` (3,) [m], the pose is the mean of what the cameras say, weighted by M_c = (H_c⁻¹ + D_c)⁻¹.
+    The pose is the mean of the poses that the cameras see, weighted by M_c = (H_c⁻¹ + D_c)⁻¹. H_c is the
+    information of camera c's edges, D_c the covariance at `position` (3,) [m] due to its stated error.
     """
     motion = seen_motion(position)
     inner, weights = [], []
@@ -128,11 +128,11 @@ def pose_errors(
 
 
 Frame = tuple[Sight, Sighting]
-"""What the pictures of one moment say, and about where the object is in them."""
+"""The evaluated images of one moment, and the approximate pose of the object in them."""
 
 
 class EdgeReader:
-    """Reads edges of an object in a rig's pictures; what it says depends on nothing but its arguments."""
+    """Measures edges of an object in a rig's images; results depend on the arguments of a call alone."""
 
     def __init__(
         self, model: CuboidModel, rig: CameraRig, colors: ColorModel, reader: Reader | None = None
@@ -143,23 +143,23 @@ class EdgeReader:
         self._refiner = Refiner(box, rig.cameras, colors.label_table, table_of(rig.arena, support=False))
 
     def of(self, rig: CameraRig) -> EdgeReader:
-        """The same for cameras that give the same pictures and are calibrated otherwise."""
+        """Return a reader for the same images with another calibration of the cameras."""
         return EdgeReader(self._model, rig, self._colors, self._reader)
 
     def sights(self, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]) -> Iterator[Frame]:
-        """What the pictures say of which the sightings are, those of one footage after the other."""
+        """Yield each sighting with its evaluated images, footage by footage."""
         for one, part in zip(footage, seen, strict=True):
             for sighting, images in zip(part, one.images([s.number for s in part]), strict=True):
                 yield self._reader(images), sighting
 
     def fitted(self, frame: Frame) -> tuple[Fit, list[Contour | None]]:
-        """The pose that fits the edges best near the one seen, and each camera's edges at it."""
+        """Return the pose near the one seen that fits the edges best, and each camera's edges there."""
         sight, seen = frame
         fit = self.refine(sight, seen.rotation, seen.position)
         return fit, self.contours(sight, fit.rotation, fit.position, fit.end)
 
     def refine(self, sight: Sight, rotation: FloatArray, position: FloatArray) -> Fit:
-        """The pose (3, 3), (3,) [m] that fits the edges best near the one given."""
+        """Refine a pose (3, 3), (3,) [m] to the edges of the images."""
         return self._refiner(sight.pictures, rotation, position, FOLLOWING)
 
     def contours(
@@ -170,10 +170,10 @@ class EdgeReader:
         start: Start,
         offsets: FloatArray | None = None,
     ) -> list[Contour | None]:
-        """Each camera's edges at a pose (3, 3), (3,) [m], None where it has no picture or sees none.
+        """Return each camera's edges at a pose (3, 3), (3,) [m]; None if it has no image or sees no edge.
 
-        offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are looked
-        for there. The offsets returned are still relative to the pose itself.
+        offsets: known apparent displacement (C, 6) of the object in each camera [m, rad]. The edges are
+        searched there, but the offsets returned are relative to the pose itself.
         """
         solution, cameras, work = self._refiner.edges(sight.pictures, rotation, position, start, offsets)
         result: list[Contour | None] = []

@@ -1,4 +1,4 @@
-"""The health of a rig over a recording: what people look for by hand, measured on frames spread over it."""
+"""Measure the health of a rig on frames spread over a recording: what people otherwise check by hand."""
 
 from __future__ import annotations
 
@@ -31,41 +31,41 @@ from tracker.poses.poses import Poses
 from tracker.segmentation.light import CLIPPED, find_light
 
 LEVELS = (30.0, 200.0)
-"""Between which a picture's brightness should be; recordings of the platform have 80 to 125."""
+"""Range of brightness of a good image; recordings of the platform have 80 to 125."""
 
 MOST_CLIPPED = 0.15
-"""Largest share of clipped pixels in a good picture; recordings of the platform have 0 to 0.06."""
+"""Largest share of clipped pixels in a good image; recordings of the platform have 0 to 0.06."""
 
 
 def brightness(image: Image) -> float:
-    """Median grey level of a picture (H, W, 3); a lamp in view or a dark finger hardly changes it."""
+    """Return the median grey level of an image (H, W, 3); a lamp or a dark finger in view hardly matters."""
     return float(np.median(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)))
 
 
 def clipped_share(image: Image) -> float:
-    """Share of the pixels of a picture (H, W, 3) with a channel that is clipped."""
+    """Return the share of pixels of an image (H, W, 3) in which a channel is clipped."""
     return float((image.max(axis=2) >= CLIPPED).mean())
 
 
 MOST = 200
-"""Frames that are looked at."""
+"""Number of frames that are measured."""
 
 LEVEL = float(np.cos(np.radians(3.0)))
-"""Of the angle between a face and z = 0, up to which an object rests on it."""
+"""Cosine of the largest angle between a face and z = 0 at which the object is taken to rest on that face."""
 
 OFTEN = 0.1
-"""Share of the frames beyond a limit, from which on it is named."""
+"""Share of frames beyond a limit from which the quantity is reported."""
 
 
 class Quantity(NamedTuple):
-    """Something that is measured of each camera in each frame."""
+    """A quantity that is measured for each camera in each frame."""
 
     title: str
     unit: str
     limits: tuple[float, float]
-    """Within which it is well."""
+    """Range of good values."""
     advice: str
-    """Where to look if it is not."""
+    """What to check if the value is outside the limits."""
 
 
 QUANTITIES: Mapping[str, Quantity] = {
@@ -92,7 +92,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         "the white balance is set at every start: start again with a grey scene in view",
     ),
 }  # fmt: skip
-"""What is measured of each camera, by its key; docs/health.md says why these limits."""
+"""Quantities measured for each camera, by key; docs/health.md explains the limits."""
 
 HEIGHT = Quantity(
     "Table: lowest point of the object at rest, over the arena's table", "mm", (-3.0, 3.0),
@@ -102,26 +102,26 @@ HEIGHT = Quantity(
 
 @dataclass(frozen=True, eq=False)
 class Health:
-    """What was measured on n frames of C cameras; NaN where there is nothing."""
+    """Measurements on n frames of C cameras; NaN where nothing was measured."""
 
     index: Array
-    """(n,) numbers of the frames."""
+    """Numbers (n,) of the frames."""
     time: FloatArray
-    """(n,) since the first frame of the recording [s]."""
+    """Times (n,) since the first frame of the recording [s]."""
     cameras: tuple[str, ...]
     values: Mapping[str, FloatArray]
-    """(n, C) of each of QUANTITIES."""
+    """Values (n, C) of each of QUANTITIES."""
     height: FloatArray
-    """(n,) as of HEIGHT."""
+    """Values (n,) of HEIGHT."""
     check: CalibrationCheck | None
-    """Whether the calibration fits; None: the object never rested in view of two cameras."""
+    """The calibration check; None if there is only one camera or the object was never seen at rest."""
 
     def beyond(self, key: str) -> FloatArray:
-        """(C,) share of the frames in which a quantity is beyond its limits; NaN where not measured."""
+        """Return the share (C,) of frames in which a quantity is beyond its limits; NaN if not measured."""
         return np.array([_beyond(column, QUANTITIES[key]) for column in self.values[key].T])
 
     def complaints(self) -> list[str]:
-        """What is not well, a line each."""
+        """Return what is beyond its limits, one line each."""
         result = []
         for key, quantity in QUANTITIES.items():
             for name, share in zip(self.cameras, self.beyond(key), strict=True):
@@ -134,7 +134,7 @@ class Health:
         return result
 
     def missing(self) -> str | None:
-        """What was never measured, and why, in one line; None where all was."""
+        """Return in one line what was never measured, and why; None if everything was."""
         measured = {**self.values, "table": self.height}
         names = [key for key, values in measured.items() if not np.isfinite(values).any()]
         if not names:
@@ -153,9 +153,9 @@ def _beyond(values: FloatArray, quantity: Quantity) -> float:
 def health(
     tracker: ObjectTracker, log: Log, poses: Poses, progress: Callable[[int], None] = lambda _: None
 ) -> Health:
-    """Measure a recording that was tracked; `progress` takes how many more frames were looked at.
+    """Measure a recording that was tracked; `progress` receives the number of further frames measured.
 
-    LogError: the recording is damaged; ImageError: a picture is not what the tracker's cameras give.
+    LogError: the recording is damaged; ImageError: an image does not suit the tracker's cameras.
     """
     rows = evenly(len(poses), MOST)
     count, rig, filtered = len(tracker.rig), tracker.rig, poses.filtered
@@ -171,7 +171,7 @@ def health(
         for key, value in found.values.items():
             values[key][n] = value
         height[n] = found.height
-        # Pictures of one place say the same again, and nothing more.
+        # Looks at the object in the same place add no information.
         if found.look is not None and frame.index >= last + APART:
             last = frame.index
             looks.append(found.look)
@@ -186,21 +186,21 @@ def health(
 
 
 class Sample(NamedTuple):
-    """What the pictures of one moment tell; NaN where there is nothing."""
+    """Measurements on the images of one moment; NaN where nothing was measured."""
 
     values: Mapping[str, FloatArray]
-    """(C,) of each of QUANTITIES but the disagreement."""
+    """Values (C,) of each of QUANTITIES except the disagreement."""
     height: float
-    """As of HEIGHT."""
+    """Value of HEIGHT."""
     look: Look | None
-    """Where each camera sees an object at rest, if it is seen by one or more."""
+    """The poses in which the cameras separately see an object at rest, if at least one sees it."""
 
 
 def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: bool) -> Sample:
-    """Measure the pictures (H, W, 3) uint8 BGR of one moment; the tracker's memory is not used or changed.
+    """Measure the images (H, W, 3) uint8 BGR of one moment; the tracker's state is neither used nor changed.
 
-    still: whether the object does not move: else table and disagreement stay unknown.
-    ImageError: a picture is not what the tracker's cameras give.
+    still: whether the object is at rest; if not, height and look are not measured.
+    ImageError: an image does not suit the tracker's cameras.
     """
     values = {key: np.full(len(tracker.rig), np.nan) for key in QUANTITIES if key != "disagreement"}
     height, look = float("nan"), None
@@ -222,14 +222,14 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
 
 
 def disagreement(looks: Sequence[Look], rig: CameraRig) -> FloatArray:
-    """(looks, C) by which each camera misses what the others see [mrad]; NaN: not known."""
+    """Return the disagreement (looks, C) of each camera with the others [mrad]; NaN if unknown."""
     angles = [camera.matrix[[0, 1], [0, 1]] for camera in rig]
     misses: FloatArray = 1e3 * np.linalg.norm(CameraErrors(looks, rig.cameras).misses() / angles, axis=2)
     return misses
 
 
 def of_picture(image: Image) -> dict[str, float]:
-    """Brightness, clipping and white balance of a picture (H, W, 3)."""
+    """Return brightness, clipping and white balance of an image (H, W, 3)."""
     light = find_light(image)
     balance = 100.0 * (light.gains[0] / light.gains[2] - 1.0) if light.share > 0.0 else float("nan")
     return {
@@ -240,7 +240,7 @@ def of_picture(image: Image) -> dict[str, float]:
 
 
 def height_over_table(position: FloatArray, rotation: FloatArray, model: CuboidModel, arena: Arena) -> float:
-    """Height of the lowest point over the table [mm]; NaN without a table, or unless a face is level."""
+    """Return the lowest point's height over the table [mm]; NaN without a table or if no face is level."""
     down = np.abs(rotation[2])
     if arena.table is None or down.max() < LEVEL:
         return float("nan")

@@ -1,10 +1,10 @@
-"""By how much each camera is off, from where each by itself sees an object that all see.
+"""Estimate the error of each camera from the poses in which the cameras separately see the same object.
 
-A camera c whose transform is off by ξ_c = (a, w), see `deviations`, sees an object at P moved by
-d_c = -G(P) ξ_c, with G(P) = [I, -[P]×; 0, I]. Over many looks at still objects, each with a pose of its own,
-the ξ_c follow by least squares with the poses eliminated; what all cameras have in common stays as it is.
-What the files state of errors is the prior, and a camera counts as moved if the looks are much more
-probable with its ξ_c left free.
+A camera c with error ξ_c = (a, w) of its transform (see `deviations`) sees an object at P displaced by
+d_c = -G(P) ξ_c, with G(P) = [I, -[P]×; 0, I]. From many looks at still objects, each with an unknown pose,
+least squares with the poses eliminated gives the ξ_c; an error common to all cameras is not observable.
+The errors stated in the files are the prior. A camera counts as moved if the looks are much more probable
+with its ξ_c free.
 """
 
 from __future__ import annotations
@@ -20,57 +20,57 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 
 OFTEN = 3
-"""Looks that it takes to name a camera: in one alone, what hides a camera's view looks like a motion."""
+"""Smallest number of looks to name a camera; in a single look, an occlusion can resemble a motion."""
 
 TYPICAL = 5e-4, 1.75e-3
-"""Standard deviations of cameras whose files state none [m, rad]."""
+"""Standard deviations assumed for cameras whose files state none [m, rad]."""
 
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
-"""Shares of the stated variance that errors may have: a calibration is often better than its file fears, and
-where the other cameras agree so well, one that does not has moved."""
+"""Candidate ratios of actual to stated variance: a calibration is often better than its file states, and a
+camera that disagrees with others which agree that well has moved."""
 
 LOOSE = 0.03, 0.09
-"""Standard deviations of a camera that may have moved [m, rad]."""
+"""Prior standard deviations of a camera that may have moved [m, rad]."""
 
 ACROSS, ALONG, TILT, ROLL = 3e-4, 4e-3, 8e-3, 3e-3
-"""Errors of one camera's view that are not its calibration's, over its distance: across the line of sight and
-along it; and about axes across it and along it [rad]."""
+"""Errors of a single view that calibration does not cause: relative to its distance, across the line of sight
+and along it; and about axes across the line of sight and along it [rad]."""
 
 SAME = 20.0
-"""Looks after which errors of a camera's view no longer average away."""
+"""Number of looks beyond which the errors of a camera's view no longer average out."""
 
 MOVED = 8.0
 """Gain in log likelihood from which a camera counts as moved."""
 
 EVIDENT = -13.5
-"""The same of the log evidence, for which it is enough that the others agree much better than stated. LOOSE
-is far wider than most knocks, for which evidence pays: cameras that are off as stated have -14 and less, one
-of exact ones that is off by 3 mm or 0.5° has -13 and more."""
+"""Gain in log evidence from which a camera counts as moved, for instance if the others agree much better than
+stated. It is negative since LOOSE is far wider than most displacements, which evidence penalises: cameras off
+as stated have -14 or less; a camera off by 3 mm or 0.5° among exact ones has -13 or more."""
 
 FREEDOM = 4.0
-"""Degrees of freedom of Student's t, by which a look counts the less the farther off it is."""
+"""Degrees of freedom of Student's t, which gives outlying looks less weight."""
 
 ROUNDS = 6
-"""Solutions with robust weights."""
+"""Number of iterations of robust reweighting."""
 
 
 class Look(NamedTuple):
-    """Where each camera by itself sees a still object."""
+    """The poses in which the cameras separately see a still object."""
 
     position: FloatArray
-    """(3,) of the object, as all cameras together have it [m]."""
+    """Position (3,) of the object according to all cameras together [m]."""
     information: FloatArray
-    """(C, 6, 6) on the pose that each camera sees [1/m², 1/rad²]; zero where it sees too little."""
+    """Information (C, 6, 6) on the pose that each camera sees [1/m², 1/rad²]; zero if it sees too little."""
     moved: FloatArray
-    """(C, 6) that pose less the joint one [m, rad]."""
+    """The pose (C, 6) that each camera sees minus the joint pose [m, rad]."""
     lost: Array
-    """(C,) bool: whether the camera should see the object, shows its colours, and cannot use them."""
+    """(C,) bool: whether a camera should see the object and shows its colours, but cannot use them."""
     corners: FloatArray
-    """(N, 3) of the object, as all cameras together have them [m]."""
+    """Corners (N, 3) of the object according to all cameras together [m]."""
 
 
 class CameraErrors:
-    """The looks as least squares for the cameras' errors, the poses eliminated."""
+    """Least squares for the cameras' errors over all looks, with the object's poses eliminated."""
 
     def __init__(self, looks: Sequence[Look], cameras: Sequence[Camera]) -> None:
         self.cameras, count = cameras, len(cameras)
@@ -91,9 +91,9 @@ class CameraErrors:
         self.loose = np.diag(1.0 / np.repeat(np.square(LOOSE), 3))
 
     def solve(self, free: Sequence[int], share: float = 1.0) -> tuple[FloatArray, float, float]:
-        """Errors (C, 6) of the cameras with some of them free to move; its cost, and minus the log evidence.
+        """Return the cameras' errors (C, 6) if those in `free` may have moved, the cost, and -log evidence.
 
-        share: of the variance that the files state.
+        share: ratio of the actual variance to the stated one.
         """
         count = len(self.cameras)
         prior = [self.loose if c in free else self.held[c] / share for c in range(count)]
@@ -105,7 +105,7 @@ class CameraErrors:
             errors = np.asarray(np.linalg.solve(matrix, vector)).reshape(count, 6)
             seen = self.moved_by + np.einsum("fij,cj->fci", self.lever, errors)
             off = seen - self._poses(weights[..., None, None] * self.known, seen)[:, None]
-            squares = np.einsum("fci,fcij,fcj->fc", off, self.known, off)  # in their standard deviations
+            squares = np.einsum("fci,fcij,fcj->fc", off, self.known, off)  # squared Mahalanobis distance
             known = min(1.0, SAME / len(self.known))
             cost = 0.5 * known * float(((FREEDOM + 6) * np.log1p(squares / FREEDOM)).sum())
             cost += 0.5 * sum(float(e @ p @ e) for e, p in zip(errors, prior, strict=True))
@@ -114,12 +114,12 @@ class CameraErrors:
         return errors, cost, cost + 0.5 * float(volume)
 
     def evidence(self, free: Sequence[int]) -> float:
-        """Log evidence for these cameras to have moved, whatever share of what is stated others are off."""
+        """Return the log evidence that just these cameras have moved, marginalised over SHARES."""
         found = np.array([-self.solve(free, share)[2] for share in SHARES])
         return float(found.max() + np.log(np.mean(np.exp(found - found.max()))))
 
     def moved(self) -> list[int]:
-        """Cameras that must have moved, the one that explains most first; all but one at most."""
+        """Return the cameras that have moved, the one that explains most first; at most all but one."""
         free: list[int] = []
         if len(self.known) < OFTEN:
             return free
@@ -136,7 +136,7 @@ class CameraErrors:
         return free
 
     def misses(self) -> FloatArray:
-        """(looks, C, 2) by which each camera misses the pose of the others [px]; NaN: not known."""
+        """Return the disagreement (looks, C, 2) of each camera with the others' pose [px]; NaN if unknown."""
         result = np.full((*self.known.shape[:2], 2), np.nan)
         for f in range(len(self.known)):
             for c, camera in enumerate(self.cameras):
@@ -148,26 +148,26 @@ class CameraErrors:
         return result
 
     def shares(self, f: int, c: int) -> FloatArray | None:
-        """(C, 6, 6) by which each camera's view has a part in where c sees the object against the others.
+        """Return each view's weight (C, 6, 6) in the pose that c sees minus the pose that the others see.
 
-        None where c or all others see too little in look f.
+        None if c or all others see too little in look f.
         """
         known = self.known[f].copy()
         if known[c, 0, 0] <= 0.0 or not (np.delete(known[:, 0, 0], c) > 0.0).any():
             return None
-        known[c] *= 1e-3  # a pose that the others leave open is taken from the camera itself
+        known[c] *= 1e-3  # so that directions the others do not observe come from the camera itself
         result: FloatArray = -np.linalg.solve(known.sum(axis=0), known)
         result[c] += np.eye(6)
         return result
 
     def _poses(self, known: FloatArray, seen: FloatArray) -> FloatArray:
-        """(looks, 6) of the object where the cameras' views are (looks, C, 6)."""
+        """Return the joint poses (looks, 6) of the object, given the poses (looks, C, 6) that cameras see."""
         joint = known.sum(axis=1) + np.diag(np.repeat([1.0, 1e-2], 3))
         pull = np.einsum("fcij,fcj->fi", known, seen)
         return np.asarray(np.linalg.solve(joint, pull[..., None])[..., 0])
 
     def _equations(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Normal equations (6 C, 6 C), (6 C,) of the errors without prior."""
+        """Return the normal equations (6 C, 6 C), (6 C,) of the errors, without their prior."""
         share = min(1.0, SAME / len(self.known))
         known = share * weights[..., None, None] * self.known
         count = len(self.cameras)
@@ -187,7 +187,7 @@ class CameraErrors:
 
 
 def _view_errors(camera: Camera, distance: float) -> FloatArray:
-    """(6, 6) covariance of what one view cannot know, along world axes."""
+    """Return the covariance (6, 6) of the errors inherent in one view, along world axes."""
     turn = np.kron(np.eye(2), camera.camera_from_world[:3, :3].T)
     std = [ACROSS * distance, ACROSS * distance, ALONG * distance, TILT, TILT, ROLL]
     return np.asarray(turn @ np.diag(np.square(std)) @ turn.T)

@@ -1,17 +1,16 @@
-"""Mends a calibration by what recordings of a moving object show: how the cameras stand to each other.
+"""Refine the relative poses of the cameras by recordings of a moving object.
 
-Bundle adjustment over pictures: read edges, solve, move cameras and poses, and read again.
+Bundle adjustment on images: measure edges, solve, update cameras and poses, and measure again.
 
-Unknown are the pose of each frame, δ_f = (δp, δθ); of each camera its error e_c = (a, w) (see `deviations`),
-the exponent γ_c of its response and, on request, its focal length and principal point k_c; and the object's
-rim ρ.
-With J the motion of a piece of an edge with the pose, and B(p) that of an object at p with a camera's error,
-its offset [px] is
+The unknowns are the pose δ_f = (δp, δθ) of each frame; the error e_c = (a, w) (see `deviations`), response
+exponent γ_c and, on request, focal length and principal point k_c of each camera; and the object's rim ρ.
+With J the Jacobian of an edge piece's position by the pose, and B(p) that of the apparent pose of an object
+at p by a camera's error, the offset of a piece [px] is
     r = J (δ_f + B(p_f) e_c) + K k_c + bloom γ_c + rim ρ.
-Weighted least squares with robust weights; the poses are eliminated (Schur), since each is in its own frame
-only: D_f (6, 6) of a pose, E_f of its pose with the rest, A of the rest:
+The robustly weighted least squares problem is solved with the poses eliminated (Schur complement), since each
+occurs in one frame only. D_f (6, 6) is the block of a pose, E_f of the pose with the rest, A of the rest:
     (A - Σ_f E_fᵀ D_f⁻¹ E_f) x = g - Σ_f E_fᵀ D_f⁻¹ g_f,   δ_f = D_f⁻¹ (g_f - E_f x).
-What would move all cameras alike no edge can tell; priors on their errors keep it where it was.
+No edge can show a motion common to all cameras; the priors on their errors hold it in place.
 B. Triggs et al., "Bundle Adjustment: A Modern Synthesis", 2000.
 """
 
@@ -39,48 +38,48 @@ from tracker.pipeline import ObjectTracker
 from tracker.segmentation.color_model import ColorModel
 
 EXTRINSIC, EXPONENT, FOCAL = slice(0, 6), 6, slice(7, 10)
-"""What is unknown of a camera: its error (a, w) [m, rad], its exponent, and its logarithm of the focal length
-and principal point [px]."""
+"""Indices of a camera's unknowns: its error (a, w) [m, rad], its exponent, and the logarithm of its focal
+length with its principal point [px]."""
 
 LEAST_STD = 2e-3, np.radians(0.3)
-"""Standard deviations of cameras' errors that are reckoned with beside those that are stated [m, rad]."""
+"""Standard deviations of cameras' errors that are assumed in addition to the stated ones [m, rad]."""
 
 FOCAL_STD, CENTER_STD = 5e-3, 0.01
-"""Standard deviations of the logarithm of the focal length, and of the principal point [pictures' widths]."""
+"""Standard deviations of the logarithm of the focal length, and of the principal point [image widths]."""
 
 LIKELY_EXPONENT = 0.3
-"""Exponent of response (less 1) that is expected."""
+"""Expected exponent of the response, minus 1."""
 
 EDGES_STD = 4e-5
-"""What edges of all frames are off by together, as a rim's width [m], at least: shade and shadows move them.
-No number of frames averages that away, nor by how much the rim is not known, since worn edges look otherwise
-than sharp ones; it looks like cameras that are all farther away or nearer."""
+"""Smallest standard deviation of the offset common to the edges of all frames, due to shading and shadows, as
+a width of the rim [m]. Like the rim's uncertainty (worn edges look different from sharp ones), it does not
+average out over frames, and resembles cameras that are all farther away or nearer."""
 
 TUKEY, LEAST_LIMIT = 4.685, 0.4
-"""Residual at which a piece's weight reaches zero [robust standard deviations], and the least such [px]."""
+"""Residual at which a piece's weight is zero [robust standard deviations], and its smallest value [px]."""
 
 _HELD = np.diag(np.repeat([2e-2, 3e-1], 3) ** -2.0)
-"""(6, 6) information that holds what no camera sees of a pose [m, rad]."""
+"""Weak prior information (6, 6), for directions of a pose that no camera observes [1/m², 1/rad²]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The cameras and the rim as known so far, and what was known of them beforehand."""
+    """The current estimate of the cameras and the rim, and its prior."""
 
     cameras: tuple[Camera, ...]
-    """As they are now taken to be."""
+    """Current estimate of the cameras."""
     errors: FloatArray
-    """(C, 10) EXTRINSIC, EXPONENT, FOCAL: what has been added up."""
+    """Sum (C, 10) of all changes so far: EXTRINSIC, EXPONENT, FOCAL."""
     rim: float
-    """Of the object [m]."""
+    """Width of the object's rim [m]."""
     information: FloatArray
-    """(C, 10, 10) known beforehand of the errors, of exponents about LIKELY_EXPONENT."""
+    """Prior information (C, 10, 10) on the errors; the prior mean of the exponents is LIKELY_EXPONENT."""
     likely_rim: tuple[float, float]
-    """Width of the rim known beforehand, and its standard deviation [m]."""
+    """Prior mean of the rim's width, and its standard deviation [m]."""
 
     @classmethod
     def of(cls, cameras: Sequence[Camera], rim: tuple[float, float], *, focal: bool) -> Unknowns:
-        """As cameras' files state, and LEAST_STD, to begin with; `focal`: whether lenses may be off, too."""
+        """Return the prior from the cameras' files and LEAST_STD; `focal`: whether lenses are unknown."""
         errors = np.zeros((len(cameras), 10))
         errors[:, EXPONENT] = LIKELY_EXPONENT
         information = np.zeros((len(cameras), 10, 10))
@@ -94,38 +93,38 @@ class Unknowns:
         return cls(tuple(cameras), errors, rim[0], information, rim)
 
     def moved(self, change: FloatArray, rim: float) -> Unknowns:
-        """After a change (C, 10) of the cameras, and with another rim."""
+        """Return the estimate after a change (C, 10) of the cameras, with a new rim."""
         cameras = tuple(_changed(camera, one) for camera, one in zip(self.cameras, change, strict=True))
         return dataclasses.replace(self, cameras=cameras, errors=self.errors + change, rim=rim)
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of Gauss and Newton."""
+    """One Gauss-Newton step."""
 
     poses: FloatArray
-    """(F, 6) change of each frame's pose [m, rad]."""
+    """Change (F, 6) of each frame's pose [m, rad]."""
     change: FloatArray
-    """(C, 10) of the cameras."""
+    """Change (C, 10) of the cameras."""
     rim: float
-    """The rim [m], not its change."""
+    """The new width of the rim [m], not its change."""
     rim_std: float
-    """Its standard deviation, whatever is not known of where the cameras are, with EDGES_STD [m]."""
+    """Marginal standard deviation of the rim, including EDGES_STD [m]."""
     covariance: FloatArray
-    """(C, 10, C, 10) of what is unknown of the cameras."""
+    """Covariance (C, 10, C, 10) of the cameras' unknowns."""
     residual: float
-    """Robust standard deviation of the offsets before it [px]."""
+    """Robust standard deviation of the offsets before the step [px]."""
     own: float
-    """Variance of what the pieces of an edge have in common [px²]."""
+    """Variance of the offset that the pieces of an edge share [px²]."""
 
 
 def solve(views: Sequence[tuple[FloatArray, Sequence[Contour | None]]], now: Unknowns) -> Step:
-    """The step from what is known now.
+    """Return the step from the current estimate.
 
-    views: of each frame where the object is looked for (3,) [m], and what each present camera shows there.
+    views: for each frame the object's position (3,) [m], and the edges that each present camera shows there.
     """
     count, size = len(now.cameras), 10 * len(now.cameras) + 1
-    # With each contour the offsets (N,) that the exponent and the rim do not explain [px].
+    # Each contour with its residuals (N,): offsets that exponent and rim do not explain [px].
     seen = [
         [
             (c, one, one.offset - one.bloom * now.errors[c, EXPONENT] - one.rim * now.rim)
@@ -155,7 +154,7 @@ def solve(views: Sequence[tuple[FloatArray, Sequence[Contour | None]]], now: Unk
         rest -= joint.T @ solved[:, :-1]
         right -= joint.T @ solved[:, -1]
         poses.append((held, joint, force))
-    # Metres, radians and pixels differ by orders of magnitude.
+    # Scale before inverting: metres, radians and pixels differ by orders of magnitude.
     unit = 1.0 / np.sqrt(np.diag(rest))
     covariance = np.linalg.inv(rest * np.outer(unit, unit)) * np.outer(unit, unit)
     found = covariance @ right
@@ -175,10 +174,9 @@ def solve(views: Sequence[tuple[FloatArray, Sequence[Contour | None]]], now: Unk
 
 
 def relative_covariance(covariance: FloatArray) -> FloatArray:
-    """(C, 6, 6) covariances of the cameras' errors (a, w), less what moves all of them alike.
+    """Return the covariances (C, 6, 6) of the cameras' errors (a, w) without their common motion.
 
-    covariance: (C, 10, C, 10) of a `Step`. What is left out is where the world is, not how cameras stand to
-    each other.
+    covariance: (C, 10, C, 10) of a `Step`. Common motion changes the world frame, not the relative poses.
     """
     count = len(covariance)
     joint = covariance[:, EXTRINSIC, :, EXTRINSIC].reshape(6 * count, 6 * count)
@@ -188,7 +186,7 @@ def relative_covariance(covariance: FloatArray) -> FloatArray:
 
 
 def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: float, own: float) -> FloatArray:
-    """(18, 18) of the columns pose, camera, rim and residual."""
+    """Return the weighted products (18, 18) of the columns pose, camera, rim and residual."""
     lens = np.column_stack([np.einsum("ni,ni->n", contour.normal, contour.pixel), contour.normal])
     moves, size = contour.jacobian, contour.scale
     columns = np.column_stack([moves, moves @ motion, contour.bloom, lens / size, contour.rim, left])
@@ -196,13 +194,13 @@ def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: flo
 
 
 def _weights(left: FloatArray, limit: float) -> FloatArray:
-    """(N,) Tukey's."""
+    """Return Tukey's weights (N,)."""
     return np.asarray(np.clip(1.0 - (left / limit) ** 2, 0.0, None) ** 2)
 
 
 def _own_variance(seen: Sequence[Sequence[tuple[int, Contour, FloatArray]]], limit: float) -> float:
-    """Variance [px²] of what the pieces of an edge have in common: what their means vary more than noise."""
-    total, count = 0.0, -6.0 * len(seen)  # the poses take up as many
+    """Return the variance [px²] of the offset that an edge's pieces share: of their means, less noise."""
+    total, count = 0.0, -6.0 * len(seen)  # degrees of freedom of the poses
     for view in seen:
         for _, contour, left in view:
             weights = _weights(left, limit) * (contour.foot == 0.0) / contour.variance
@@ -215,7 +213,7 @@ def _own_variance(seen: Sequence[Sequence[tuple[int, Contour, FloatArray]]], lim
 
 
 def _prior(now: Unknowns) -> tuple[FloatArray, FloatArray]:
-    """(n, n) information on the rest, the cameras one after the other and the rim, and (n,) its pull."""
+    """Return the prior's information (n, n) and right-hand side (n,) on all cameras in turn, then the rim."""
     off = now.errors.copy()
     off[:, EXPONENT] -= LIKELY_EXPONENT
     pulls = [-information @ one for information, one in zip(now.information, off, strict=True)]
@@ -224,7 +222,7 @@ def _prior(now: Unknowns) -> tuple[FloatArray, FloatArray]:
 
 
 def _changed(camera: Camera, change: FloatArray) -> Camera:
-    """A camera with a change (10,) of what is unknown of it."""
+    """Return a camera after a change (10,) of its unknowns."""
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = so3.exp(change[3:6]), change[:3]
     transform = camera.camera_from_world @ transform
@@ -236,24 +234,24 @@ def _changed(camera: Camera, change: FloatArray) -> Camera:
 
 
 ITERATIONS = 10
-"""Steps, at most."""
+"""Largest number of steps."""
 
 SETTLED = 0.02e-3, np.radians(0.002)
-"""Change of a camera below which it has settled [m, rad]."""
+"""Change of the cameras below which the iteration has converged [m, rad]."""
 
 
 def adjust(
     edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float], *, focal: bool
 ) -> tuple[Unknowns, Step]:
-    """The cameras that fit the frames' edges best, with what else was unknown, and the last step.
+    """Return the estimate that fits the frames' edges best, and the last step.
 
-    The reader's cameras state deviations that leave them room (see `_wider`). `rim`: of the object, and its
-    standard deviation [m]. `focal`: whether focal lengths and principal points are unknown, too.
+    The reader's cameras must state deviations wide enough to move (see `_wider`). `rim`: prior width of the
+    rim and its standard deviation [m]. `focal`: whether focal lengths and principal points are unknown, too.
     """
     now = Unknowns.of(edges.rig.cameras, rim, focal=focal)
     fits = [edges.refine(sight, seen.rotation, seen.position) for sight, seen in frames]
     poses = [(fit.rotation, fit.position) for fit in fits]
-    # At first the cameras see the object beside where they should.
+    # At first the cameras see the object displaced, by the errors of the calibration.
     aims: Sequence[FloatArray | None] = [fit.offsets for fit in fits]
     for _ in range(ITERATIONS):
         reader = edges.of(dataclasses.replace(edges.rig, cameras=now.cameras))
@@ -275,57 +273,57 @@ def adjust(
 
 
 def _stating(rig: CameraRig, cameras: Sequence[Camera], stds: Iterable[FloatArray | None]) -> CameraRig:
-    """The rig with other cameras, which state deviations (4, 4)."""
+    """Return the rig with other cameras that state deviations (4, 4)."""
     pairs = zip(cameras, stds, strict=True)
     stating = tuple(dataclasses.replace(camera, camera_from_world_std=std) for camera, std in pairs)
     return dataclasses.replace(rig, cameras=stating)
 
 
 def _wider(camera: Camera) -> FloatArray:
-    """What a camera states of its place, at least LEAST_STD."""
+    """Return the stated deviations (4, 4) of a camera's pose, raised to at least LEAST_STD."""
     least = element_std(camera.camera_from_world[:3, :3], np.diag(np.repeat(np.square(LEAST_STD), 3)))
     std = camera.camera_from_world_std
     return least if std is None else np.maximum(std, least)
 
 
 SURE = 0.15
-"""Least confidence of a pose that counts: a calibration that is off makes it low, and is to be mended."""
+"""Smallest confidence of a pose that is used; it is low since the calibration to refine lowers confidence."""
 
 JUDGED = 3
-"""One in so many frames judges what the others teach."""
+"""One in this many frames is held out to judge cameras fitted to the others."""
 
 MISSED = 2.0
-"""Offset as which a larger one counts when cameras are judged [px of an object of reference size]."""
+"""Offset at which larger ones are clipped when cameras are judged [px of an object of reference size]."""
 
 GAIN = 0.05
-"""Share by which the held-out offsets must shrink."""
+"""Relative decrease of the held-out offsets that is required."""
 
 FLOOR = 0.15e-3, np.radians(0.04)
-"""Standard deviations that are always stated: what a model of lenses and edges does not know [m, rad]."""
+"""Standard deviations added to all that are stated: errors of the model of lenses and edges [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Cameras that fit the recordings, and how much better."""
+    """Cameras refined by recordings, and how much better they fit."""
 
     rig: CameraRig
-    """The cameras."""
+    """The refined rig."""
     moved: FloatArray
-    """(C, 6) by how much each was off against the mean of all [m, rad], along world axes."""
+    """Error (C, 6) of each camera relative to the mean of all [m, rad], along world axes."""
     std: FloatArray
-    """(C, 6) of that."""
+    """Standard deviations (C, 6) of these errors."""
     lenses: FloatArray
-    """(C, 3) change of the focal length [1], and of the principal point [px]."""
+    """Change (C, 3) of the focal length [1], and of the principal point [px]."""
     before: float
-    """Root mean square offset of the edges in frames held out [px of an object of reference size]."""
+    """Root mean square offset of the edges in held-out frames [px of an object of reference size]."""
     after: float
     """The same with cameras fitted without those frames."""
     rim: tuple[float, float]
-    """How far within its nominal edges the object's colours end, and how well that is known [m]."""
+    """How far within its nominal edges the object's colours end, and the standard deviation [m]."""
     frames: int
-    """Frames that were used."""
+    """Number of frames used."""
     plane: TablePlane | None
-    """The table in the refined cameras' world of before, where the object rested often enough to see it."""
+    """The table in the world before levelling; None if the object rested in too few places."""
 
 
 def refine_cameras(
@@ -338,17 +336,17 @@ def refine_cameras(
     most: int = 90,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Refined:
-    """The cameras that fit the object's edges in all frames together.
+    """Refine the cameras so that they fit the object's edges in all frames together.
 
-    Cameras are taught by two thirds of the frames and judged by the others; if those are fitted better, the
-    final ones are taught by all. Where the world is, they cannot tell: x, y and yaw stay as the old cameras
-    have them on the average, and so do z and tilt unless the object rested often enough to show the table.
+    The cameras are fitted to two thirds of the frames and judged by the others. If those fit better, the
+    final cameras are fitted to all. The world frame is not observable: x, y and yaw stay as the old cameras
+    have them on average, and so do z and tilt unless the object rested often enough to show the table.
 
-    `most` frames are used; `progress` takes how many more shots showed the object.
+    At most `most` frames are used; `progress` receives the number of further shots that show the object.
 
     Raises:
-        CalibrationError: there is one camera only, or the object was seen in too few poses.
-        NotBetterError: held-out frames are fitted no better.
+        CalibrationError: there is only one camera, or the object was seen in too few poses.
+        NotBetterError: the refined cameras do not fit the held-out frames better.
     """
     require_two(rig.cameras, "refine", ", which stand to each other")
     wide = _stating(broad(rig), rig.cameras, map(_wider, rig))
@@ -376,7 +374,7 @@ def refine_cameras(
         for camera, one in zip(now.cameras, covariances, strict=True)
     ]
     found, plane = _stating(rig, now.cameras, stds), None
-    # Where it hardly rests, z and tilt stay as they are.
+    # If the object rested in too few places, z and tilt stay as they are.
     with contextlib.suppress(CalibrationError):
         plane = plane_of(model, edges.of(found), footage, seen)
     return Refined(
@@ -393,7 +391,7 @@ def refine_cameras(
 
 
 def misfit(edges: EdgeReader, frames: Sequence[Frame]) -> float:
-    """Root mean square offset [px at reference size] of edges at the poses that fit best."""
+    """Return the root mean square offset [px at reference size] of edges at the poses that fit best."""
     squares, count = 0.0, 0
     for frame in frames:
         fit, found = edges.fitted(frame)

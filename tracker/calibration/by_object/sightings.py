@@ -1,4 +1,4 @@
-"""Where a known object was in recordings and sets of images, at rest or in poses that differ."""
+"""Find a known object in recordings and sets of images: at rest, or in different poses."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from tracker.logs.log import Log, evenly, picked
 from tracker.pipeline import ObjectTracker
 
 Images = Sequence[Image | None]
-"""(H, W, 3) BGR of each camera of a rig, None where it gave none."""
+"""Image (H, W, 3) BGR of each camera of a rig; None if it gave none."""
 
 
 class Shot(NamedTuple):
-    """What the cameras gave at one moment."""
+    """The images of one moment."""
 
     number: int
     images: Images
     stamps: FloatArray | None
-    """(C,) when the pictures were taken [s]; None: at a moment of their own."""
+    """Timestamps (C,) of the images [s]; None for stills, which are unrelated in time."""
     begins: bool
-    """Whether what was before does not matter."""
+    """Whether the shot is unrelated to those before it."""
 
 
 def require_two(cameras: Sequence[Camera], what: str, why: str = "") -> None:
-    """Refuse a rig of one camera; CalibrationError names what asks, and why."""
+    """Raise CalibrationError for a rig of one camera, naming the command `what` and the reason `why`."""
     if len(cameras) < 2:
         raise CalibrationError(f"{what}: found {cameras[0].name} alone, expected two cameras or more{why}")
 
 
 class Footage:
-    """A recording, open as long as this is used, or sets of pictures, each taken at a moment of its own.
+    """A recording, which must stay open while this is used, or sets of images that are unrelated in time.
 
-    stills: each of the recording's frames was taken at a moment of its own.
+    stills: whether the recording's frames are unrelated in time, too.
     """
 
     def __init__(self, source: Log | Sequence[Images], *, stills: bool = False) -> None:
         self._source, self._stills = source, stills or len(source) == 1
 
     def shots(self) -> Iterator[Shot]:
-        """All of it, in order."""
+        """Yield all shots in order."""
         log = self._source
         if not isinstance(log, Log):
             yield from (Shot(k, images, None, True) for k, images in enumerate(log))
@@ -59,7 +59,7 @@ class Footage:
             yield Shot(frame.index, frame.images, stamps, still or frame.index in starts)
 
     def images(self, numbers: Sequence[int]) -> Iterator[Images]:
-        """The pictures of some shots, by number, which ascend."""
+        """Return the images of the shots with these ascending numbers."""
         source = self._source
         if isinstance(source, Log):
             return (frame.images for frame in picked(source, numbers))
@@ -68,10 +68,10 @@ class Footage:
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """The object in one shot."""
+    """The object as seen in one shot."""
 
     number: int
-    """Of the shot."""
+    """Number of the shot."""
     position: FloatArray
     """(3,) [m]."""
     rotation: FloatArray
@@ -79,18 +79,18 @@ class Sighting:
     velocity: FloatArray | None
     """(6,) [m/s, rad/s]; None in a still."""
     skew: float
-    """Time between the first and the last picture [s]."""
+    """Time between the first and the last image of the shot [s]."""
     begins: bool
-    """Whether no sighting before it belongs to the same film."""
+    """Whether it is the first sighting of its film."""
 
 
 def all_sightings(
     tracker: ObjectTracker, footage: Sequence[Footage], least: float, progress: Callable[[int], None]
 ) -> list[list[Sighting]]:
-    """The shots of each footage in which a tracker sees the object with a confidence of at least `least`.
+    """Return, by footage, the shots in which a tracker finds the object with at least the confidence `least`.
 
-    The tracker forgets what it saw before; `progress` takes each shot. LogError: a recording is damaged;
-    ImageError: a picture is not what the tracker's cameras give.
+    The tracker is reset for each footage; `progress` receives 1 for each sighting. LogError: a recording is
+    damaged; ImageError: an image does not suit the tracker's cameras.
     """
     seen: list[list[Sighting]] = []
     for one in footage:
@@ -126,22 +126,22 @@ def _seen(tracker: ObjectTracker, shot: Shot, begins: bool, least: float) -> Sig
 
 
 LEVEL = np.radians(6.0)
-"""Greatest tilt of an object's face against z = 0: that of an object at rest, and of the world's [rad]."""
+"""Largest tilt of a face of an object at rest against z = 0, which includes the tilt of the world [rad]."""
 
 SLOW = 5e-3, np.radians(5.0)
 """Velocities below which an object may be at rest [m/s, rad/s]."""
 
 FRAMES = 3
-"""Frames in a row of a film in which it must be."""
+"""Number of consecutive frames of a film in which an object must be at rest."""
 
 SAME = 3e-3, np.radians(2.0)
 """Motion within which an object at rest is still in the same place [m, rad]."""
 
 
 def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
-    """One sighting of each place in which the object may rest; every still that shows it level is one.
+    """Return one sighting per place in which the object may be at rest, and every still that shows it level.
 
-    It may be held still, too: who asks for rests must expect some of these.
+    Some may show an object that is held still: callers must be robust against these.
     """
     runs: list[list[Sighting]] = []
     for one in sightings:
@@ -157,34 +157,34 @@ def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
 
 
 def slow(velocity: FloatArray) -> bool:
-    """Whether an object with a velocity (6,) [m/s, rad/s] is at rest."""
+    """Return whether an object with a velocity (6,) [m/s, rad/s] may be at rest."""
     return bool((np.linalg.norm(velocity.reshape(2, 3), axis=1) < SLOW).all())
 
 
 def _near(one: Sighting, other: Sighting, limits: tuple[float, float]) -> bool:
-    """Whether the object moved and turned less than these limits [m, rad]."""
+    """Return whether the object moved and turned by less than these limits [m, rad]."""
     moved = np.linalg.norm(one.position - other.position)
     return bool(moved < limits[0] and so3.angle_between(one.rotation, other.rotation) < limits[1])
 
 
 APART = 8e-3, np.radians(8.0)
-"""Motion from which on a pose is another one [m, rad]."""
+"""Motion from which a pose counts as different [m, rad]."""
 
 LEAST = 18
-"""Different poses that must be seen."""
+"""Smallest number of different poses."""
 
 TURNED = np.radians(30.0)
-"""Turn between some of them [rad]: an object that is only moved shows the same edges."""
+"""Smallest rotation between some of the poses [rad]; an object that is only shifted shows the same edges."""
 
 SPREAD = 0.03
-"""Standard deviation of their places, as a length of all axes together [m]."""
+"""Smallest standard deviation of the positions, over all axes together [m]."""
 
 SMEARED = 0.3e-3
-"""Motion between the pictures of one frame beyond which it is left out [m]."""
+"""Largest motion between the images of a frame that is used [m]."""
 
 
 def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[list[Sighting]]:
-    """Of each footage sightings in poses that differ, up to `most` in all; CalibrationError for too few."""
+    """Return up to `most` sightings in different poses, by footage; CalibrationError if there are too few."""
     sharp = [(k, one) for k, part in enumerate(seen) for one in part if _smear(one) < SMEARED]
     if not sharp:
         blurred = sum(map(len, seen))
@@ -209,5 +209,5 @@ def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[
 
 
 def _smear(one: Sighting) -> float:
-    """How far the object moved between the first and the last picture of a frame [m]."""
+    """Return how far the object moved between the first and the last image of a frame [m]."""
     return 0.0 if one.velocity is None else one.skew * float(np.linalg.norm(one.velocity[:3]))

@@ -1,7 +1,7 @@
-"""The table, as objects at rest show it: height and tilt from where their lowest faces are.
+"""Estimate the table's height and tilt from the lowest faces of objects at rest.
 
-Each pose at rest gives three equations: the height of its contact and two tilts of its lowest face. What it
-cannot give is kept apart from what more poses average away: cameras that are off put all poses off together.
+Each pose at rest gives three equations: the height of its contact and two slopes of its lowest face. Camera
+errors shift all poses together; they are kept apart from errors that average out over more poses.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from tracker.pipeline import ObjectTracker
 from tracker.segmentation.color_model import ColorModel
 
 FLOOR = 0.3e-3, np.radians(0.15)
-"""Standard deviations of an object at rest that nothing states: of its height, since table and edges are worn
-[m], and of its tilt [rad]."""
+"""Additional standard deviations of an object at rest: of its height [m], since table and edges are worn, and
+of its tilt [rad]."""
 
 OUTLIER = 25.0
-"""Squared distance from the plane, in standard deviations, at which a pose counts no more (Tukey)."""
+"""Squared Mahalanobis distance from the plane at which a pose's weight is zero (Tukey)."""
 
 LOWEST = 0.2
-"""Share of the poses that are taken to rest at first, the lowest: held objects are higher, never lower."""
+"""Share of poses, the lowest, that are taken to be at rest at first: held objects are higher, never lower."""
 
 WIDER = (3.0, 2.0, 1.5) + (1.0,) * 12
-"""Factor on the standard deviations round by round."""
+"""Factors on the standard deviations, iteration by iteration."""
 
 LEAST = 5
-"""Poses that must rest on the plane."""
+"""Smallest number of poses that rest on the plane."""
 
 SPREAD = 0.015
-"""Least standard deviation of the places of contact along the direction in which they vary least [m]."""
+"""Smallest standard deviation of the places of contact, in the direction in which they vary least [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +52,9 @@ class Rest:
     rotation: FloatArray
     """(3, 3) world_from_object."""
     own: FloatArray
-    """(6, 6) covariance of the errors that are this pose's alone [m, rad]."""
+    """Covariance (6, 6) of the errors specific to this pose [m, rad]."""
     common: FloatArray
-    """(6, C, 6) by how much the pose moves with the cameras' errors (see `calibration.deviations`)."""
+    """Jacobian (6, C, 6) of the pose by the cameras' errors (see `calibration.deviations`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +62,17 @@ class TablePlane:
     """A plane z = height + slope · ((x, y) - center)."""
 
     center: tuple[float, float]
-    """x and y of the place whose height is given [m]."""
+    """x and y of the point whose height is given [m]."""
     height: float
     """[m]"""
     slope: FloatArray
-    """(2,) along x and y."""
+    """Slopes (2,) along x and y."""
     covariance: FloatArray
-    """(3, 3) of height and slopes; the cameras' errors included, which all poses share."""
+    """Covariance (3, 3) of height and slopes, including the cameras' errors, which all poses share."""
     used: Array
-    """(N,) weights of the poses, from 0 to 1."""
+    """Weights (N,) of the poses, from 0 to 1."""
     scatter: float
-    """Root mean square height of the poses that rest over the plane [m]."""
+    """Root mean square distance from the plane, over the poses at rest [m]."""
 
     @property
     def tilt(self) -> float:
@@ -87,9 +87,9 @@ class TablePlane:
 
 
 def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TablePlane:
-    """The plane on which a cuboid of `size` (3,) [m] rests, robust against poses in which it does not.
+    """Fit the plane on which a cuboid of `size` (3,) [m] rests, robustly against poses in which it does not.
 
-    CalibrationError: too few poses agree, or their places are too similar.
+    CalibrationError: too few poses agree, or their positions are too close together.
     """
     center = rig.arena.center
     if len(rests) < LEAST:
@@ -124,10 +124,10 @@ def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TableP
 
 
 def levelled(rig: CameraRig, plane: TablePlane) -> CameraRig:
-    """The same cameras in a world whose z = 0 is the plane; x, y and yaw stay as they are.
+    """Return the same cameras in a world whose z = 0 is the plane; x, y and yaw stay as they are.
 
-    The world is turned about a level axis by the tilt, around the point of the plane at its centre, and
-    moved along z. Deviations of the cameras stay those of what they were: the plane's own are the arena's.
+    The world is turned by the tilt about a horizontal axis through the plane's centre, and moved along z. The
+    cameras keep their uncertainty; that of the plane is stated by the arena.
     """
     normal = np.array([-plane.slope[0], -plane.slope[1], 1.0])
     axis = np.cross(normal, [0.0, 0.0, 1.0])
@@ -142,7 +142,7 @@ def levelled(rig: CameraRig, plane: TablePlane) -> CameraRig:
 
 
 def moved(rig: CameraRig, world_from_new: FloatArray) -> CameraRig:
-    """The same cameras in another world, of which (4, 4) leads to the present one; deviations go along."""
+    """Return the same cameras in a new world, given world_from_new (4, 4), with deviations transformed."""
     cameras = []
     for camera in rig:
         transform = camera.camera_from_world @ world_from_new
@@ -158,12 +158,12 @@ def moved(rig: CameraRig, world_from_new: FloatArray) -> CameraRig:
 def _equations(
     rest: Rest, size: FloatArray, center: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What a pose says of (height, slopes): values (3,) = design (3, 3) · plane, and its moves (3, 6).
+    """Return the equations of a pose: values (3,) = design (3, 3) · (height, slopes), and moves (3, 6).
 
-    The rows are the height of its contact and the slopes of its lowest face along x and y; moves are their
+    The rows are the height of the contact and the slopes of the lowest face along x and y; moves are their
     derivatives by the pose's error.
     """
-    # The middle of the lowest face, and its normal inwards.
+    # The centre of the lowest face, and its inward normal.
     axis = int(np.argmax(np.abs(rest.rotation[2])))
     up = np.copysign(1.0, rest.rotation[2, axis]) * rest.rotation[:, axis]
     point = rest.position - 0.5 * size[axis] * up
@@ -171,7 +171,7 @@ def _equations(
     slope = -up[:2] / up[2]
     values = np.array([point[2], *slope])
     design = np.array([[1.0, x, y], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    # δup = δθ × up, and the contact is arm from the object's centre.
+    # δup = δθ × up; the contact moves by δp + δθ × (point - position).
     upwards, swing = -so3.hat(up), -so3.hat(point - rest.position)
     moves = np.zeros((3, 6))
     moves[0] = [-slope[0], -slope[1], 1.0, *(np.array([-slope[0], -slope[1], 1.0]) @ swing)]
@@ -180,7 +180,7 @@ def _equations(
 
 
 def _start(values: FloatArray, designs: FloatArray) -> FloatArray:
-    """Height and slopes (3,) to begin with: those of the lowest poses over a plane as tilted as most."""
+    """Return initial height and slopes (3,): the median slopes, and the height of the lowest poses."""
     slopes = np.median(values[:, 1:], axis=0)
     heights = values[:, 0] - designs[:, 0, 1:] @ slopes
     lowest = np.argsort(heights, kind="stable")[: max(2, round(LOWEST * len(heights)))]
@@ -188,7 +188,7 @@ def _start(values: FloatArray, designs: FloatArray) -> FloatArray:
 
 
 def _refuse(weights: FloatArray, designs: FloatArray, center: tuple[float, float]) -> None:
-    """Raise where too few poses rest on the plane, or all near one line."""
+    """Raise CalibrationError if too few poses rest on the plane, or all lie near one line."""
     if weights.sum() < LEAST - 1.0:
         raise CalibrationError(
             f"table: found {np.count_nonzero(weights)} of {len(weights)} poses at rest to lie on one plane, "
@@ -208,25 +208,25 @@ def _refuse(weights: FloatArray, designs: FloatArray, center: tuple[float, float
 
 
 BROAD = 0.015, 0.05
-"""Standard deviations of the table's height [m] and tilt [rad] before it is found."""
+"""Standard deviations of the table's height [m] and tilt [rad] before it is estimated."""
 
 SURE = 0.5
-"""Least confidence of a pose that counts."""
+"""Smallest confidence of a pose that is used."""
 
 PIECES = 8
-"""Pieces of edges that a camera must show to have a say."""
+"""Smallest number of edge pieces for a camera to count as seeing the object."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoundTable:
-    """The table, and the calibration in a world whose z = 0 it is."""
+    """The table, and the calibration in a world whose z = 0 is the table."""
 
     rig: CameraRig
     """The same cameras in that world, and its arena."""
     plane: TablePlane
-    """The table in the world of before."""
+    """The table in the original world."""
     shots: int
-    """Shots in which the object was surely seen."""
+    """Number of shots in which the object was surely seen."""
 
 
 def find_table(
@@ -236,10 +236,10 @@ def find_table(
     colors: ColorModel,
     progress: Callable[[int], None] = lambda _: None,
 ) -> FoundTable:
-    """The table as films and stills of an object show it that rests on it now and then.
+    """Estimate the table from films and stills of an object that rests on it now and then.
 
-    `progress` takes how many more shots showed the object. CalibrationError: there is one camera only, or the
-    object rested in too few places.
+    `progress` receives the number of further shots that show the object. CalibrationError: there is only one
+    camera, or the object rested in too few places.
     """
     require_two(rig.cameras, "table", ": one camera's depth is not the table's height")
     loose = broad(rig)
@@ -252,7 +252,7 @@ def find_table(
 
 
 def broad(rig: CameraRig) -> CameraRig:
-    """The same cameras, of which it is hardly known where the table is."""
+    """Return the same rig with the table's uncertainty raised to at least BROAD."""
     height, tilt = rig.arena.table_std
     std = max(height, BROAD[0]), max(tilt, BROAD[1])
     return dataclasses.replace(rig, arena=dataclasses.replace(rig.arena, table_std=std))
@@ -261,7 +261,7 @@ def broad(rig: CameraRig) -> CameraRig:
 def plane_of(
     model: CuboidModel, edges: EdgeReader, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]
 ) -> TablePlane:
-    """The plane on which an object was seen to rest; CalibrationError: it rested in too few places."""
+    """Return the plane on which an object was seen to rest; CalibrationError: it rested in too few places."""
     found = [_rest(edges, frame, model.rim_std) for frame in edges.sights(footage, list(map(resting, seen)))]
     rests = [rest for rest in found if rest is not None]
     single = len(found) - len(rests)
@@ -275,7 +275,7 @@ def plane_of(
 
 
 def _rest(edges: EdgeReader, frame: Frame, rim_std: float) -> Rest | None:
-    """The pose once more from one shot, with its errors; None where fewer than two cameras see its edges."""
+    """Refit the pose in one shot and return it with its errors; None if fewer than two cameras see edges."""
     fit, found = edges.fitted(frame)
     if sum(one is not None and len(one.offset) >= PIECES for one in found) < 2:
         return None

@@ -2,13 +2,13 @@
 
 Keys: camera_name, image_width, image_height and the matrices {rows, cols, data} camera_matrix,
 distortion_coefficients, tf_world_to_camera and tf_world_to_camera_std. Variants that are read too:
-files of early 2020 say projection_matrix for tf_world_to_camera; the deviations may be missing;
-matrices may carry `dt: d` and the tag `!!opencv-matrix`; a header may be there or not, in YAML's way
+files of early 2020 have the key projection_matrix instead of tf_world_to_camera; the deviations may be
+missing; matrices may have `dt: d` and the tag `!!opencv-matrix`; the header is optional, in YAML's form
 or in OpenCV's (`%YAML:1.0`); distortions have 4, 5, 8, 12 or 14 coefficients in OpenCV's order. Files of
-ROS (camera_info) are of a lens alone, unless tf_world_to_camera is added to them.
+ROS (camera_info) describe only a lens, unless tf_world_to_camera is added to them.
 
-Calibrations from photos of a board have two keys more, `camera_matrix_std` and `distortion_coefficients_std`,
-which other readers pass over. Where only the lens has been calibrated, there is no `tf_world_to_camera`.
+Calibrations from photos of a board have two more keys, `camera_matrix_std` and `distortion_coefficients_std`,
+which other readers ignore. If only the lens has been calibrated, there is no `tf_world_to_camera`.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ from tracker.geometry.camera import MAX_SIZE, ROTATION_TOLERANCE, Camera, rotati
 from tracker.geometry.distortion import COUNTS
 
 MAX_FILE_SIZE = 100_000
-"""Largest file [bytes] that is parsed; real ones have 2 kB, and PyYAML takes seconds for a megabyte."""
+"""Largest file that is parsed [bytes]; real files have 2 kB, and PyYAML takes seconds for a megabyte."""
 
 MAX_ROTATION_DEVIATION = 1e-2
-"""Largest |R Rᵀ - I| that is mended; real files, element-wise means of rotations, stay below 1e-4."""
+"""Largest |R Rᵀ - I| that is corrected; real files, with element-wise means of rotations, have below 1e-4."""
 
 _MATRIX_KEY, _DISTORTION_KEY = "camera_matrix_std", "distortion_coefficients_std"
 
 TRANSFORM_KEYS = ("tf_world_to_camera", "projection_matrix")
-"""What files call camera_from_world, today and in early 2020."""
+"""Keys of camera_from_world, of current files and of files of early 2020."""
 
 _ROS_KEY = "distortion_model"
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML of plain values only, in which a key stands once."""
+    """Loader of YAML with plain values only and without duplicate keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[str] = set()
@@ -69,23 +69,23 @@ class _Loader(yaml.SafeLoader):
 _Loader.add_constructor(
     "tag:yaml.org,2002:opencv-matrix", functools.partial(_Loader.construct_mapping, deep=True)
 )
-# YAML 1.1 takes 1e-05 for a text, yet writers of YAML 1.2 and of C++ print it for a number.
+# YAML 1.1 takes 1e-05 for a string, but writers of YAML 1.2 and C++ print numbers like this.
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
 )
 
 
 def _read_mapping(path: Path) -> dict[Any, Any]:
-    """The keys of a calibration file; CalibrationError where it is not plain YAML of keys."""
+    """Return the mapping in a calibration file; CalibrationError if it is not a mapping in plain YAML."""
     with told_of(path_of(path, "calibration", CalibrationError), CalibrationError):
         content = read_bounded(path, MAX_FILE_SIZE)
     try:
-        # OpenCV's header is not valid YAML; without it the document is.
+        # OpenCV's header is not valid YAML; the rest of the document is.
         text = re.sub(r"\A%YAML:1\.\d[^\n]*\n", "", content.decode("utf-8-sig"))
         data = yaml.load(text, Loader=_Loader)
     except RecursionError as error:
         raise CalibrationError(f"{path}: nested too deeply, expected a calibration") from error
-    # PyYAML also lets through what Python raises on values such as the date 2001-99-99 or `!!bool 2`.
+    # PyYAML passes on errors that Python raises for values such as the date 2001-99-99 or `!!bool 2`.
     except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
         reason = " ".join(str(error).split())
         raise CalibrationError(f"{path}: not plain YAML: {reason}") from error
@@ -95,13 +95,13 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
         if data[_ROS_KEY] not in _ROS_MODELS:
             valid = " or ".join(_ROS_MODELS)
             raise CalibrationError(f"{path}: {_ROS_KEY}: found {shown(data[_ROS_KEY])}, expected {valid}")
-        # What ROS calls so is the lens of rectified images, 3×4.
+        # In ROS files this key is the 3×4 projection matrix of rectified images.
         data.pop("projection_matrix", None)
     return data
 
 
 def _camera_of(data: dict[Any, Any]) -> Camera:
-    """The camera of a file's keys; CalibrationError names the key that is missing or malformed."""
+    """Return the camera of a file's mapping; CalibrationError names the key that is missing or malformed."""
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
     if "camera_matrix" in data:
         where = "`tracker calibrate extrinsics` finds where its camera is; or add that key, a 4×4 matrix"
@@ -143,7 +143,7 @@ def _whole(data: dict[Any, Any], key: str) -> int:
 
 
 def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:
-    """The matrix at `key`, of one of the shapes."""
+    """Return the matrix at `key`, which must have one of the shapes."""
     entry = _require(data, key)
     valid = " or ".join(f"{rows}×{cols}" for rows, cols in shapes)
     if not isinstance(entry, dict):
@@ -164,9 +164,9 @@ def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> Floa
 
 
 def rotation_of(matrix: FloatArray, what: str, fault: type[TrackerError]) -> FloatArray:
-    """The nearest rotation; `matrix` (3, 3) itself, to the bit, where a Camera takes it as it is.
+    """Return the nearest rotation; `matrix` (3, 3) itself, bit by bit, if a Camera accepts it as it is.
 
-    The platform stores element-wise means of rotations. `fault`, which names `what`, where it is none.
+    The platform stores element-wise means of rotations. `fault`, naming `what`: it is far from a rotation.
     """
     deviation = rotation_deviation(matrix)
     if deviation > MAX_ROTATION_DEVIATION:
@@ -181,14 +181,14 @@ class Calibrated:
 
     camera: Camera
     matrix_std: FloatArray | None = None
-    """(3, 3) standard deviations of `camera.matrix` [px], or None where unknown."""
+    """Standard deviations (3, 3) of `camera.matrix` [px], or None if unknown."""
     distortion_std: FloatArray | None = None
-    """(5,) standard deviations of `camera.distortion`, or None where unknown."""
+    """Standard deviations (5,) of `camera.distortion`, or None if unknown."""
     placed: bool = True
-    """Whether the camera's place in the world is known; if not, `camera_from_world` is the identity."""
+    """Whether the camera's pose in the world is known; if not, `camera_from_world` is the identity."""
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Calibrated:
-        """Of the images' part of `width` × `height` at (left, top) [px]; CalibrationError: there is none."""
+        """Crop the calibration to `width` × `height` at (left, top) [px]; CalibrationError: outside."""
         one = self.camera
         if not (0 <= left <= one.width - width and 0 <= top <= one.height - height and width > 0 < height):
             raise CalibrationError(
@@ -198,17 +198,17 @@ class Calibrated:
         return dataclasses.replace(self, camera=one.cropped(left, top, width, height))
 
     def resized(self, width: int, height: int) -> Calibrated:
-        """Of the images scaled to `width` × `height` [px], see `Camera.resized`."""
+        """Return the calibration for images scaled to `width` × `height` [px]; see `Camera.resized`."""
         scale = np.array([[width / self.camera.width], [height / self.camera.height], [1.0]])
         std = None if self.matrix_std is None else self.matrix_std * scale
         return dataclasses.replace(self, camera=self.camera.resized(width, height), matrix_std=std)
 
 
 def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Calibrated:
-    """Read a file of the platform, or one of a lens `alone`, with the deviations that it states.
+    """Read a file of the platform, with the deviations that it states; `alone`: it may describe only a lens.
 
-    The rotation, there an element-wise mean of rotations, is replaced by the nearest true one unless it is
-    one already. CalibrationError names the file and the key that is missing or malformed.
+    The file's rotation, an element-wise mean of rotations, is replaced by the nearest true rotation unless it
+    is one already. CalibrationError names the file and the key that is missing or malformed.
     """
     data = _read_mapping(Path(path))
     placed = not alone or any(key in data for key in TRANSFORM_KEYS)
@@ -222,7 +222,7 @@ def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Cali
 
 
 def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> None:
-    """Write the file, whole or not at all; `read_calibrated` returns the same bits."""
+    """Write the file atomically; `read_calibrated` returns bit-identical values."""
     camera, bent = calibrated.camera, calibrated.distortion_std
     matrices = {
         "camera_matrix": camera.matrix,
@@ -234,7 +234,7 @@ def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> No
     }
     data = {"camera_name": camera.name, "image_width": camera.width, "image_height": camera.height}
     data |= {key: _entry(matrix) for key, matrix in matrices.items() if matrix is not None}
-    # With this header and lists in brackets (default_flow_style=None) OpenCV reads the file too.
+    # With this header and lists in brackets (default_flow_style=None), OpenCV can read the file, too.
     text = "%YAML 1.1\n---\n" + yaml.safe_dump(
         data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
     )
@@ -243,15 +243,15 @@ def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> No
 
 
 def _entry(matrix: FloatArray) -> dict[str, Any]:
-    """How a file says a matrix (R, C)."""
+    """Return the file's representation of a matrix (R, C)."""
     rows, cols = matrix.shape
     return {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
 
 
 def calibration_files(root: Path, pattern: str | None) -> list[Path]:
-    """A folder's files whose names match; None: every .yml and .yaml file with `camera` in its name.
+    """Return a folder's files that match `pattern`; None: .yml and .yaml files with `camera` in their names.
 
-    CalibrationError: there is none.
+    CalibrationError: there is no such file.
     """
     names = sorted(file.name for file in root.iterdir() if file.is_file())
     readable = [name for name in names if re.fullmatch(r"[^.].*\.ya?ml|[^.]\.ya?ml", name)]
@@ -270,14 +270,14 @@ def calibration_files(root: Path, pattern: str | None) -> list[Path]:
 
 
 def _order(camera_name: str, file_name: str) -> tuple[float, str, str]:
-    """Sorting key: the number in the camera's name, else in the file's; without one, last."""
+    """Return a sort key: the number in the camera's name, else in the file's name; without one, last."""
     number = re.search(r"\d+", camera_name) or re.search(r"camera\D*(\d+)", file_name)
     digits = number.group(number.lastindex or 0) if number else ""
     return (float(digits) if digits else float("inf"), camera_name, file_name)
 
 
 def _refuse_variants(folder: Path | None, files: Sequence[str], names: Sequence[str]) -> None:
-    """Raise where several files hold a camera of one name; of a folder's, with patterns to choose by."""
+    """Raise CalibrationError if several files are of one camera; for a folder, suggest patterns to select."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if not twice:
         return
@@ -292,7 +292,7 @@ def _refuse_variants(folder: Path | None, files: Sequence[str], names: Sequence[
 
 
 def _pattern(file: str, files: Sequence[str], names: Sequence[str]) -> str:
-    """A pattern that selects the variant of `file`, one file per camera; empty where there is none."""
+    """Return a pattern that selects the variant of `file`, one file per camera; empty if there is none."""
     for star in ("*", "*[0-9]"):
         pattern = re.sub(r"(camera\D*?)\d+", rf"\g<1>{star}", file, count=1)
         chosen = [name for other, name in zip(files, names, strict=True) if fnmatchcase(other, pattern)]
@@ -304,10 +304,10 @@ def _pattern(file: str, files: Sequence[str], names: Sequence[str]) -> str:
 def read_all_calibrated(
     paths: Sequence[Path], pattern: str | None = None, *, alone: bool = True
 ) -> tuple[Calibrated, ...]:
-    """Read the files given, one of each camera; or those of one folder, in the order of the cameras.
+    """Read the given files, one per camera, or those of one folder, ordered by camera.
 
     `pattern`: see `calibration_files`; `alone`: see `read_calibrated`. CalibrationError: a file is malformed,
-    or there is none, or several of a camera.
+    there is no file, or there are several files of one camera.
     """
     folder = paths[0] if len(paths) == 1 and os.path.isdir(paths[0]) else None
     files = paths if folder is None else calibration_files(folder, pattern)
@@ -324,19 +324,19 @@ _OF_ROBOT = re.compile(r"(r\d+)_camera.*\.ya?ml")
 
 
 def robots_in(folder: Path) -> list[str]:
-    """The robots whose calibration files are in a folder, such as `r1` of r1_camera60.yml."""
+    """Return the robots whose calibration files are in a folder, e.g. `r1` for r1_camera60.yml."""
     names = (file.name for file in folder.iterdir()) if folder.is_dir() else ()
     found = {match[1] for name in names if (match := _OF_ROBOT.fullmatch(name))}
     return sorted(found, key=lambda robot: (int(robot[1:]), robot))
 
 
 def pattern_of(robot: str) -> str:
-    """Which files of the folder are of a robot."""
+    """Return the pattern of a robot's calibration files."""
     return f"{robot}_camera*.y*ml"
 
 
 def focal_deviations(found: Iterable[Calibrated]) -> dict[str, float]:
-    """By the camera's name, the larger standard deviation of its focal lengths [themselves], where stated."""
+    """Return the larger relative deviation of each camera's focal lengths by its name, if stated."""
     return {
         one.camera.name: float((one.matrix_std[(0, 1), (0, 1)] / one.camera.matrix[(0, 1), (0, 1)]).max())
         for one in found
@@ -345,10 +345,10 @@ def focal_deviations(found: Iterable[Calibrated]) -> dict[str, float]:
 
 
 def halved_by_rows(path: Path) -> bool:
-    """Whether a file's principal point c/2 was halved with K[:2], where pixel centres ask for c/2 - ¼.
+    """Return whether a file has the principal point c/2, from halving K[:2], where c/2 - ¼ is right.
 
-    The file of twice the size beside it shows this, else the name that the platform gives to such
-    files; those that state their deviations are of this package, which does it right.
+    This is judged by a file of twice the size beside it, else by the name that the platform gives to such
+    files. Files that state the deviations of the lens are this package's, which halves correctly.
     """
     read = read_calibrated(path)
     mine = read.camera
