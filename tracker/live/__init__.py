@@ -4,8 +4,8 @@
         moment = live.wait(timeout=1.0)     # the next pose
         pose = live.at(time.time() + 0.05)  # where the object will be
 
-A source gives sets of images, one for each camera: a recording replayed (`Replay`), cameras asked together
-(`open_cameras`), the simulated platform (`Simulation`), or images that the caller pushes (`Pushed`).
+A source gives sets of images, one per camera: from a replayed recording (`Replay`), from cameras triggered
+together (`open_cameras`), from the simulated platform (`Simulation`), or pushed by the caller (`Pushed`).
 """
 
 from tracker.live.cameras import CameraSet as CameraSet

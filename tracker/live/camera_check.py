@@ -1,4 +1,4 @@
-"""What is wrong with cameras: looked at for some seconds, without looking for any object."""
+"""Check cameras for faults by watching their images for some seconds, without searching for an object."""
 
 from __future__ import annotations
 
@@ -15,42 +15,42 @@ from tracker.live.moment import ImageSet, ImageSource, SourceEnded
 from tracker.summaries.remarks import PictureLook
 
 MOST_MISSING = 0.01
-"""Share of the pictures that may be missing."""
+"""Largest share of missing images."""
 
 MOST_SKEW = 0.02
-"""How much older than the latest of its set a camera's picture may be [s]; the platform's reach 0.01."""
+"""Largest age of a camera's image relative to the latest in its set [s]; the platform's reach 0.01."""
 
 MOST_AGE = 0.1
-"""How old the latest picture of a set may be when it is handed over [s]."""
+"""Largest age of the latest image of a set when it is delivered [s]."""
 
 MOST_FROZEN = 0.02
-"""Share of the pictures that may be the same to the bit as those before."""
+"""Largest share of images that are bit-identical to the previous image."""
 
 LOOK_EVERY = 0.5
-"""How often brightness, clipping and blur are looked at [s]; it takes longer than the next picture."""
+"""Interval between measurements of brightness, clipping and blur [s], which take longer than an image."""
 
 
 @dataclass
 class CameraLooks:
-    """What was seen of one camera."""
+    """Statistics of one camera's images."""
 
     name: str
     size: tuple[int, int]
     """Width and height for which it is calibrated [px]."""
     pictures: int = 0
     missing: Counter[str] = field(default_factory=Counter)
-    """Counts of the reasons for missing pictures."""
+    """Number of missing images by reason."""
     frozen: int = 0
     skews: list[float] = field(default_factory=list)
-    """How much older each picture was than the latest of its set [s]."""
+    """Age of each image relative to the latest in its set [s]."""
     looks: list[PictureLook] = field(default_factory=list)
-    """Of some of the pictures."""
+    """Brightness, clipping and blur of some of the images."""
     other_sizes: Counter[tuple[int, int]] = field(default_factory=Counter)
     _before: Image | None = None
     _next_look: float = 0.0
 
     def see(self, image: Image | None, fault: str | None, skew: float) -> None:
-        """Take in a picture."""
+        """Count an image."""
         if image is None:
             self.missing[fault or "no image"] += 1
             return
@@ -67,16 +67,16 @@ class CameraLooks:
 
     @property
     def look(self) -> PictureLook:
-        """Medians of the looks; NaN without a picture."""
+        """Medians of `looks`; NaN without an image."""
         return PictureLook(*(np.nanmedian(self.looks, axis=0) if self.looks else np.full(3, np.nan)))
 
     @property
     def skew(self) -> float:
-        """Median [s], NaN without a picture."""
+        """Median of `skews` [s]; NaN without an image."""
         return float(np.median(self.skews)) if self.skews else float("nan")
 
     def faults(self) -> list[str]:
-        """What is wrong, and what may help."""
+        """Return what is wrong, with a hint at what may help."""
         found, missing = [], sum(self.missing.values())
         total = self.pictures + missing
         if missing > MOST_MISSING * total:
@@ -96,14 +96,14 @@ class CameraLooks:
 
 @dataclass
 class SetLooks:
-    """What was seen of all cameras together."""
+    """Statistics of all cameras' images."""
 
     cameras: list[CameraLooks]
     seconds: float = 0.0
-    """From the first set to the last."""
+    """Time from the first set to the last [s]."""
     sets: int = 0
     ages: list[float] = field(default_factory=list)
-    """Of the latest picture of each set, when it was handed over [s]."""
+    """Age of the latest image of each set when it was delivered [s]."""
 
     @property
     def rate(self) -> float:
@@ -111,7 +111,7 @@ class SetLooks:
         return (self.sets - 1) / self.seconds if self.seconds > 0 else float("nan")
 
     def see(self, taken: ImageSet) -> None:
-        """Take in a set of pictures."""
+        """Count a set of images."""
         self.sets += 1
         if any(image is not None for image in taken.images):
             self.ages.append(taken.age)
@@ -121,7 +121,7 @@ class SetLooks:
             camera.see(image, fault, taken.timestamp - stamp)
 
     def faults(self) -> list[str]:
-        """What is wrong, camera by camera."""
+        """Return what is wrong, camera by camera."""
         if not self.sets:
             return ["no pictures came at all"]
         found = [f"{camera.name}: {fault}" for camera in self.cameras for fault in camera.faults()]
@@ -131,7 +131,7 @@ class SetLooks:
 
 
 def look_at(source: ImageSource, rig: CameraRig, seconds: float) -> SetLooks:
-    """Look at what a source gives for some seconds, or to its end; TrackerError where it breaks."""
+    """Measure the images of a source for some seconds, or until it ends; TrackerError if the source fails."""
     looks = SetLooks([CameraLooks(camera.name, (camera.width, camera.height)) for camera in rig])
     end, first = time.monotonic() + seconds, 0.0
     with contextlib.suppress(SourceEnded):

@@ -1,4 +1,4 @@
-"""Several cameras that are asked together: each in a thread of its own, so that none waits for another."""
+"""Trigger several cameras together, each in its own thread, so that none waits for another."""
 
 from __future__ import annotations
 
@@ -19,93 +19,93 @@ from tracker.logs.log import Settings as Settings
 from tracker.logs.pictures import from_bayer
 
 RATE = 10.0
-"""Sets of pictures per second [Hz], as on the platform."""
+"""Sets of images per second [Hz], as on the platform."""
 
 LOOK_AGAIN = 1.0
-"""How often a camera that is lost is looked for [s]."""
+"""Interval between attempts to reopen a lost camera [s]."""
 
 OPENING = 5.0
 """How long the first set waits for cameras that are being opened [s]."""
 
 OPENING_LONG = 20.0
-"""How long to wait for the first of them all where one has neither been opened nor refused yet [s]."""
+"""How long to wait while no camera has been opened yet, but some attempt to open one has not ended [s]."""
 
 _GRAB = 1.0
-"""Longest that a camera may take for a picture [s]; the set has gone on without it long before."""
+"""Longest time that a camera may take for an image [s]; its set was delivered without it long before."""
 
 _UNTRIED = "not opened yet"
 
 
 class CameraLost(LiveError):
-    """The camera does not answer any more; it is to be closed and looked for again."""
+    """The camera no longer answers; close it and try to open it again."""
 
 
 class CameraUnfit(LiveError):
-    """The camera is there, but cannot be used as it is set: to look for it again mends nothing."""
+    """The camera is there, but unusable with its settings; opening it again would not help."""
 
 
 class CameraEnded(SourceEnded):
-    """The camera has no more pictures, as was to be expected: a film's end."""
+    """The camera has no more images, as expected at the end of a film."""
 
 
 class GrabFailed(LiveError):
-    """This picture failed; the next may come."""
+    """This image failed; the next may succeed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grabbed:
-    """What a camera gave."""
+    """An image from a camera."""
 
     image: Image
     """(H, W, 3) uint8 BGR, or (H, W) raw Bayer pixels, red at even rows and columns."""
     stamp: float
-    """When it was taken, on the clock of `time.time` [s]."""
+    """Timestamp, on the clock of `time.time` [s]."""
 
 
 class LiveCamera(Protocol):
     """A camera that has been opened."""
 
     triggered: bool
-    """Whether it takes a picture only when asked; else it runs freely, and `grab` gives the next."""
+    """Whether it takes images only on request; if not, it runs freely and `grab` returns the next image."""
 
     def grab(self, timeout: float) -> Grabbed:
-        """A picture within `timeout` [s]; GrabFailed, CameraLost or CameraEnded where there is none."""
+        """Return an image within `timeout` [s]; GrabFailed, CameraLost or CameraEnded if there is none."""
 
     def settings(self) -> Settings:
-        """What it is set to now: exposure, gain, white balance, as far as it tells them."""
+        """Return the current settings: exposure, gain and white balance, as far as it reports them."""
 
     def close(self) -> None:
-        """Free it."""
+        """Release the camera."""
 
 
 @dataclass
 class _Slot:
-    """What a camera's thread has for the others."""
+    """State that a camera's thread shares with the others."""
 
     answered: int = 0
-    """Number of the newest set that it was asked for and has answered."""
+    """Number of the newest requested set that the camera has answered."""
     picture: Grabbed | None = None
-    """Its answer; None: it failed, and `fault` says why."""
+    """Its answer; None: it failed, for the reason in `fault`."""
     fault: str | None = _UNTRIED
     there: bool = False
     """Whether the camera is open."""
     final: LiveError | None = None
-    """Why the others end, too: its film is over, or it could not be used when it was opened first."""
+    """Why the whole source ends: the camera's film is over, or it was unusable when first opened."""
     settings: Settings | None = None
-    """What it was set to when it was opened last; None: it never was."""
+    """Settings when it was last opened; None: it never was."""
 
 
 class CameraSet:
-    """A source of pictures that cameras take when they are asked together, at a steady rate.
+    """A source of images that cameras take when triggered together, at a steady rate.
 
-    A camera that fails once gives no image in that set; one that is lost, or not there yet, is opened as soon
-    as it is there. Sets go on at their rate whatever becomes of cameras, also when all of them are gone. Only
-    where not one could be opened within seconds, or one cannot be used as it is set from the beginning,
-    `next` raises LiveError (CameraUnfit), which names them.
+    A camera that fails once has no image in that set. One that is lost or missing is opened as soon as it is
+    available. Sets continue at their rate whatever happens to the cameras, even if all are lost. Only if none
+    could be opened within seconds, or if one is unusable with its settings from the beginning (CameraUnfit),
+    `next` raises LiveError, which names the cameras.
 
     Args:
-        openers: for each camera what opens it; LiveError where it cannot, which names it.
-        sizes: width and height of each camera's images [px]; pictures of twice the size are halved.
+        openers: one function per camera that opens it, or raises a LiveError naming the camera.
+        sizes: width and height of each camera's images [px]; images of twice the size are halved.
         rate: sets per second [Hz].
     """
 
@@ -143,7 +143,7 @@ class CameraSet:
                 return None
             time.sleep(max(0.0, self._tick - time.monotonic()))
             now = time.monotonic()
-            # Who comes late is not owed the sets in between.
+            # A caller that is late does not get the sets that it missed.
             self._tick = max(self._tick, now - self._period) + self._period
             with self._changed:
                 self._asked += 1
@@ -166,7 +166,7 @@ class CameraSet:
 
     @property
     def settings(self) -> tuple[Settings, ...]:
-        """What each camera was set to when it was opened last; empty of one that never was."""
+        """Settings of each camera when it was last opened; empty if it never was."""
         with self._changed:
             return tuple(slot.settings or {} for slot in self._slots)
 
@@ -180,7 +180,7 @@ class CameraSet:
             thread.join(max(0.0, until - time.monotonic()))
 
     def _begun(self, until: float) -> bool:
-        """Whether sets may begin: all are given the time to be opened once, so that the first are whole."""
+        """Return whether sets may begin: cameras get time to open, so that the first sets are complete."""
         with self._changed:
             opening = max(0.0, min(until, self._begun_by) - time.monotonic())
             tried = self._changed.wait_for(
@@ -194,10 +194,10 @@ class CameraSet:
             return tried or late >= 0
 
     def _complete(self) -> bool:
-        """Whether all have answered who may be expected to: not who is gone, or hangs since two sets."""
+        """Return whether all cameras have answered, except lost ones and those hanging for over two sets."""
         answered = [slot.answered == self._asked for slot in self._slots]
         if not any(answered):
-            return not any(slot.there for slot in self._slots)  # if all are late, they are waited for
+            return not any(slot.there for slot in self._slots)  # if all are late, wait
         hangs = [slot.answered < self._asked - 2 for slot in self._slots]
         gone = [not slot.there for slot in self._slots]
         return all(any(state) for state in zip(answered, gone, hangs, strict=True))
@@ -237,7 +237,7 @@ class CameraSet:
                 camera.close()
 
     def _ask(self, slot: _Slot, camera: LiveCamera) -> None:
-        """Ask for pictures until the camera is lost or ends, or all are closed."""
+        """Grab images until the camera is lost or has ended, or the source is closed."""
         while slot.there:
             with self._changed:
                 if camera.triggered:
@@ -259,7 +259,7 @@ class CameraSet:
 
 
 def _developed(image: Image, size: tuple[int, int]) -> Image:
-    """BGR (H, W, 3) of a picture, halved where the calibration is for half its size."""
+    """Return an image as BGR (H, W, 3), halved if the calibration is for half its size."""
     image = from_bayer(image) if image.ndim == 2 else image
     height, width = image.shape[:2]
     if (width, height) == (2 * size[0], 2 * size[1]):

@@ -1,4 +1,4 @@
-"""Cameras by the libraries that drive them: Basler's by pypylon (the extra `pylon`), others by OpenCV."""
+"""Camera drivers: Basler cameras via pypylon (the extra `pylon`), others via OpenCV."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KEPT = (
     "DeviceSerialNumber", "PixelFormat", "ExposureTime", "ExposureAuto", "Gain", "GainAuto", "Gamma",
     "BlackLevel", "BalanceWhiteAuto",
 )  # fmt: skip
-"""Features reported of every camera that has them; white balance also has a ratio for each colour."""
+"""Features reported for every camera that has them; white balance also has a ratio for each colour."""
 
 _RATIOS = ("Red", "Green", "Blue")
 _AS_THEY_ARE, _TURNED = slice(None), slice(None, None, -1)
@@ -32,18 +32,18 @@ _COLORS = {
     "RGB8Packed": _TURNED,
     "RGB8": _TURNED,
 }
-"""Formats that are read, and the order of their channels to blue-green-red; None: raw pixels."""
+"""Supported pixel formats, with the slice that reorders their channels to BGR; None: raw pixels."""
 
 
 class PylonCamera:
-    """A Basler camera, by its serial number, that is triggered by software.
+    """A Basler camera with a given serial number, triggered by software.
 
-    The stamp is the middle of the exposure: the trigger's moment and half the exposure's time. Settings are
-    made in their order, and each is read back.
+    The timestamp is the middle of the exposure: the time of the trigger plus half the exposure time. Settings
+    are applied in their order, and each is read back.
 
     Raises:
         LiveError: there is no such camera, or it is in use.
-        CameraUnfit: it does not take a setting, or its pictures cannot be read.
+        CameraUnfit: it rejects a setting, or its pixel format is not supported.
     """
 
     triggered = True
@@ -104,10 +104,10 @@ class PylonCamera:
         return Grabbed(array if order is None else np.ascontiguousarray(array[:, :, order]), stamp)
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """See `LiveCamera`; of KEPT and all that it was set to, by GenICam names."""
+        """See `LiveCamera`; values of KEPT and of all features that were set, by GenICam names."""
         found: dict[str, str | int | float | bool] = {}
         for name in dict.fromkeys((*KEPT, *self._names)):
-            with contextlib.suppress(Exception):  # it has no such feature, or does not tell it
+            with contextlib.suppress(Exception):  # the feature is missing or not readable
                 found[name] = getattr(self._camera, name).Value
         for color in _RATIOS:
             with contextlib.suppress(Exception):
@@ -129,7 +129,7 @@ class PylonCamera:
             if self._camera.IsCameraDeviceRemoved():
                 raise self._fault(what, error) from error
             raise CameraUnfit(str(self._fault(what, error))) from error
-        # Cameras round times and gains to steps of theirs.
+        # Cameras round times and gains to their own steps.
         near = isinstance(value, float) and abs(found - value) <= 0.02 * abs(value) + 1e-3
         if found != value and not near:
             raise CameraUnfit(f"pylon: {self.serial}: {name}: found {found!r} after setting {value!r}")
@@ -142,10 +142,10 @@ class PylonCamera:
 
 
 def pylon_serials(names: Sequence[str]) -> list[str]:
-    """Serial numbers of the cameras that call themselves (DeviceUserID) as a rig's are called, in its order.
+    """Return the serial numbers of the cameras whose DeviceUserIDs are the rig's `names`, in their order.
 
     Raises:
-        LiveError: one is missing; the message names those that are there.
+        LiveError: a camera is missing; the message lists the cameras found.
     """
     devices = _pylon().TlFactory.GetInstance().EnumerateDevices()
     found = {device.GetUserDefinedName(): device.GetSerialNumber() for device in devices}
@@ -160,14 +160,14 @@ def pylon_serials(names: Sequence[str]) -> list[str]:
 
 
 def _pylon() -> Any:
-    # While it is imported it warns of types of its own, and crashes where warnings are errors.
+    # Its import emits warnings about its own types, and crashes if warnings are errors.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return optional("pypylon.pylon", "pylon", "pylon", LiveError)
 
 
 def _told(error: Exception) -> str:
-    """The first line of what pylon says, without the places in its code."""
+    """Return the first line of pylon's message, without locations in its code."""
     return str(error).splitlines()[0].split(" : ")[0] if str(error) else type(error).__name__
 
 
@@ -182,14 +182,14 @@ _KEPT = {
 
 
 class OpenCvCamera:
-    """A camera by its number, a film by its file, or a stream by its address.
+    """A camera given by its number, a film by its file, or a stream by its address.
 
-    The stamp is the moment at which the picture arrived, since OpenCV tells no other. A film gives one
-    picture each time it is asked, and ends. A camera by its number is asked for a size (width, height) [px],
-    and gives what it can.
+    The timestamp is the time at which the image arrived, since OpenCV provides no other. A film gives one
+    image per request until it ends. A camera given by its number is requested to use a size (width, height)
+    [px], but may deliver another.
 
     Raises:
-        LiveError: it cannot be opened, or a file is no film.
+        LiveError: it cannot be opened, or a file is not a film.
     """
 
     def __init__(self, what: str, size: tuple[int, int] | None = None) -> None:
@@ -205,12 +205,12 @@ class OpenCvCamera:
             raise LiveError(f"opencv: {what} cannot be opened")
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # only the newest counts
         if what.isdigit() and size is not None:
-            # By themselves many give 640x480, whatever they could.
+            # Many cameras default to 640x480, whatever they support.
             self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
             self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
 
     def grab(self, timeout: float) -> Grabbed:
-        """See `LiveCamera`; OpenCV has a time limit of its own."""
+        """See `LiveCamera`; OpenCV's own time limit applies instead of `timeout`."""
         there, image = self._capture.read()
         stamp = time.time()
         if not there:
@@ -222,7 +222,7 @@ class OpenCvCamera:
         return Grabbed(np.asarray(image, np.uint8), stamp)
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """See `LiveCamera`; what OpenCV reports of it, in the units of its driver. A film has none."""
+        """See `LiveCamera`; the values that OpenCV reports, in the driver's units. A film has none."""
         if self.triggered:
             return {}
         return {name: self._capture.get(number) for name, number in _KEPT.items()}

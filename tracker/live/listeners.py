@@ -1,4 +1,4 @@
-"""What is done with moments in threads of its own, without ever holding up the tracking."""
+"""Process moments in separate threads, so that the tracking never waits."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from tracker.objects.model import CuboidModel
 from tracker.viz.rerun_viewer import open_scene
 
 WAITING = 30
-"""Sets of images that may wait for the disk: three seconds of cameras at 10 Hz."""
+"""Number of image sets that may wait for the disk: three seconds of cameras at 10 Hz."""
 
 FLUSH = 0.7
-"""How often what was recorded is handed to the operating system [s]; with the time that it takes, and until
-the next set comes, a second."""
+"""Interval at which recorded data is flushed to the operating system [s]; including the flush itself and the
+wait for the next set, this makes a second."""
 
 
 class Listener:
-    """Takes in moments in a thread of its own; of more than `waiting` the oldest is left out.
+    """Processes moments in a thread of its own; if more than `waiting` are queued, the oldest is dropped.
 
-    Where it fails it takes in no more, and the tracking goes on.
+    After a failure it processes no more moments; the tracking continues.
     """
 
     def __init__(self, waiting: int) -> None:
@@ -36,15 +36,15 @@ class Listener:
         self._waiting: deque[Moment] = deque(maxlen=waiting)
         self._closing = False
         self.left_out = 0
-        """Moments that did not get their turn in time."""
+        """Number of moments dropped."""
         self.fault: str | None = None
-        """Why it has ended early."""
+        """Why the listener ended early; None if it did not."""
         name = f"tracker.{type(self).__name__}"
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def __call__(self, moment: Moment) -> None:
-        """Take in a moment, some time later."""
+        """Queue a moment."""
         with self._changed:
             if self.fault is None:
                 self.left_out += len(self._waiting) == self._waiting.maxlen
@@ -52,7 +52,7 @@ class Listener:
                 self._changed.notify_all()
 
     def close(self) -> None:
-        """Take in what waits, and end."""
+        """Process the queued moments, then end."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -62,7 +62,7 @@ class Listener:
         raise NotImplementedError
 
     def _finish(self) -> None:
-        """Free what was opened, in the thread."""
+        """Release resources; called in the thread."""
 
     def _run(self) -> None:
         try:
@@ -84,19 +84,19 @@ class Listener:
 class Recorder(Listener):
     """Records each moment in the platform's HDF5 format, 2.1.
 
-    Raw pixels are recorded as the cameras gave them, and the calibration is then that of their size. Of
-    images that come in colour each pixel keeps the colour that such a sensor measures there. The measured
-    poses are recorded too. What the disk does not take in time is left out, and counted; when it takes no
-    more, the recording ends.
+    Raw pixels are recorded as the cameras gave them, with the calibration scaled to their size. Colour images
+    are reduced to a Bayer pattern: each pixel keeps the one colour that such a sensor measures there. The
+    measured poses are recorded, too. Moments that the disk cannot store in time are dropped and counted; if
+    writing fails, the recording ends.
 
     Args:
         path: a file that does not exist yet.
         rig: the cameras.
-        settings: tells what each camera is set to when the recording begins, which is kept with it.
+        settings: returns each camera's settings, which are stored when the recording begins.
 
     Raises:
-        LiveError: there is such a file, no folder for it, or the cameras differ in size, for which the
-            format has no place.
+        LiveError: the file exists, its folder does not, or the cameras differ in image size, which the
+            format does not support.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class Recorder(Listener):
         if self._writer is None:
             sizes = [one.shape[1::-1] for one in pictures if one is not None]
             if not sizes:
-                return  # how large they are is not known yet
+                return  # the size of the images is not known yet
             one_size = sizes[0] == (self._rig[0].width, self._rig[0].height)
             rig = self._rig if one_size else self._rig.resized(*sizes[0])
             settings = () if self._settings is None else self._settings()
@@ -138,7 +138,7 @@ class Recorder(Listener):
 
 
 class RerunView(Listener):
-    """Shows moments in the viewer Rerun, or a file (.rrd), the newest; one that is too slow misses some.
+    """Shows the newest moment in the viewer Rerun or writes it to a file (.rrd); drops moments if too slow.
 
     Raises:
         TrackerError: the package is missing, or the viewer or the file cannot be opened.

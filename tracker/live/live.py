@@ -1,4 +1,4 @@
-"""Live: a tracker in a thread of its own, and the newest of what it finds on request."""
+"""Run a tracker in a thread of its own; its newest result is available at any time."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ from tracker.pose.result import MotionEstimate
 from tracker.warm_up import load
 
 HISTORY = 256
-"""Moments that are kept: 25 s of cameras at 10 Hz. Only the newest keeps its images."""
+"""Number of moments kept: 25 s of cameras at 10 Hz. Only the newest keeps its images."""
 
 STAMPS_APART = 1.0
-"""Farthest that a camera's stamp may be from the others' [s]; one that is farther does not count."""
+"""Largest difference of a camera's timestamp from the others' [s]; beyond it the image is dropped."""
 
 _PATIENCE = 0.1
-"""How long the thread waits at a time [s], before it looks whether it has to end."""
+"""How long the thread waits before it checks whether to end [s]."""
 
 CLOSING = 5.0
 """How long `close` waits for a source that does not return [s]."""
 
 
 class Live:
-    """Tracks what a source shows, from the moment it is made until `close`; a context manager.
+    """Tracks an object in the images of a source, from its creation until `close`; a context manager.
 
-    The tracker runs in a thread of its own and belongs to it: do not call its `update` or `reset`. A set of
-    images that came while the one before was worked on waits; of several, the newest. Nothing that is asked
-    here waits for the tracker, but `wait`.
+    The tracker runs in a thread of its own, which owns it: do not call its `update` or `reset`. If several
+    sets of images arrive while one is processed, the newest is processed next. No method but `wait` waits for
+    the tracker.
 
     Args:
-        source: where images come from, which is closed at the end; or what `open_source` takes: a recording's
-            path, `pylon`, `opencv:0,1,2`, `simulation`.
+        source: the source of images, which is closed at the end; or an argument of `open_source`: a
+            recording's path, `pylon`, `opencv:0,1,2`, `simulation`.
         tracker: finds the object.
-        listeners: are called in the tracking thread with each Moment, and must return quickly. One that
-            raises is not called again, and `faults` names it.
-        history: moments that are kept for `at`.
+        listeners: called in the tracking thread with each Moment; must return quickly. A listener that raises
+            is not called again, and is reported in `faults`.
+        history: number of moments kept for `at`.
 
     Raises:
-        TrackerError: the source cannot be opened, or is none.
+        TrackerError: the source cannot be opened, or is not a source.
     """
 
     def __init__(
@@ -93,41 +93,41 @@ class Live:
 
     @property
     def running(self) -> bool:
-        """Whether more may come: neither closed, nor at the source's end, nor broken."""
+        """Whether more moments may come: not closed, the source has not ended, and nothing has failed."""
         return self._running
 
     @property
     def error(self) -> BaseException | None:
-        """What broke the source or the tracker, None where nothing did.
+        """The exception that ended the source or the tracker; None if there was none.
 
-        A KeyboardInterrupt or SystemExit in the source is raised by `wait` as it is, and at the end of a
-        with-statement that nothing else ended.
+        A KeyboardInterrupt or SystemExit in the source is re-raised by `wait`, and at the end of a
+        with-statement unless that ends by another exception.
         """
         return self._error
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """What went wrong and was got over, each once, the last hundred of it."""
+        """The last hundred distinct faults after which the tracking continued."""
         with self._changed:
             return tuple(self._faults)
 
     def latest(self) -> Moment | None:
-        """The newest moment, None before the first; its timestamp tells how old it is."""
+        """Return the newest moment, None before the first; its age follows from its timestamp."""
         with self._changed:
             return self._moments[-1][0] if self._moments else None
 
     def wait(self, after: Moment | int | None = None, timeout: float | None = None) -> Moment | None:
-        """The newest moment after another, as soon as there is one.
+        """Wait for a moment newer than another, and return the newest.
 
         Args:
-            after: the moment, or its sequence number; None: the newest one at the call.
-            timeout: how long to wait [s]; None: as long as it takes.
+            after: the other moment, or its sequence number; None: the newest one at the call.
+            timeout: how long to wait [s]; None: without limit.
 
         Returns:
-            None where none came in time, or none will come since the source has ended or this was closed.
+            None if no moment came in time, or none will come since the source has ended or this was closed.
 
         Raises:
-            LiveError: the source or the tracker broke; the message says how.
+            LiveError: the source or the tracker failed; the message says how.
             KeyboardInterrupt, SystemExit: the source raised it.
         """
         with self._changed:
@@ -143,14 +143,14 @@ class Live:
             return None
 
     def at(self, timestamp: float) -> MotionEstimate | None:
-        """The pose at a moment, on the clock of the source's stamps [s].
+        """Return the pose at a time on the clock of the source's timestamps [s].
 
-        It is predicted from the last images taken before, so that for a moment to come it is the pose then:
-        images are late, and a control loop that acts at `timestamp` asks for the pose then. For one that has
-        passed it is what was known from the images until then.
+        It is predicted from the last images taken before that time. For a future time this is the expected
+        pose: images are late, so a control loop that acts at `timestamp` asks for the pose at that time. For
+        a past time it uses only the images taken until then.
 
         Returns:
-            None where the object was lost then, was seen too long before, or nothing is remembered.
+            None if the object was lost then, was last seen too long before, or no moment that old is kept.
         """
         with self._changed:
             earlier = (known for known in reversed(self._moments) if known[0].timestamp <= timestamp)
@@ -158,10 +158,10 @@ class Live:
         return None if forecast is None else forecast(timestamp)
 
     def close(self) -> None:
-        """End the tracking, and close the source; called again it does nothing.
+        """End the tracking and close the source; further calls do nothing.
 
-        A source that returns from `next` or `close` only after seconds is left to the thread, which closes it
-        then; `faults` names it.
+        A source that takes seconds to return from `next` or `close` is left to the thread, which closes it
+        later; `faults` reports this.
         """
         self._stopping.set()
         if self._thread is threading.current_thread():
@@ -183,7 +183,7 @@ class Live:
                     self._working = False
         except SourceEnded:
             pass
-        except BaseException as error:  # of this thread nobody else would see it
+        except BaseException as error:  # otherwise it would be lost with this thread
             self._error = error
         finally:
             self._working = False
@@ -202,7 +202,7 @@ class Live:
         start = time.perf_counter()
         taken = self._checked(taken)
         if taken.timestamp == self._last and not taken.fresh:
-            return  # the same set again, which is no news
+            return  # the same set again
         jump = self._jump(taken, start)
         restarts = taken.fresh or (self._last is not None and taken.timestamp < self._last)
         if restarts:
@@ -222,7 +222,7 @@ class Live:
         with self._changed:
             if restarts:
                 self._moments.clear()
-            if self._moments:  # whose images, of all that are kept, would be gigabytes
+            if self._moments:  # drop its images: those of all kept moments would be gigabytes
                 old, forecast = self._moments[-1]
                 passed = replace(old.taken, images=(None,) * len(taken.images), raw=None)
                 self._moments[-1] = replace(old, taken=passed), forecast
@@ -237,7 +237,7 @@ class Live:
                 self._note(f"a listener is not called any more: {error}")
 
     def _jump(self, taken: ImageSet, now: float) -> str | None:
-        """How stamps jumped since the last set, which came at `_begun`; None: they went on as time does."""
+        """Return how timestamps jumped since the last set, which came at `_begun`; None if they did not."""
         if self._last is None or taken.fresh:
             return None
         step, passed = taken.timestamp - self._last, now - self._begun
@@ -248,7 +248,7 @@ class Live:
         return None
 
     def _checked(self, taken: ImageSet) -> ImageSet:
-        """The set without images that cannot be used, of which the others must not suffer."""
+        """Return the set without unusable images, so that the others can still be used."""
         rig = self._tracker.rig
         if len(taken.images) != len(rig):
             names = ", ".join(rig.names)
@@ -272,12 +272,12 @@ class Live:
             self._note(f"{camera.name}: {fault}")
             images[c], stamps[c], faults[c] = None, middle, fault
             if raw is not None:
-                raw[c] = None  # one of another size would end a recording
+                raw[c] = None  # an image of another size would end a recording
         raws = None if raw is None else tuple(raw)
         return replace(taken, images=tuple(images), stamps=tuple(stamps), faults=tuple(faults), raw=raws)
 
     def _usual_stamp(self, taken: ImageSet) -> float:
-        """The stamp that most agree with; of two that differ, the one that follows on what was before."""
+        """Return the median timestamp; of only two, the one closer to the last set's."""
         given = [t for image, t in zip(taken.images, taken.stamps, strict=True) if image is not None]
         if len(given) == 2 and self._last is not None:
             last = self._last
@@ -286,6 +286,6 @@ class Live:
 
     def _note(self, fault: str) -> None:
         with self._changed:
-            if fault in self._faults:  # each second ten of a camera's would drive out all others
+            if fault in self._faults:  # a camera that repeats one ten times a second must not displace others
                 self._faults.remove(fault)
             self._faults.append(fault)

@@ -1,4 +1,4 @@
-"""What the cameras gave at one moment, and what it showed."""
+"""The images of one moment, and the tracker's result on them."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEsti
 
 
 class SourceEnded(LiveError):
-    """There are no more images, as was to be expected: a recording's end."""
+    """There are no more images, as expected at the end of a recording."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImageSet:
-    """What the cameras gave at one moment.
+    """The cameras' images of one moment.
 
     Raises:
-        LiveError: the counts differ, or a stamp is not finite.
+        LiveError: the numbers of images, timestamps and faults differ, or a timestamp is not finite.
     """
 
     images: tuple[Image | None, ...]
-    """(H, W, 3) uint8 BGR of each camera in order, or None where it gave none."""
+    """Image (H, W, 3) uint8 BGR of each camera in order, or None if it gave none."""
     stamps: tuple[float, ...]
-    """When each image was taken [s]; where there is none, the moment at which it was missed."""
+    """Timestamp of each image [s]; without an image, the time at which it was missed."""
     faults: tuple[str | None, ...] = ()
-    """What is wrong with each camera, in few words; None: nothing."""
+    """What is wrong with each camera, in a few words; None: nothing."""
     raw: tuple[Image | None, ...] | None = None
-    """(H, W) raw Bayer pixels of each camera, red at even rows and columns; None where it gives colours."""
+    """Raw Bayer pixels (H, W) of each camera, red at even rows and columns; None for colour images."""
     age: float = 0.0
-    """How long ago the latest image was taken when the set was handed over [s]."""
+    """Age of the latest image when the set was delivered [s]."""
     fresh: bool = False
-    """Whether something new begins, so that memory of what was before misleads."""
+    """Whether the set begins something new, so that the tracker must forget earlier images."""
 
     def __post_init__(self) -> None:
         count = len(self.images)
@@ -51,50 +51,48 @@ class ImageSet:
 
     @property
     def timestamp(self) -> float:
-        """Stamp of the latest image; without any, the latest stamp [s]."""
+        """Timestamp of the latest image [s]; without any image, the latest timestamp."""
         there = [t for image, t in zip(self.images, self.stamps, strict=True) if image is not None]
         return max(there or self.stamps)
 
 
 class ImageSource(Protocol):
-    """Gives sets of images; only the newest counts, those that were not fetched in time are left out."""
+    """A source of image sets; only the newest counts, and sets not fetched in time are dropped."""
 
     def next(self, timeout: float) -> ImageSet | None:
-        """The newest set that has not been given yet, waited for up to `timeout` [s]; None: none came.
+        """Return the newest set not returned yet, waiting for up to `timeout` [s]; None: none came.
 
         Raises:
-            SourceEnded: none will come.
-            TrackerError: the source cannot go on.
+            SourceEnded: no more sets will come.
+            TrackerError: the source has failed.
         """
 
     def close(self) -> None:
-        """Free the cameras or files; called once, when nobody is in `next`."""
+        """Release the cameras or files; called once, never during `next`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What one set of images showed."""
+    """The tracker's result on one set of images."""
 
     sequence: int
-    """Counts sets of images, from 0."""
+    """Number of the set of images, from 0."""
     timestamp: float
-    """When the latest of them was taken [s], on the source's clock."""
+    """Timestamp of the latest image [s], on the source's clock."""
     observation: Observation
-    """The tracker's answer."""
+    """The tracker's result."""
     taken: ImageSet
-    """The images. Of moments that have passed, without them."""
+    """The images; past moments do not keep theirs."""
     latency: float
-    """From the latest image to the answer [s]."""
+    """Time from the latest image to the result [s]."""
     faults: Mapping[str, str] = field(default_factory=dict)
-    """What was wrong with this set, by the camera's name: no picture and why, one that was refused, one that
-    is frozen or black."""
+    """Faults in this set, by camera name: an image that is missing (and why), rejected, frozen or black."""
     jump: str | None = None
-    """How the stamps of all cameras jumped since the set before; None: they went on as time does."""
+    """How the timestamps of all cameras jumped since the previous set; None: they did not."""
     fault_counts: Mapping[str, int] = field(default_factory=dict)
-    """In how many sets until this one something was wrong, by each camera's name; sets that nobody looked at
-    count too."""
+    """Number of moments so far with a fault, by camera name; moments that nobody fetched count, too."""
     jump_count: int = 0
-    """How often stamps have jumped until now."""
+    """Number of timestamp jumps so far."""
 
     @property
     def object_pose(self) -> PoseEstimate | None:
@@ -103,22 +101,22 @@ class Moment:
 
     @property
     def filtered_object_pose(self) -> MotionEstimate | None:
-        """Prediction and measurement fused over time, or None where the object is lost."""
+        """The pose from prediction and measurements fused over time, or None if the object is lost."""
         return self.observation.filtered_object_pose
 
     @property
     def status(self) -> Status:
-        """Why there is a pose, or none."""
+        """Why there is a pose, or why not."""
         return self.observation.status
 
     @property
     def cameras(self) -> tuple[CameraUse, ...]:
-        """What became of each camera's picture."""
+        """How each camera's image was used."""
         return self.observation.cameras
 
 
 def camera_faults(names: Sequence[str], taken: ImageSet, uses: Sequence[CameraUse]) -> dict[str, str]:
-    """What was wrong with each camera, by its name; `uses`: what became of the images, or empty."""
+    """Return the faults of the cameras, by name; `uses`: how their images were used, or empty."""
     faults = {}
     for c, (name, image, fault) in enumerate(zip(names, taken.images, taken.faults, strict=True)):
         if image is None:

@@ -1,13 +1,12 @@
-"""The platform's names, over any source: its control loops run unchanged against what is here.
+"""The platform's interface for any source, so that the platform's control loops run unchanged.
 
-Names and meanings are those of the platform's observations, front ends and log reader. Two things differ,
-and both are stated here only:
+Names and meanings are those of the platform's observations, front ends and log reader. There are two
+differences, described only here:
 
-- The platform has an object pose in every observation. Where the object was not found, there is none to
-  give: position and orientation are then NaN, so that nobody computes with them unnoticed, and the
-  confidence is 0.
+- The platform has an object pose in every observation. Here, position and orientation are NaN if the object
+  was not found, so that nobody computes with them unnoticed, and the confidence is 0.
 - A time index counts sets of images. The platform's robot counts its own steps at 1 kHz, and its
-  `get_camera_observation(t)` gives the newest observation at step t; here it gives the newest one there is.
+  `get_camera_observation(t)` returns the newest observation at step t; here it returns the newest one of all.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.result import PoseEstimate
 
 HISTORY = 30
-"""Observations that are kept, with their images: three seconds at 10 Hz."""
+"""Number of observations kept, with their images: three seconds at 10 Hz."""
 
 _PATIENCE = 0.1
 
@@ -41,25 +40,25 @@ class CameraObservation(NamedTuple):
     """One camera's image."""
 
     image: Image | None
-    """(H, W, 3) uint8 BGR; or raw Bayer pixels (H, W) on request; None: the camera gave none."""
+    """Image (H, W, 3) uint8 BGR, or raw Bayer pixels (H, W) on request; None: the camera gave none."""
     timestamp: float
-    """When it was taken [s]."""
+    """Timestamp of the image [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectPose:
-    """Where the object is."""
+    """The object's pose."""
 
     position: FloatArray
-    """(3,) [m]; NaN where it was not found."""
+    """(3,) [m]; NaN if the object was not found."""
     orientation: FloatArray
-    """(4,) quaternion x, y, z, w; NaN where it was not found."""
+    """Quaternion (4,) x, y, z, w; NaN if the object was not found."""
     confidence: float
-    """Probability of being within 5 mm and 5° of the truth; 0 where it was not found."""
+    """Probability of being within 5 mm and 5° of the truth; 0 if the object was not found."""
 
     @classmethod
     def of(cls, pose: PoseEstimate | RecordedPose | None) -> ObjectPose:
-        """The same in the platform's names."""
+        """Return a pose in the platform's form."""
         if pose is None:
             return cls(np.full(3, np.nan), np.full(4, np.nan), 0.0)
         return cls(pose.position, pose.orientation, float(pose.confidence))
@@ -69,25 +68,25 @@ class CameraObjectObservation(NamedTuple):
     """Images of all cameras, and the object's pose in them."""
 
     cameras: tuple[CameraObservation, ...]
-    """In the order of the rig."""
+    """One observation per camera, in the order of the rig."""
     object_pose: ObjectPose
-    """As measured in these images."""
+    """The pose measured in these images."""
     filtered_object_pose: ObjectPose
-    """Fused with what was before."""
+    """The pose fused with earlier measurements."""
 
 
 class Frontend:
-    """Tracks what a source shows, and answers by the platform's names; a context manager.
+    """Tracks an object in the images of a source, with the platform's interface; a context manager.
 
     Args:
-        source: where images come from. It is closed at the end.
+        source: the source of images, which is closed at the end.
         tracker: finds the object.
-        raw: whether observations hold raw Bayer pixels, as the platform's newer versions do; only of
-            sources that have them.
-        history: observations that are kept.
+        raw: whether observations hold raw Bayer pixels, as in newer versions of the platform; only for
+            sources that provide them.
+        history: number of observations kept.
 
     Raises:
-        LiveError: by all that waits or asks for an observation: it will not come, or is not kept any more.
+        LiveError: raised by all methods that return an observation if it will not come or is no longer kept.
     """
 
     def __init__(
@@ -107,7 +106,7 @@ class Frontend:
 
     @property
     def live(self) -> Live:
-        """What it rests on, for what the platform has no name for, such as `at`."""
+        """The underlying `Live`, for functions that the platform does not have, such as `at`."""
         return self._live
 
     def shutdown(self) -> None:
@@ -115,19 +114,19 @@ class Frontend:
         self._live.close()
 
     def get_sensor_info(self) -> CameraRig:
-        """The cameras with their calibration."""
+        """Return the cameras with their calibration."""
         return self._rig
 
     def has_observations(self) -> bool:
-        """Whether there is any observation yet."""
+        """Return whether there is any observation yet."""
         return bool(self._kept)
 
     def get_current_timeindex(self) -> int:
-        """Time index of the newest observation, waited for if there is none yet."""
+        """Return the time index of the newest observation; wait if there is none yet."""
         return self._waited()[-1][0]
 
     def get_oldest_timeindex(self) -> int:
-        """Time index of the oldest observation that is kept."""
+        """Return the time index of the oldest observation kept; wait if there is none yet."""
         return self._waited()[0][0]
 
     def wait_until_timeindex(self, t: int) -> None:
@@ -135,27 +134,27 @@ class Frontend:
         self._waited(t)
 
     def get_observation(self, t: int) -> CameraObjectObservation:
-        """The observation of time index t, waited for if it is to come."""
+        """Return the observation of time index t; wait if it is still to come."""
         return self._at(t)[2]
 
     def get_timestamp_ms(self, t: int) -> float:
-        """When the latest image of time index t was taken [ms]."""
+        """Return the timestamp of the latest image of time index t [ms]."""
         return 1e3 * self._at(t)[1]
 
     def get_latest_observation(self) -> CameraObjectObservation:
-        """The newest observation, waited for if there is none yet."""
+        """Return the newest observation; wait if there is none yet."""
         return self._waited()[-1][2]
 
     def get_camera_observation(self, t: int | None = None) -> CameraObjectObservation:
-        """The newest observation, whatever the robot's step t."""
+        """Return the newest observation, regardless of the robot's step t."""
         return self.get_latest_observation()
 
     def get_pose(self, t: int) -> ObjectPose:
-        """The filtered pose of time index t."""
+        """Return the filtered pose of time index t."""
         return self.get_observation(t).filtered_object_pose
 
     def get_current_pose(self) -> ObjectPose:
-        """The newest filtered pose."""
+        """Return the newest filtered pose."""
         return self.get_latest_observation().filtered_object_pose
 
     def _hear(self, moment: Moment) -> None:
@@ -179,7 +178,7 @@ class Frontend:
         return kept[t]
 
     def _waited(self, t: int = 0) -> list[tuple[int, float, CameraObjectObservation]]:
-        """All that is kept, once there is one of time index t or later."""
+        """Wait for time index t or later, then return all observations kept."""
         with self._changed:
             while not (self._kept and self._kept[-1][0] >= t):
                 reason = self._fault or self._live.error
@@ -193,17 +192,17 @@ class Frontend:
 
 
 class LogReader:
-    """A recording, read at once; for long ones `tracker.open_log` holds one frame at a time."""
+    """A recording, read into memory at once; for long ones, `tracker.open_log` holds one frame at a time."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.data: list[CameraObjectObservation] = []
         """All observations, with the poses of the recorder."""
         self.timestamps: list[float] = []
-        """Of the observations [ms]."""
+        """Timestamps of the observations [ms]."""
         self.read_file(path)
 
     def read_file(self, path: str | os.PathLike[str]) -> None:
-        """Read another recording in place of this one; LogError where it cannot be read."""
+        """Replace this recording by another; LogError if it cannot be read."""
         self.data, self.timestamps = [], []
         with open_log(path) as log:
             for frame in log:
@@ -215,5 +214,5 @@ class LogReader:
 
 
 def convert_image(image: Image) -> Image:
-    """BGR (H, W, 3) of raw Bayer pixels (H, W), red at even rows and columns; colours as they are."""
+    """Convert raw Bayer pixels (H, W), red at even rows and columns, to BGR (H, W, 3); keep colour images."""
     return from_bayer(image) if image.ndim == 2 else image

@@ -1,4 +1,4 @@
-"""Poses for other processes: by ZeroMQ (the extra `live`), one JSON object a message; and by LCM (`lcm`)."""
+"""Publish poses to other processes by ZeroMQ (extra `live`), one JSON object per message, or LCM (`lcm`)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
 
 VERSION = 3
-"""Of the message; it grows when a field changes its meaning or goes, not when one is added."""
+"""Version of the message; raised when a field is removed or changes its meaning, not when one is added."""
 
 _FORMS = "tcp://127.0.0.1:PORT, ipc://PATH"
 _ADDRESS = re.compile(r"tcp://(?P<host>.+):(?P<port>\d{1,5}|\*)|(ipc|inproc)://.+")
@@ -28,10 +28,10 @@ _LOCAL = re.compile(r"127(\.\d{1,3}){3}|localhost|\[::1\]")
 
 
 def message_of(moment: Moment) -> bytes:
-    """The message, UTF-8: the filtered pose of the newest images, or null where the object is lost.
+    """Return the message in UTF-8: the filtered pose of the newest images, or null if the object is lost.
 
-    `timestamp` [s]; `pose` as of `detect --json`, `velocity` (6) [m/s, rad/s] along world axes; the others as
-    of Moment. The counts tell a subscriber of sets that it never fetched.
+    `timestamp` [s]; `pose` as in `detect --json`; `velocity` (6) [m/s, rad/s] along world axes; other fields
+    as in Moment. The counts inform subscribers about sets that they never fetched.
     """
     pose = moment.filtered_object_pose
     content: dict[str, Any] = {
@@ -51,23 +51,23 @@ def message_of(moment: Moment) -> bytes:
 
 
 class ZmqPublisher:
-    """Publishes each moment; a listener of `Live`.
+    """Publishes each moment by ZeroMQ; a listener of `Live`.
 
-    A subscriber gets the newest message only: what it does not fetch is replaced, and one that hangs holds
-    up nobody. Nothing is ever received.
+    Subscribers get only the newest message: a newer one replaces what was not fetched, so a subscriber that
+    hangs delays nobody. Nothing is ever received.
 
     Args:
         address: e.g. `tcp://127.0.0.1:5555`.
         public: whether other machines may connect. Anyone who can reach the address sees the poses.
 
     Raises:
-        LiveError: pyzmq is not installed, the address is not this machine's own, cannot be bound, or names a
-            file that is no socket.
+        LiveError: pyzmq is not installed, the address is not local to this machine, cannot be bound, or names
+            a file that is not a socket.
     """
 
     def __init__(self, address: str, *, public: bool = False) -> None:
         found = _ADDRESS.fullmatch(address)
-        # ZeroMQ takes a port that is too large for another that is not.
+        # ZeroMQ maps a port that is too large to another port.
         if not found or ((found["port"] or "*") != "*" and int(found["port"]) > 65535):
             raise LiveError(f"publish: found {address}, expected {_FORMS}, lcm://, udpm:// or file://")
         if not (public or found["host"] is None or _LOCAL.fullmatch(found["host"])):
@@ -88,21 +88,21 @@ class ZmqPublisher:
             self._socket.close()
             raise LiveError(f"publish {address}: {error}") from error
         self.address: str = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
-        """Where subscribers connect; with the port that was chosen for `*`."""
+        """Address for subscribers, with the port that was chosen for `*`."""
         self.fault: str | None = None
-        """As of `LcmPublisher`; here nothing is left unsent but what nobody fetched."""
+        """As for `LcmPublisher`; always None, since only messages that nobody fetched are not delivered."""
 
     def __call__(self, moment: Moment) -> None:
         """Publish a moment."""
         self._socket.send(message_of(moment), self._zmq.NOBLOCK)
 
     def close(self) -> None:
-        """Free the address; nobody may be in a call."""
+        """Release the address; must not run during a call."""
         self._socket.close()
 
 
 def _refuse_file(address: str) -> None:
-    """Refuse a path where something other than a socket is: ZeroMQ would remove it."""
+    """Raise LiveError if the path holds something other than a socket, which ZeroMQ would remove."""
     kind, _, path = address.partition("://")
     if kind != "ipc" or path.startswith("@") or path == "*":  # an abstract name, or one that ZeroMQ chooses
         return
@@ -117,17 +117,17 @@ def _refuse_file(address: str) -> None:
 
 
 FINGERPRINT = 0x2D41F07A9260F694
-"""Of the type's layout, as LCM derives it from names, types and dimensions of its fields; every message
-begins with it."""
+"""LCM's hash of the type, derived from names, types and dimensions of its fields; every message begins with
+it."""
 
 POSITIONS = ("qw", "qx", "qy", "qz", "x", "y", "z")
 VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
-"""What the numbers are called, after the body's name."""
+"""Names of the numbers, which follow the body's name."""
 
-_BODY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")  # LCM takes channels of up to 63 characters
+_BODY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")  # LCM's channel names have up to 63 characters
 
 DEFAULT = "udpm://239.255.76.67:7667?ttl=0"
-"""LCM's own; a time to live of 0 keeps messages on this machine."""
+"""LCM's default address; a time to live of 0 keeps messages on this machine."""
 
 _VARIABLE = "LCM_DEFAULT_URL"
 _LCM_FORMS = (
@@ -136,15 +136,15 @@ _LCM_FORMS = (
 _NEW = "?mode=w"
 _LCM_PORT = 7667
 _HEADER = 28
-"""Of each event of a log, before channel and message [bytes]."""
+"""Size of the header of each event in a log, before channel and message [bytes]."""
 _ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
 
 
 def body_of(model: CuboidModel, name: str | None = None) -> str:
-    """What messages call the object: the given name, else `cube`, or `cuboid` where edges differ.
+    """Return the object's name in messages: the given one, else `cube`, or `cuboid` if its edges differ.
 
     Raises:
-        LiveError: the name has other characters than letters, digits and _, or more than 40.
+        LiveError: the name is not a letter followed by up to 39 letters, digits and _.
     """
     if name is None:
         return "cube" if np.allclose(model.size, model.size[0]) else "cuboid"
@@ -154,11 +154,11 @@ def body_of(model: CuboidModel, name: str | None = None) -> str:
 
 
 def lcm_message_of(moment: Moment, object_name: str, body: str) -> bytes | None:
-    """The filtered pose of the newest images; None where the object is lost, which the type cannot say.
+    """Return a message with the newest filtered pose; None if the object is lost, which the type cannot say.
 
-    `utime` is the exposure of the latest image [µs], on the clock of the source's stamps, of cameras the
-    epoch's. Positions are a quaternion, w first, and the centre [m], of the object in the world; velocities
-    the rotation's [rad/s] and the centre's [m/s], both along world axes.
+    `utime` is the timestamp of the latest image [µs], on the source's clock (for cameras, since the epoch).
+    Positions are the object's quaternion, w first, and centre [m] in the world; velocities are angular
+    [rad/s], then linear [m/s], both along world axes.
     """
     pose = moment.filtered_object_pose
     if pose is None:
@@ -180,20 +180,20 @@ def _text(text: str) -> bytes:
 
 
 class LcmPublisher:
-    """Publishes the pose of each moment as `lcmt_object_state`; a listener of `Live`.
+    """Publishes the pose of each moment by LCM as `lcmt_object_state`; a listener of `Live`.
 
-    The channel is the body's name with `_STATE`. Where the object is lost nothing is published. Nothing is
-    ever received, and what cannot be sent is counted and forgotten.
+    The channel is the body's name in capitals with `_STATE`. While the object is lost, nothing is published.
+    Nothing is ever received; messages that cannot be sent are counted and dropped.
 
     Args:
-        address: `lcm://`, which is LCM's own default or what LCM_DEFAULT_URL says; `udpm://ADDRESS:PORT`, a
-            multicast group; `file://PATH`, a log of LCM that does not exist yet.
+        address: `lcm://`, which stands for LCM_DEFAULT_URL or else LCM's default; `udpm://ADDRESS:PORT`, a
+            multicast group; `file://PATH`, a new LCM log file.
         model: the object.
-        body: what messages call it; None: see `body_of`.
-        public: whether other machines may receive it, as a time to live of 1 or more has it.
+        body: its name in messages; None: see `body_of`.
+        public: whether other machines may receive messages, which takes a time to live of 1 or more.
 
     Raises:
-        LiveError: the package is not installed, the address is none or reaches other machines, or LCM
+        LiveError: the package is not installed, the address is invalid or reaches other machines, or LCM
             cannot be set up there.
     """
 
@@ -201,7 +201,7 @@ class LcmPublisher:
         self, address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
     ) -> None:
         self.address = _url(address, public)
-        """In LCM's words."""
+        """The address in LCM's form."""
         self._name, self._body = model.name, body_of(model, body)
         self.channel = f"{self._body.upper()}_STATE"
         self._unsent, self._refused = 0, ""
@@ -225,17 +225,17 @@ class LcmPublisher:
             return
         try:
             self._lcm.publish(self.channel, message)
-        except OSError as error:  # of this moment; a network comes back
+        except OSError as error:  # the network may come back
             self._unsent, self._refused = self._unsent + 1, str(error)
         self._logged += _HEADER + len(self.channel) + len(message)
 
     def close(self) -> None:
-        """Free the address; nobody may be in a call."""
+        """Release the address; must not run during a call."""
         self._lcm = None
 
     @property
     def fault(self) -> str | None:
-        """What a log lacks: LCM says nothing of a disk that is full. Or how many messages were not sent."""
+        """What a log lacks (LCM does not report a full disk), or how many messages were not sent; or None."""
         where = f"publish {self.address}:"
         if self._log is not None:
             try:
@@ -243,7 +243,7 @@ class LcmPublisher:
             except OSError as error:
                 return f"{where} the log is gone: {error.strerror}"
             lacks = self._logged - found.st_size
-            # Before it is closed, the last of it waits in memory.
+            # Until LCM is closed, the end of the log is buffered in memory.
             if lacks > (0 if self._lcm is None else 2 * found.st_blksize):
                 return f"{where} the log lacks {lacks} bytes, is the disk full?"
         if self._unsent:
@@ -252,7 +252,7 @@ class LcmPublisher:
 
 
 def _url(address: str, public: bool) -> str:
-    """The address in LCM's words, put together from checked parts: LCM reads nothing else."""
+    """Return the address in LCM's form, built only from validated parts."""
     kind, _, rest = address.partition("://")
     if address == "lcm://":
         address = os.environ.get(_VARIABLE) or DEFAULT
@@ -267,7 +267,7 @@ def _url(address: str, public: bool) -> str:
         found = urlsplit(address)
         group, port = IPv4Address(found.hostname or ""), _LCM_PORT if found.port is None else found.port
         options = parse_qsl(found.query, strict_parsing=bool(found.query))
-        # How much may wait for who receives is nothing to who sends.
+        # The receive buffer's size does not matter to a sender.
         given = {key: int(value) for key, value in options if key != "recv_buf_size"}
         hops = given.pop("ttl", 0)
         valid = (found.scheme, found.path, given) == ("udpm", "", {}) and len(options) == len(dict(options))
@@ -287,14 +287,14 @@ Publisher = ZmqPublisher | LcmPublisher
 
 
 def is_lcm(address: str) -> bool:
-    """Whether LCM is to publish there, not ZeroMQ."""
+    """Return whether the address is one of LCM, not ZeroMQ."""
     return address.partition("://")[0] in ("lcm", "udpm", "file")
 
 
 def open_publisher(
     address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
 ) -> Publisher:
-    """What publishes at an address such as `tcp://127.0.0.1:5555` or `lcm://`; see the two publishers."""
+    """Return the publisher for an address such as `tcp://127.0.0.1:5555` or `lcm://`."""
     if is_lcm(address):
         return LcmPublisher(address, model, body=body, public=public)
     return ZmqPublisher(address, public=public)

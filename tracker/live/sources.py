@@ -1,4 +1,4 @@
-"""Sources: recordings, the simulated platform, images that the caller has; and all sources by their words."""
+"""Image sources: recordings, the simulated platform, images from the caller; and opening sources by name."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
     from synthetic.frames import Frame, FrameMaker
 
 _PAUSE = 0.1
-"""Between the last frame of an episode and the first of the next, whose stamps tell nothing of it [s]."""
+"""Pause between two episodes [s], whose timestamps are unrelated."""
 
 
 class Replay:
-    """A source that gives a recording's frames at the pace of their stamps.
+    """A source that replays a recording's frames at the pace of their timestamps.
 
-    Stamps are moved to begin when the first frame is asked for, on the clock of `time.time`. A frame that
-    nobody fetches before the next is due is left out, as a camera's would be.
+    Timestamps are shifted to begin when the first frame is requested, on the clock of `time.time`. As with
+    cameras, a frame that is not fetched before the next is due is dropped.
 
     Args:
         log: the recording, or its path.
-        speed: how many times as fast as it was recorded.
+        speed: speed relative to that of the recording.
 
     Raises:
         TrackerError: the recording cannot be opened, or the speed is not above zero.
@@ -55,7 +55,7 @@ class Replay:
         self._plan = self._planned()
         self._ahead: tuple[float, ImageSet] | TrackerError | None = None
         self.skipped = 0
-        """Frames that were left out, since nobody fetched them in time."""
+        """Number of frames dropped because they were not fetched in time."""
 
     def next(self, timeout: float) -> ImageSet | None:
         """See `ImageSource`."""
@@ -65,7 +65,7 @@ class Replay:
         if due > until:
             return None
         fresh, self._ahead = found.fresh, None
-        with contextlib.suppress(TrackerError):  # of the next frame; this one is whole
+        with contextlib.suppress(TrackerError):  # an error in the next frame does not affect this one
             while self._coming()[0] <= time.time():
                 due, found = self._coming()
                 fresh, self._ahead, self.skipped = fresh or found.fresh, None, self.skipped + 1
@@ -76,7 +76,7 @@ class Replay:
         self.log.close()
 
     def _coming(self) -> tuple[float, ImageSet]:
-        """The next set, and when it is due [s]; the same until `_ahead` is emptied."""
+        """Return when the next set is due [s], and the set; the same until `_ahead` is cleared."""
         if self._ahead is None:
             self._ahead = next(self._plan)
         if isinstance(self._ahead, TrackerError):
@@ -84,9 +84,9 @@ class Replay:
         return self._ahead
 
     def _planned(self) -> Iterator[tuple[float, ImageSet] | TrackerError]:
-        """When each set is due, with its stamps moved; then why there are no more."""
+        """Yield when each set is due, and the set with shifted timestamps; then why there are no more."""
         starts, due = frozenset(self.log.episode_starts), None
-        begin = now = 0.0  # the stamp at which this episode begins, and the moment that it is moved to
+        begin = now = 0.0  # first timestamp of this episode, and the time to which it is shifted
         try:
             for frame in self.log:
                 given = frame.camera_timestamps
@@ -105,26 +105,26 @@ class Replay:
 
 
 FRAMES = 40
-"""Of the film, four seconds; drawing takes some tenths of a second each."""
+"""Length of the simulated film [frames]: four seconds; rendering takes some tenths of a second per frame."""
 
 _PERIOD = 0.1
-"""Between its frames [s]."""
+"""Time between frames of the film [s]."""
 
 
 class Simulation:
-    """A source that shows a film of the generator `synthetic`, at 10 Hz without end.
+    """A source that plays a film of the generator `synthetic`, at 10 Hz without end.
 
-    The generator is looked for when it is needed only: the tracker does not rest on it. Faults are raised
-    at once; the film is drawn by `draw`, or when the first pictures are asked for, which then come late.
+    The generator is imported only here: the tracker does not depend on it. Errors are raised at once. The
+    film is rendered by `draw`, or when the first images are requested, which are then late.
 
     Args:
-        object_name: what is seen.
-        seed: of the film.
-        frames: its length.
+        object_name: the object in the film.
+        seed: random seed of the film.
+        frames: length of the film [frames].
 
     Raises:
-        LiveError: what the generator needs is not installed.
-        TrackerError: it knows no such object.
+        LiveError: the generator or one of its packages is not installed.
+        TrackerError: the generator does not know the object.
     """
 
     def __init__(self, object_name: str, *, seed: int = 0, frames: int = FRAMES) -> None:
@@ -136,13 +136,13 @@ class Simulation:
         self._start, self._number = float("nan"), -1
 
     def draw(self, seconds: float = float("inf")) -> bool:
-        """Draw what is not drawn yet of the film, for so long at most [s]; whether all of it is."""
+        """Render frames of the film for at most `seconds` [s]; return whether all are rendered."""
         until = time.monotonic() + seconds
         while not self._drawn and time.monotonic() < until:
             frame = next(self._undrawn, None)
             if frame is None:
                 self._drawn = True
-                self._sets += self._sets[-2:0:-1]  # there and back
+                self._sets += self._sets[-2:0:-1]  # forwards, then backwards
                 self._maker.close()
             else:
                 self._sets.append(tuple(frame.images))
@@ -170,7 +170,7 @@ class Simulation:
 
 
 def _maker(object_name: str, seed: int, frames: int) -> FrameMaker:
-    # Its name is not its own: another package may have it.
+    # Another package may have the name `synthetic`, too.
     found = find_spec("synthetic") is not None and find_spec("synthetic.frames") is not None
     if not found or find_spec("pybullet") is None:
         raise LiveError(f"simulation: found no generator: {install('synthetic')}")
@@ -182,30 +182,29 @@ def _maker(object_name: str, seed: int, frames: int) -> FrameMaker:
 
 
 class Pushed:
-    """A source that gives what is pushed into it, from any thread; the newest replaces what waits."""
+    """A source of images that are pushed into it from any thread; a newer set replaces one that waits."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._waiting: ImageSet | None = None
         self._ended = False
         self.replaced = 0
-        """Sets that were replaced by a newer one before they were fetched."""
+        """Number of sets that a newer one replaced before they were fetched."""
 
     def push(
         self,
         images: Sequence[Image | None],
         timestamp: float | Sequence[float] | FloatArray | None = None,
     ) -> None:
-        """Hand over a set of images; returns at once.
+        """Push a set of images; return at once.
 
         Args:
-            images: one (H, W, 3) uint8 BGR image for each camera, None where there is none. They are not
-                copied: do not write to them afterwards.
-            timestamp: when they were taken [s], one or one for each camera; by default now, as `time.time`
-                tells it.
+            images: one image (H, W, 3) uint8 BGR per camera, None if there is none. They are not copied: do
+                not write to them afterwards.
+            timestamp: when they were taken [s], one for all cameras or one each; by default `time.time()`.
 
         Raises:
-            LiveError: the counts differ, or a stamp is not finite.
+            LiveError: the numbers of images and timestamps differ, or a timestamp is not finite.
         """
         stamp = time.time() if timestamp is None else timestamp
         check_sequence(images, "images", LiveError)
@@ -218,7 +217,7 @@ class Pushed:
             self._changed.notify_all()
 
     def finish(self) -> None:
-        """No more images will come."""
+        """Declare that no more images will come."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
@@ -242,7 +241,7 @@ FORMS = "a recording's path, pylon, pylon:SERIAL,…, opencv:0,1,2 or simulation
 
 
 def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> ImageSource:
-    """The source that a text names, for the tracker's cameras: see FORMS.
+    """Open the source that a text names, for the tracker's cameras: see FORMS.
 
     Raises:
         TrackerError: it cannot be opened.
@@ -270,18 +269,19 @@ def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Image
 def open_cameras(
     source: str, rig: CameraRig, *, rate: float = RATE, settings: Path | None = None
 ) -> CameraSet:
-    """The cameras that a text names, one for each of a rig's, in its order.
+    """Open the cameras that a text names, one for each camera of a rig, in its order.
 
     Args:
-        source: `pylon`, whose cameras call themselves as the rig's; `pylon:SERIAL,…`; or `opencv:…` with
-            numbers, films or addresses.
-        rig: says how large the images are.
-        rate: sets of pictures per second [Hz].
-        settings: a TOML file of what `pylon`'s cameras are set to: features by their GenICam names, those of
-            a table `["SERIAL"]` for one camera only.
+        source: `pylon`, for cameras whose DeviceUserIDs are the rig's names; `pylon:SERIAL,…`; or `opencv:…`
+            with numbers, films or addresses.
+        rig: gives the names and image sizes.
+        rate: sets of images per second [Hz].
+        settings: a TOML file of settings for `pylon`: features by their GenICam names; those in a table
+            `["SERIAL"]` are for one camera only.
 
     Raises:
-        LiveError: the text names none or too few, a setting cannot be read, or a camera is not there.
+        LiveError: the text is malformed or names another number of cameras, the settings cannot be read, or
+            a camera with a name of the rig is missing.
     """
     kind, _, listed = source.partition(":")
     which = [part.strip() for part in listed.split(",") if part.strip()]
@@ -306,7 +306,7 @@ def open_cameras(
 
 
 def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str, Any]]:
-    """What each camera is set to, from a TOML file; LiveError where that is malformed."""
+    """Return each camera's settings from a TOML file; LiveError if that is malformed."""
     values = {} if path is None else read_toml(path, LiveError, what="settings")
     tables = {name: values.pop(name) for name in sorted(values) if isinstance(values[name], dict)}
     for serial in tables:

@@ -1,6 +1,6 @@
-"""A page in the browser on this machine: the newest moment, and each camera's health.
+"""A web page on this machine that shows the newest moment and each camera's health.
 
-It never holds up the tracking.
+It never delays the tracking.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from tracker.summaries.remarks import MOST_BLUR, PictureLook
 from tracker.viz.overlays import overlay
 
 SPAN = 10.0
-"""Over which rates, skews and missing pictures are counted [s]."""
+"""Time window for rates, skews and missing images [s]."""
 
 LATENCIES = 600
-"""Latencies whose percentiles are shown: a minute of cameras at 10 Hz."""
+"""Number of latencies whose percentiles are shown: a minute of cameras at 10 Hz."""
 
 PERCENTILES = (50, 90, 99, 100)
 
@@ -44,15 +44,15 @@ LIMITS = {
     "blur": (0.0, MOST_BLUR),
     **{key: QUANTITIES[key].limits for key in ("residual", "disagreement")},
 }
-"""Within which a camera is well, in the units of `WebPageState.message`; those of `--check` and of the health
-of a recording."""
+"""Range of good values, in the units of `WebPageState.message`; the same as for `--check` and the health of a
+recording."""
 
 
 class WebPageState:
-    """Counts moments; for one thread.
+    """Statistics of moments for the page; not thread-safe.
 
     Args:
-        tracker: of the object and cameras, for looks of its own: not the one that `Live` has.
+        tracker: a tracker for the page's own measurements; not the one that `Live` uses.
     """
 
     def __init__(self, tracker: ObjectTracker) -> None:
@@ -75,24 +75,24 @@ class WebPageState:
             self._seen.popleft()
 
     def look(self, moment: Moment) -> None:
-        """Look at the pictures themselves, which takes some tens of milliseconds."""
+        """Measure the images themselves, which takes some tens of milliseconds."""
         images, pose, rig = moment.taken.images, moment.filtered_object_pose, self._tracker.rig
         self._looks = [{} if image is None else PictureLook.of(image)._asdict() for image in images]
         found = None if pose is None else sample(self._tracker, images, still=slow(pose.velocity))
         if found is not None and found.look is not None and len(rig) > 1:
             self._disagreement = disagreement([found.look], rig)[0].tolist()
         for c, look in enumerate(self._looks):
-            look["disagreement"] = self._disagreement[c]  # known at rest only, and then for long
+            look["disagreement"] = self._disagreement[c]  # measured only at rest, and kept from then on
             look["residual"] = math.nan if found is None else float(found.values["residual"][c])
 
     def message(self, moment: Moment, faults: Sequence[str]) -> dict[str, Any]:
-        """What the page gets of a moment; null stands for what is not known.
+        """Return the page's message about a moment; null stands for unknown values.
 
         `time` [s]; `position` [mm], `std_mm`, `std_deg` and `confidence` of the filtered pose; `measured`,
-        whether these images show it; `latency` and its percentiles `latency_ms` [ms]. Of each camera the
-        `last_fault` within SPAN and its age [s], `rate` [Hz], `missing` and `clipped` [%], `skew` [ms],
-        median grey `level`, `blur` and `residual` [px], `disagreement` [mrad], and `beyond`, which of them
-        are beyond `LIMITS`.
+        whether a pose was measured in these images; `latency` and its percentiles `latency_ms` [ms]. For each
+        camera: the `last_fault` within SPAN and its age [s], `rate` [Hz], `missing` and `clipped` [%], `skew`
+        [ms], median grey `level`, `blur` and `residual` [px], `disagreement` [mrad], and in `beyond` which of
+        these are beyond `LIMITS`.
         """
         pose = moment.filtered_object_pose
         std = None if pose is None else np.sqrt(np.diag(pose.covariance))
@@ -139,31 +139,31 @@ class WebPageState:
 
 
 LOOK_EVERY = 1.0
-"""How often the pictures are looked at for brightness, blur, residual and disagreement [s]."""
+"""Interval between measurements of brightness, clipping, blur, residual and disagreement [s]."""
 
 WATCHED = 5.0
-"""How long after it was last asked for news a page counts as open [s]; without one nothing is looked at."""
+"""How long a page counts as open after its last request [s]; without an open page nothing is measured."""
 
 _HOST = "127.0.0.1"
 _JPEG_QUALITY = 85
-_POLL = 0.1  # for the end [s]
-_LONGEST = 1.0  # that a message is waited for [s]
-_TIMEOUT = 10.0  # of a browser that does not read what it is sent [s]
+_POLL = 0.1  # interval at which the server checks whether to end [s]
+_LONGEST = 1.0  # longest wait for a message [s]
+_TIMEOUT = 10.0  # for a browser that does not read its response [s]
 _REFUSED = b"this page is for this machine only"
 
 CONNECTIONS = 16
-"""At a time; each takes a thread and a file of the process, of which cameras and recording need some."""
+"""Largest number of connections; each takes a thread and a file, which cameras and recording need too."""
 
 
 class WebPage(Listener):
-    """Serves the page at a port of this machine; 0: any that is free.
+    """Serves the page at a port of this machine; 0: any free port.
 
-    Only this machine can connect, and only under its own names: a site elsewhere that has the browser ask
-    here is refused. Connections beyond CONNECTIONS are closed. Nothing can be changed by it. What costs time
-    is done while a page is open only, in threads of their own, by a tracker that `Live` does not have.
+    Only this machine can connect, and only by its local host names: requests that another site makes through
+    a browser are refused. Connections beyond CONNECTIONS are closed. The page cannot change anything. Costly
+    work is done only while a page is open, in separate threads, with a tracker that `Live` does not use.
 
     Raises:
-        LiveError: the port is in use.
+        LiveError: the port cannot be used.
     """
 
     def __init__(self, port: int, tracker: ObjectTracker) -> None:
@@ -173,7 +173,7 @@ class WebPage(Listener):
         self._picture = -1, b""
         self._asked = self._looked = -math.inf
         self.faults: Callable[[], Sequence[str]] = tuple
-        """Returns what went wrong; set by the caller."""
+        """Returns the faults to show; set by the caller."""
         try:
             self._server = _Server((_HOST, port), type("Handler", (_Handler,), {"page": self}))
         except (OSError, OverflowError) as error:
@@ -185,18 +185,18 @@ class WebPage(Listener):
         super().__init__(WAITING)
 
     def close(self) -> None:
-        """End the page."""
+        """End the server."""
         super().close()
         self._server.shutdown()
         self._server.server_close()
 
     @property
     def is_open(self) -> bool:
-        """Whether a browser shows it."""
+        """Whether a browser shows the page."""
         return time.monotonic() - self._asked < WATCHED
 
     def message(self, after: str) -> bytes:
-        """The newest message, if not of the set `after`; empty: there is none within a second."""
+        """Return the newest message unless it is of the set `after`; empty: none came within a second."""
         self._asked = time.monotonic()
 
         def is_newer() -> bool:
@@ -207,7 +207,7 @@ class WebPage(Listener):
             return self._message if is_newer() else b""
 
     def picture(self) -> bytes:
-        """The newest images with the pose, as a JPEG; empty where there are none yet."""
+        """Return the newest images with the pose, as a JPEG; empty if there are none yet."""
         moment = self._moment
         if moment is not None and self._picture[0] != moment.sequence:
             image = overlay(moment.taken.images, self._tracker.rig, self._tracker.model, moment.observation)
@@ -236,7 +236,7 @@ class _Server(ThreadingHTTPServer):
         super().__init__(address, handler)
 
     def verify_request(self, request: Any, client: Any) -> bool:
-        """Whether there is room for a connection, which is closed if not."""
+        """Return whether there is room for a connection; if not, it is closed."""
         if len(self._open) < CONNECTIONS:
             self._open.add(request)
         return request in self._open
@@ -247,7 +247,7 @@ class _Server(ThreadingHTTPServer):
         self._open.discard(request)
 
     def handle_error(self, request: Any, client: Any) -> None:
-        """Say nothing on stderr of a browser that went away."""
+        """Print nothing on stderr when a browser disconnects."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -255,7 +255,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = _TIMEOUT
 
     def do_GET(self) -> None:
-        """The page, the newest message or the newest picture."""
+        """Answer with the page, the newest message or the newest image."""
         if not self._is_own():
             self._answer(403, "text/html", _REFUSED)
         elif self.path == "/":
@@ -270,16 +270,16 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(404, "text/html", b"there is no such page")
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing on stderr."""
+        """Print nothing on stderr."""
 
     def _is_own(self) -> bool:
-        """Whether it is asked for under this machine's names, and not by a site elsewhere."""
+        """Return whether the request uses this machine's local names and does not come from another site."""
         hosts = [f"{name}:{self.page.port}" for name in (_HOST, "localhost")]
         origin, site = self.headers.get("Origin"), self.headers.get("Sec-Fetch-Site", "none")
         return (
             self.headers.get("Host") in hosts
             and origin in (None, *(f"http://{host}" for host in hosts))
-            # A link that leads here may be followed; an image or a script of another site may not ask.
+            # A link on another site may lead here; its images and scripts may not request anything.
             and (site in ("none", "same-origin") or self.headers.get("Sec-Fetch-Dest") == "document")
         )
 
