@@ -1,4 +1,4 @@
-"""Rig health: by how much each camera misses what others, or a board, show; and a page over time."""
+"""Rig health: residuals of each camera relative to the others or to a board; and a page over time."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ BAD: paint.Color = (80, 110, 245)
 _SIDE, _HEAD = 420, 76
 """Size of a camera's panel and height of the text above it [px]."""
 
-_SHOWN = 4.0  # misses that a panel shows [limits]
-_WIDTH = 1080  # of the picture of residuals [px]
-_STRIP = 40  # height [px] of the line of text below
-_LONG = 0.02  # how long the RMS is drawn [picture's width]
+_SHOWN = 4.0  # range of a panel [limits]
+_WIDTH = 1080  # width of the picture of residuals [px]
+_STRIP = 40  # height of the line of text below [px]
+_LONG = 0.02  # length at which the RMS is drawn [picture widths]
 
 
 def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
-    """A picture (H, W, 3) BGR: a panel for each camera, in it a dot for each look.
+    """Return a picture (H, W, 3) BGR with a panel for each camera, which shows a dot for each look.
 
-    A dot's distance from the middle is by how much the camera misses the object where the others have it,
-    right and down as in its picture; the ring is the limit.
+    A dot's offset from the centre is how far the camera sees the object from where the others see it, right
+    and down as in its image; the ring is the limit.
     """
     picture = paint.canvas(_SIDE * len(rig), _SIDE + _HEAD)
     for c, (camera, one) in enumerate(zip(rig, found.cameras, strict=True)):
@@ -50,7 +50,7 @@ def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
 
 
 def verdict(found: CalibrationCheck, one: CameraCheck) -> str:
-    """The verdict on a camera, in a line."""
+    """Return the verdict on a camera in one line."""
     if one.moved:
         return f"moved: {1e3 * one.shift:.1f} mm, {np.degrees(one.turn):.2f}°"
     if found.is_lost(one):
@@ -72,13 +72,13 @@ def _dots(panel: Image, misses: FloatArray, limit: float, color: paint.Color) ->
 def residual_picture(
     title: str, size: tuple[int, int], photos: Sequence[tuple[FloatArray, FloatArray, bool]]
 ) -> Image:
-    """A picture (H, W, 3) BGR of all photos of a camera, one over the other.
+    """Return a picture (H, W, 3) BGR with the residuals of all photos of a camera.
 
     Args:
-        title: what stands below.
+        title: the text below.
         size: width and height of the photos [px].
-        photos: of each the corners (N, 2) [px], what is missed there (N, 2) [px], and whether the
-            calibration rests on it; the lines of those on which it does not are red.
+        photos: for each photo the corners (N, 2) [px], their residuals (N, 2) [px], and whether the
+            calibration used it; the lines of unused photos are red.
     """
     scale = _WIDTH / size[0]
     height = round(size[1] * scale)
@@ -102,7 +102,7 @@ def residual_picture(
 COLORS: tuple[paint.Color, ...] = (
     (245, 165, 95), (125, 205, 125), (210, 140, 200), (225, 200, 90), (90, 215, 250), (158, 148, 140),
 )  # fmt: skip
-"""Of the cameras, in their order; none is red, which marks what is beyond a limit."""
+"""Colours of the cameras, in order; none is red, which marks values beyond a limit."""
 
 _STYLE = """
 body { background: #16181d; color: #d8dadd; font: 15px/1.5 sans-serif; max-width: 1100px; }
@@ -116,7 +116,7 @@ _NARROW = '<meta name="viewport" content="width=device-width, initial-scale=1">'
 
 
 def write_health(path: str | os.PathLike[str], health: Health, title: str) -> None:
-    """Write a page (.html) with a plot over time of all that was measured, whole or not at all.
+    """Write a page (.html) atomically, with a plot over time of each measured quantity.
 
     Raises:
         TrackerError: the optional package `matplotlib` is missing, or the file cannot be written.
@@ -125,7 +125,7 @@ def write_health(path: str | os.PathLike[str], health: Health, title: str) -> No
 
 
 def page(health: Health, title: str) -> str:
-    """The page."""
+    """Return the page as HTML."""
     complaints, missing = health.complaints(), health.missing()
     parts = [f"<h1>{escape(title)}</h1>"]
     if complaints:
@@ -145,7 +145,7 @@ def page(health: Health, title: str) -> str:
 
 
 def _table(health: Health) -> str:
-    """Medians, red where a limit is exceeded too often."""
+    """Return a table of medians, red if the limits are exceeded too often."""
     rows = [
         "<tr><th></th>" + "".join(f"<th>{escape(name)}</th>" for name in health.cameras) + "<th></th></tr>"
     ]
@@ -160,7 +160,7 @@ def _table(health: Health) -> str:
 
 
 def _readable(value: float, digits: int = 1) -> str:
-    """A number with few digits behind the point, and none that say nothing: 5.42373 as 5.4, 30.0 as 30."""
+    """Return a number with few decimals and without trailing zeros: 5.42373 as 5.4, 30.0 as 30."""
     return f"{round(value, digits) + 0.0:g}".replace("-", "−")
 
 
@@ -178,7 +178,7 @@ def _section(quantity: Quantity, time: FloatArray, values: FloatArray, names: tu
 
 
 def _plot(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple[str, ...]) -> bytes:
-    """A PNG of one quantity over time: a line for each camera, limits dashed, red where beyond them."""
+    """Return a PNG of one quantity over time: a line per camera, dashed limits, values beyond them in red."""
     low, high = quantity.limits
     with figure((11.0, 2.2)) as picture:
         axis: Any = picture.subplots()
@@ -189,7 +189,7 @@ def _plot(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple
         axis.plot(time, beyond, ".", color=rgb(BAD), ms=6)
         known = values[np.isfinite(values)]
         for limit in quantity.limits:
-            # A limit that is far away would flatten the lines.
+            # A limit far from the values would flatten the lines.
             if limit != 0.0 and known.min() - np.ptp(known) - 1 <= limit <= known.max() + np.ptp(known) + 1:
                 axis.axhline(limit, color=rgb(paint.FAINT), linewidth=1, linestyle="--")
         if len(time) > 1 and np.ptp(time) > 0:

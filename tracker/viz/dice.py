@@ -1,4 +1,4 @@
-"""The dice task: its views, with goal areas and dice in them and the error below, and a goal from above."""
+"""Pictures of the dice task: camera views with goal areas, dice and the error; and a goal from above."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tracker.viz.overlays import DOUBTFUL, GOOD, Block, footer, panels
 
 INSIDE: paint.Color = (150, 235, 110)
 OUTSIDE: paint.Color = (20, 125, 255)
-"""Of dice in the goal's areas, and elsewhere; they differ in lightness too, for eyes that mix up colours."""
+"""Colours of dice inside and outside the goal areas; they also differ in lightness, for the colour-blind."""
 
 _INSIDE_OPACITY, _OUTSIDE_OPACITY, _AREA_OPACITY = 0.5, 0.75, 0.16
 _FINE = 2  # outlines of masks are found on a grid this much finer than the panel's
@@ -38,15 +38,15 @@ def dice_overlay(
     assignment: Assignment | None = None,
     title: str = "",
 ) -> Image:
-    """The views with goal and dice in them, and a caption with the task's error below.
+    """Return the camera views with goal and dice drawn in, and a caption with the task's error below.
 
     Args:
-        images: (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says that there is none.
+        images: image (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says "no image".
         rig: the cameras.
-        goal_masks: (H, W) of each camera, see `rearrange_dice.goal_masks`; None: there is no goal.
-        dice_masks: (H, W) of each camera, of the same kind; None where there is no image.
-        positions: (N, 3) [m] centres of the dice found, drawn as dots.
-        assignment: of these dice to the goal's places, for the caption.
+        goal_masks: mask (H, W) of each camera, see `rearrange_dice.goal_masks`; None: there is no goal.
+        dice_masks: mask (H, W) of each camera, of the same kind; None if there is no image.
+        positions: centres (N, 3) [m] of the dice found, drawn as dots.
+        assignment: assignment of these dice to the goal's places, for the caption.
         title: a line above the numbers, e.g. the time.
 
     Raises:
@@ -95,11 +95,11 @@ def _tint(panel: Image, mask: Array, color: paint.Color, opacity: float) -> None
 
 
 def _outlines(mask: Array, width: int, height: int) -> list[FloatArray]:
-    """Closed lines (N, 2) [px] around a mask that is scaled to `width` × `height`."""
+    """Return closed lines (N, 2) [px] around a mask that is scaled to `width` × `height`."""
     size = (width * _FINE, height * _FINE)
     scaled = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
     pixel = size[1] / mask.shape[0]
-    # Blurred and simplified, lines do not show the steps of the mask's pixels.
+    # Blurring and simplifying the lines hides the steps of the mask's pixels.
     smooth = cv2.GaussianBlur(scaled, (0, 0), 0.5 * pixel)
     loops, _ = cv2.findContours((smooth > 0.5).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     simple = [cv2.approxPolyDP(loop, 0.6 * pixel, True) for loop in loops]
@@ -138,15 +138,15 @@ def _caption(
 DIE: paint.Color = (255, 150, 70)
 
 _SCALE = 38 / DIE_WIDTH
-"""[px/m]; cells are a whole number of pixels wide, so that all lines of the grid are equally sharp."""
+"""Scale [px/m]; cells are a whole number of pixels wide, so that all lines of the grid are equally sharp."""
 _BORDER = 26  # around the arena [px]
-_LABELS = 48  # left of and below that, for the axes [px]
+_LABELS = 48  # space for the axes, left of and below the border [px]
 _FLOOR: paint.Color = (50, 43, 40)
 _TICKS_M = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 _TEXT_SIZE = 11.0
 _FAR = 10 * ARENA_RADIUS
-"""Coordinates are cut to this [m], which is out of the picture: pixels must not overflow."""
-_HIGHER = 1e-3  # places this much above the floor [m] or more are marked with their height
+"""Coordinates are clipped to this [m], outside the picture, so that pixel coordinates do not overflow."""
+_HIGHER = 1e-3  # places at least this far above the floor [m] are marked with their height
 
 _SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * DIE_WIDTH / 2
 _SIDE = 2 * round(ARENA_RADIUS * _SCALE + _BORDER) + 1
@@ -161,13 +161,13 @@ def goal_picture(
     *,
     yaws: npt.ArrayLike | None = None,
 ) -> Image:
-    """The arena from above, x to the right and y upwards, with a goal's places.
+    """Return a picture of the arena from above, x to the right and y upwards, with a goal's places.
 
     Args:
-        goal: (N, 3) [m] centres of the places; those above the floor are marked with their height.
-        positions: (M, 3) [m] centres of dice to draw.
-        pairs: (place, die) indices, as `Assignment.pairs` has them: a line shows the die's way.
-        yaws: (M,) [rad] rotations of the dice about the world's z axis; by default none is rotated.
+        goal: centres (N, 3) [m] of the places; those above the floor are marked with their height.
+        positions: centres (M, 3) [m] of dice to draw.
+        pairs: indices (place, die) as in `Assignment.pairs`; a line joins each die to its place.
+        yaws: rotations (M,) [rad] of the dice about the world's z axis; by default none is rotated.
 
     Raises:
         TaskError: goal, positions, pairs or rotations are malformed or do not belong together.
@@ -201,7 +201,7 @@ def goal_picture(
 
 
 def _ways(places: FloatArray, dice: FloatArray, pairs: Iterable[tuple[int, int]]) -> list[FloatArray]:
-    """Lines (2, 2) [px] from dice to places."""
+    """Return lines (2, 2) [px] from dice to places."""
     lines = []
     for place, die in pairs:
         if not (0 <= place < len(places) and 0 <= die < len(dice)):
@@ -213,14 +213,14 @@ def _ways(places: FloatArray, dice: FloatArray, pairs: Iterable[tuple[int, int]]
 
 
 def _pixels(positions: Array) -> FloatArray:
-    """Pixels (N, 2) of positions (N, 2 or 3) [m]."""
+    """Return the pixels (N, 2) of positions (N, 2 or 3) [m]."""
     middle = _SIDE / 2 - 0.5
     x, y = positions[:, 0], positions[:, 1]
     return np.stack([_LABELS + middle + _SCALE * x, middle - _SCALE * y], axis=1)
 
 
 def _draw_arena(picture: Image) -> None:
-    """The floor with the cells of its grid, and the axes."""
+    """Draw the floor with the cells of its grid, and the axes."""
     border = paint.circle(_pixels(np.zeros((1, 2)))[0], ARENA_RADIUS * _SCALE)
     paint.fill(picture, border, _FLOOR, 1.0)
     paint.stroke(picture, [_square(cell) for cell in cells()], paint.FAINT, 1.0, 0.3)
@@ -237,5 +237,5 @@ def _draw_arena(picture: Image) -> None:
 
 
 def _square(position: Array, turn: float = 0.0) -> FloatArray:
-    """The closed outline (5, 2) [px] of a die at a position (3,) [m], turned by an angle [rad]."""
+    """Return the closed outline (5, 2) [px] of a die at a position (3,) [m], turned by an angle [rad]."""
     return _pixels(position[:2] + _SQUARE @ so3.exp([0.0, 0.0, turn])[:2, :2].T)

@@ -1,4 +1,4 @@
-"""Files of images, and films (.mp4) that every browser plays."""
+"""Write image files, and films (.mp4) that every browser plays."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Formats of `write_image`."""
 
 MIN_RATE, MAX_RATE = 0.5, 60.0
-"""Slowest and fastest film of a recording [frames per second]."""
+"""Slowest and fastest frame rate of a recording's film [frames per second]."""
 
-_LOOK = 100  # frames that tell the rate
+_LOOK = 100  # number of frames from which the rate is estimated
 
 
 def write_image(path: str | os.PathLike[str], image: Array) -> None:
-    """Write a PNG or JPEG file, whole or not at all.
+    """Write a PNG or JPEG file atomically.
 
     Raises:
         ImageError: the suffix is not one of IMAGE_SUFFIXES, or the file cannot be written.
@@ -45,20 +45,20 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
 
 
 def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: float) -> int:
-    """Write pictures (H, W, 3) BGR of one size as an H.264 film, whole or not at all.
+    """Write images (H, W, 3) BGR of one size as an H.264 film, atomically.
 
-    Odd sizes lose their last row or column, which the format cannot hold.
+    The last row or column of odd sizes is dropped, since the format requires even ones.
 
     Args:
         path: ends in .mp4.
-        pictures: taken one by one, so that a long film needs no memory.
-        rate: pictures per second.
+        pictures: the images, consumed one by one, so that a long film does not fill the memory.
+        rate: images per second.
 
     Returns:
-        The number of pictures.
+        The number of images.
 
     Raises:
-        ImageError: the suffix is another, or the file cannot be written.
+        ImageError: the suffix differs, or the file cannot be written.
         TrackerError: the optional package `av` is missing.
     """
     target = Path(path)
@@ -86,10 +86,10 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
 
 
 def write_log_film(path: str | os.PathLike[str], log: Log, progress: Callable[[int], None]) -> None:
-    """Write frames as a film with the cameras side by side, black where one gave no image.
+    """Write a recording's frames as a film with the cameras side by side; missing images are black.
 
     Raises:
-        TrackerError: a frame cannot be read, the film not be written, or the package av is missing.
+        TrackerError: a frame cannot be read, the film cannot be written, or the package av is missing.
     """
     height = max((size[1] for size in log.image_sizes), default=0)
 
@@ -107,7 +107,7 @@ def write_log_film(path: str | os.PathLike[str], log: Log, progress: Callable[[i
 
 
 def film_rate(stamps: npt.ArrayLike) -> float:
-    """Frames per second of a film of frames at stamps (n,) [s]; repeated ones do not count."""
+    """Return the frame rate of a film whose frames have timestamps (n,) [s]; repeated ones do not count."""
     steps = np.diff(stamps)
     steps = steps[steps > 0]
     return float(np.clip(1 / np.median(steps), MIN_RATE, MAX_RATE)) if len(steps) else 10.0

@@ -1,4 +1,4 @@
-"""The views side by side, with the estimate's edges drawn through the lens, and small tables below them."""
+"""Draw camera views side by side, with the estimate's edges distorted by the lens, and small tables below."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tracker.pose.result import Observation, PoseEstimate
 from tracker.viz import paint
 
 MIN_HEIGHT = 400
-"""Images are scaled by the smallest whole number that makes them at least this high [px]."""
+"""Smallest height of images [px]; smaller ones are enlarged by the smallest whole number that reaches it."""
 
 GAP = 6  # between panels [px]
 
@@ -30,11 +30,11 @@ _NAME_SIZE = 14.0
 _EMPTY = (44, 38, 35)
 
 Draw = Callable[[int, Image, Camera], None]
-"""Draws into the panel of the camera of this index; the camera given is that of the scaled image."""
+"""Function that draws into the panel of the camera with an index; the camera is that of the scaled image."""
 
 
 def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
-    """A row of all views, each drawn into by `draw`; ImageError where images do not fit the rig."""
+    """Return a row of all views after `draw` drew into each; ImageError if images do not fit the rig."""
     of_kind(rig, CameraRig, "overlay: rig", ImageError, "tracker.CameraRig.load")
     images = check_images(images, rig, least=0)
     height = max(camera.height * -(-MIN_HEIGHT // camera.height) for camera in rig)
@@ -61,13 +61,13 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
 
 GOOD: paint.Color = (120, 200, 110)
 DOUBTFUL: paint.Color = (80, 170, 245)
-"""Colours of a block's last line that say how it went."""
+"""Colours of a block's last line, for good and for doubtful results."""
 
 _MARGIN, _LINE, _SPACE, _COLUMN = 24, 28, 50, 17
-"""Around the strip, between lines, blocks, and a block's columns [px]; all grow with the strip."""
+"""Space around the strip and between lines, blocks and a block's columns [px]; scaled with the strip."""
 _SIZES = (10.0, 12.0, 12.0)  # heights of the digits in a block's lines [px]
 _WIDTH, _MOST = 1000, 1.5
-"""A strip wider than this [px] is written larger, up to so many times."""
+"""Width of a strip above which its text is enlarged [px], and the largest factor."""
 
 
 class Block(NamedTuple):
@@ -76,15 +76,15 @@ class Block(NamedTuple):
     headings: list[str]
     values: list[str]
     notes: list[str]
-    """What qualifies the values."""
+    """Remarks on the values."""
     color: paint.Color = paint.FAINT
-    """Of the notes."""
+    """Colour of the notes."""
 
 
 def footer(width: int, blocks: Iterable[Block]) -> Image:
-    """A strip `width` [px] wide of blocks side by side, which wrap where it is narrow.
+    """Return a strip, `width` [px] wide, of blocks side by side, which wrap if it is narrow.
 
-    The first column of a block is flush left, others flush right.
+    The first column of a block is left-aligned, the others are right-aligned.
     """
     scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
     sizes = [size * scale for size in _SIZES]
@@ -111,7 +111,7 @@ def footer(width: int, blocks: Iterable[Block]) -> Image:
 
 
 def note_strip(width: int, text: str) -> Image:
-    """A strip `width` [px] wide with a remark, in as many lines as it takes."""
+    """Return a strip, `width` [px] wide, with a remark in as many lines as it needs."""
     scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
     size, margin, step = _SIZES[1] * scale, _MARGIN * scale, 0.8 * _LINE * scale
     lines = textwrap.wrap(text, int((width - 2 * margin) / paint.text_width("n", size)))
@@ -122,7 +122,7 @@ def note_strip(width: int, text: str) -> Image:
 
 
 def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:
-    """Blocks of object, status and the pose's numbers; `title` stands above the object's name."""
+    """Yield blocks with object, status and the pose's numbers; `title` is above the object's name."""
     measured, filtered = observation.object_pose, observation.filtered_object_pose
     pose, status = measured or filtered, observation.status.value
     state = status if measured is not None else f"{'no pose' if pose is None else 'predicted'}: {status}"
@@ -148,8 +148,8 @@ def _numbers(values: Array, digits: int) -> list[str]:
     return [f"{value:.{digits}f}".replace("-", "−") for value in values]
 
 
-SAMPLES = 17  # points per edge: the lens bends edges, so each is drawn as this many short lines
-HINT = 0.5  # confidence below which a pose is but a hint: drawn in amber
+SAMPLES = 17  # points per edge, which is drawn as a polyline, since the lens bends edges
+HINT = 0.5  # confidence below which a pose is only a hint, drawn in amber
 
 _TINT = 0.15
 _DASH, _DASH_GAP = 7.0, 6.0
@@ -165,14 +165,14 @@ def overlay(
     title: str = "",
     note: str = "",
 ) -> Image:
-    """The views with the estimate's edges in them, and a caption with its numbers below.
+    """Return the camera views with the estimate's edges drawn in, and a caption with its numbers below.
 
-    Drawn is the pose measured in these images or, without one, the filtered pose; in amber where its
-    confidence is below 0.5. Edges that the object itself hides are dashed; those behind a finger are not,
-    since the tracker does not know of fingers.
+    The pose drawn is the one measured in these images or else the filtered pose, in amber if its confidence
+    is below 0.5. Edges hidden by the object itself are dashed; edges behind a finger are not, since the
+    tracker has no model of the fingers.
 
     Args:
-        images: (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says that there is none.
+        images: image (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says "no image".
         rig: the cameras.
         model: the object.
         observation: what the tracker found in the images.
@@ -202,7 +202,7 @@ def overlay(
 def edges_in_view(
     view: Camera, model: CuboidModel, pose: PoseEstimate
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Lines (N, 2) [px] of the edges that a camera sees, bent by the lens, and of those the object hides."""
+    """Return distorted lines (N, 2) [px] of the edges that a camera sees, and of those the object hides."""
     seen, corners = _seen(view, model, pose)
     visible: list[FloatArray] = []
     hidden: list[FloatArray] = []
@@ -213,13 +213,13 @@ def edges_in_view(
 
 
 def _seen(view: Camera, model: CuboidModel, pose: PoseEstimate) -> tuple[Array, FloatArray]:
-    """Whether a camera sees each face (6,), and the corners (8, 3) [m]."""
+    """Return whether a camera sees each face (6,), and the object's corners (8, 3) [m]."""
     seen = cuboid.visible_faces(model.size, pose.rotation.T @ (view.position - pose.position))
     return seen, pose.position + cuboid.corners(model.size) @ pose.rotation.T
 
 
 def _dashes(line: FloatArray) -> list[FloatArray]:
-    """A line (N, 2) [px] cut into dashes (2, 2) of one length, with gaps between them."""
+    """Cut a line (N, 2) [px] into dashes (2, 2) of equal length, with gaps between them."""
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     starts = np.arange(_DASH_GAP, along[-1] - _DASH, _DASH + _DASH_GAP)
     ends = np.stack([starts, starts + _DASH], axis=1)
@@ -244,12 +244,12 @@ def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstim
 
 
 def _project_line(view: Camera, start: Array, end: Array) -> FloatArray:
-    """Pixels (SAMPLES, 2) of points from `start` to `end` [m]; NaN far outside the field of view."""
+    """Return pixels (SAMPLES, 2) of points from `start` to `end` [m]; NaN far outside the field of view."""
     return view.project_in_view(start + np.linspace(0, 1, SAMPLES)[:, None] * (end - start))
 
 
 def _finite_parts(points: FloatArray) -> list[FloatArray]:
-    """The stretches without NaN of a line (N, 2), of two points or more."""
+    """Return the parts without NaN of a line (N, 2), of at least two points each."""
     good = np.concatenate([[False], np.isfinite(points).all(axis=1), [False]])
     bounds = np.flatnonzero(np.diff(good))
     return [points[a:b] for a, b in zip(bounds[::2], bounds[1::2], strict=True) if b - a > 1]

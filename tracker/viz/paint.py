@@ -1,7 +1,7 @@
-"""Anti-aliased shapes and text, blended into images.
+"""Blend anti-aliased shapes and text into images.
 
-Text is Pillow's, which looks alike with every OpenCV. Shapes are OpenCV's: on the same finer grid its lines
-are off by 0.02 px (RMS), Pillow's, which has whole pixels only, by 0.17 px.
+Text is drawn by Pillow, so that it looks alike with every version of OpenCV. Shapes are drawn by OpenCV: on
+the same finer grid its lines are off by 0.02 px (RMS), those of Pillow, limited to whole pixels, by 0.17 px.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ FAINT: Color = (158, 148, 140)
 WHITE: Color = (255, 255, 255)
 BLACK: Color = (0, 0, 0)
 
-_FINE = 4  # shapes are drawn on a grid this much finer, and averaged
+_FINE = 4  # oversampling: shapes are drawn on a grid this much finer, then averaged
 
 _SHIFT = 4
 
 # The font in Pillow has no umlauts.
 _FONT = Path(__file__).parent / "fonts" / "DejaVuSansCondensed.ttf"
-_EM = 1.15  # a font's size, in heights of its digits
+_EM = 1.15  # font size [heights of its digits]
 
 
 def canvas(width: int, height: int, color: Color = BACKGROUND) -> Image:
-    """An empty picture of a size [px]."""
+    """Return an empty picture of a given size [px]."""
     picture: Image = np.full((height, width, 3), color, np.uint8)
     return picture
 
@@ -48,18 +48,18 @@ def fill(image: Image, polygon: FloatArray, color: Sequence[int], opacity: float
 def stroke(
     image: Image, lines: Sequence[FloatArray], color: Sequence[int], width: float, opacity: float = 1.0
 ) -> None:
-    """Blend open lines (N, 2) [px] of a width [px] into the image, as one: crossings are not darker."""
+    """Blend open lines (N, 2) [px] of a width [px] into the image in one pass: crossings are not darker."""
     _draw(image, lines, color, width, opacity)
 
 
 def circle(center: FloatArray, radius: float) -> FloatArray:
-    """A polygon (N, 2) [px] that looks like a circle; its last point is its first."""
+    """Return a polygon (N, 2) [px] that approximates a circle; its last point is its first."""
     angles = np.linspace(0, 2 * np.pi, max(16, round(3 * radius)) + 1)
     return center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 def text_width(text: str, size: float) -> float:
-    """Width [px] of a line of text whose digits are about `size` [px] high."""
+    """Return the width [px] of a line of text whose digits are about `size` [px] high."""
     return _font(size).getlength(text)
 
 
@@ -72,11 +72,11 @@ def put_text(
     size: float,
     align: float = 0.0,
 ) -> None:
-    """Write a line of text on the baseline through `at` [px], its left (align 0) … right (1) end there."""
+    """Write a line of text whose baseline has its left (align 0) … right (align 1) end at `at` [px]."""
     left, base = round(at[0] - align * text_width(text, size)), round(at[1])
     top = max(base - round(2 * size), 0)
-    # Only the rows that it can reach: Pillow draws into a copy. What it takes for red is blue, and so is the
-    # colour's.
+    # Pillow draws into a copy, so pass only the rows that the text can reach. It takes blue for red, but in
+    # the image and in the colour alike.
     rows = image[top : max(base + round(size), 0)]
     if not rows.size:
         return
@@ -87,14 +87,14 @@ def put_text(
 
 @lru_cache
 def _font(size: float) -> ImageFont.FreeTypeFont:
-    # The basic layout is there with every Pillow, and equal.
+    # Every Pillow has the basic layout, with equal results.
     return ImageFont.truetype(str(_FONT), _EM * size, layout_engine=ImageFont.Layout.BASIC)
 
 
 def _draw(
     image: Image, shapes: Sequence[FloatArray], color: Sequence[int], width: float | None, opacity: float
 ) -> None:
-    """Blend lines of a width, or filled polygons without one, drawn on a finer grid of their surroundings."""
+    """Blend lines of a width, or filled polygons if it is None, drawn on a finer grid around the shapes."""
     if not shapes:
         return
     points, margin = np.concatenate(shapes), width or 1.0
@@ -113,6 +113,6 @@ def _draw(
 
 
 def blend(image: Image, coverage: Array, color: Sequence[int], opacity: float) -> None:
-    """Blend a colour into the image where the coverage (H, W), 0 … 255, has it."""
+    """Blend a colour into the image in proportion to a coverage (H, W) from 0 to 255."""
     weight = coverage[:, :, None] * (opacity / 255)
     image[:] = np.rint(image * (1 - weight) + np.asarray(color) * weight)

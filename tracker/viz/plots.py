@@ -1,7 +1,7 @@
-"""Plots by matplotlib, an optional package: dark like the other pictures, and written whole.
+"""Plots by matplotlib, an optional package: dark like the other pictures, and written atomically.
 
-One is of an object's face colours: what is taken for what, and how near they are. Another is of a whole
-recording: where the object was, how sure that is, and what the tracker was doing.
+One plot shows an object's face colours: their confusion matrix and their chromaticities. The other shows a
+whole recording: the object's pose, its uncertainty, and the tracker's status.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _GRID: paint.Color = (58, 51, 47)
 
 
 def rgb(color: paint.Color) -> tuple[float, float, float]:
-    """Red, green, blue from 0 to 1."""
+    """Return red, green and blue from 0 to 1."""
     blue, green, red = color
     return red / 255, green / 255, blue / 255
 
@@ -53,21 +53,21 @@ _STYLE: Any = {
     "figure.dpi": 130,
     "savefig.dpi": 130,
 }
-"""What differs from matplotlib's own look: dark, with a faint grid and few lines."""
+"""Changes to matplotlib's default style: dark, with a faint grid and few lines."""
 
 
 @contextmanager
 def figure(size: tuple[float, float]) -> Iterator[Figure]:
-    """An empty figure of a size [inch]; TrackerError where the package `matplotlib` is missing."""
+    """Yield an empty figure of a given size [inch]; TrackerError if the package `matplotlib` is missing."""
     made = optional("matplotlib.figure", "plot", "a plot").Figure
     with optional("matplotlib", "plot", "a plot").rc_context(_STYLE):
-        # Not of pyplot: no window system, and no figure that stays in memory.
+        # Without pyplot, no window system is needed and no figure stays in memory.
         yield made(figsize=size, layout="constrained")
 
 
 @contextmanager
 def figure_file(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator[Figure]:
-    """As `figure`; at the end of the `with` block it is written as a PNG picture, whole or not at all."""
+    """Like `figure`; at the end of the `with` block the figure is written as a PNG file, atomically."""
     target = Path(path)
     check_suffix(target, (".png",), "plot", ImageError)
     with figure(size) as drawn:
@@ -78,13 +78,13 @@ def figure_file(path: str | os.PathLike[str], size: tuple[float, float]) -> Iter
 
 
 def png(drawn: Figure) -> bytes:
-    """The figure as a PNG picture."""
+    """Return the figure as a PNG file."""
     content = io.BytesIO()
     drawn.savefig(content, format="png")
     return content.getvalue()
 
 
-_DOTS = 500  # pixels of each colour that are drawn
+_DOTS = 500  # largest number of pixels drawn per colour
 
 
 def write_colors_plot(
@@ -94,17 +94,17 @@ def write_colors_plot(
     better: Mapping[int, FloatArray],
     title: str,
 ) -> None:
-    """Write a PNG picture of a confusion and of where the colours lie, whole or not at all.
+    """Write a PNG file with a confusion matrix and the chromaticities of the colours, atomically.
 
     Args:
         path: ends in .png.
-        counts: (7, 7) pixels by true label and label found.
-        pixels: (N, 3) levels BGR in neutral light by label.
-        better: (3,) levels BGR of a better set of colours by label.
-        title: stands above.
+        counts: numbers (7, 7) of pixels by true label and label found.
+        pixels: BGR levels (N, 3) in neutral light, by label.
+        better: BGR levels (3,) of a better set of colours, by label.
+        title: the heading.
 
     Raises:
-        ImageError: the suffix is another, or the file cannot be written.
+        ImageError: the suffix differs, or the file cannot be written.
         TrackerError: the optional package `matplotlib` is missing.
     """
     with figure_file(path, (12.0, 5.4)) as figure:
@@ -115,7 +115,7 @@ def write_colors_plot(
 
 
 def _draw_confusion(axis: Any, counts: Array) -> None:
-    """Shares of each true colour's pixels, by what they are found as."""
+    """Draw the share of each true colour's pixels by the label found."""
     order = [*range(1, len(COLOR_NAMES)), 0]
     names = [*COLOR_NAMES[1:], "none"]
     sums = counts.sum(axis=1, keepdims=True)
@@ -135,7 +135,7 @@ def _draw_confusion(axis: Any, counts: Array) -> None:
 
 
 def _draw_colors(axis: Any, pixels: Mapping[int, Array], better: Mapping[int, FloatArray]) -> None:
-    """The colours' chromaticities around that of the light."""
+    """Draw the colours' chromaticities relative to that of the light."""
     for label, some in pixels.items():
         blue, green, red = DISPLAY_COLORS_BGR[label].tolist()
         color = rgb((blue, green, red))
@@ -153,7 +153,7 @@ def _draw_colors(axis: Any, pixels: Mapping[int, Array], better: Mapping[int, Fl
 
 
 def _chroma(levels: Array) -> tuple[FloatArray, FloatArray]:
-    """Log red over green and log blue over green of levels (N, 3); the dark are drawn towards grey."""
+    """Return log(red/green) and log(blue/green) of levels (N, 3); dark colours are shifted towards grey."""
     logs = np.log(np.asarray(levels, dtype=np.float64) + 6.0)
     return logs[:, 2] - logs[:, 1], logs[:, 0] - logs[:, 1]
 
@@ -176,29 +176,29 @@ STATUS_COLORS: dict[str, paint.Color] = {
     "other_object": (120, 60, 110),
     "ambiguous": (70, 120, 150),
 }
-"""The colours of a status strip, the same in each plot."""
+"""Colours of the status strip, the same in all plots."""
 
 _LABEL_X = -0.065  # left of the longest tick label, so that the labels of all panels are aligned
 _LEAST_SHARE = 0.003
-"""Share of the strip's width that the shortest run has, so that single frames are seen."""
-_LEAST = 2.0  # least height of an axis that is fitted to its values
-_FEW = 250  # frames up to which dots are drawn in full size
+"""Smallest share of the strip's width for a run of frames, so that single frames are visible."""
+_LEAST = 2.0  # smallest range of an axis that is fitted to its values
+_FEW = 250  # largest number of frames for which dots have their full size
 
 
 def write_trajectory_plot(path: str | os.PathLike[str], poses: Poses, title: str = "") -> None:
-    """Write a PNG picture of position, rotation, confidence and status over time, whole or not at all.
+    """Write a PNG file that plots position, rotation, confidence and status over time, atomically.
 
-    Lines are the filtered poses with a band of two standard deviations, dots the measured ones, circles
-    those of the recording; without any filtered pose the lines are the measured ones. The rotation is the
+    Lines are the filtered poses with a band of two standard deviations, dots the measured poses, circles
+    those of the recording; without any filtered pose the lines are the measured poses. The rotation is the
     angle from the first pose.
 
     Args:
         path: ends in .png.
-        poses: what to show.
-        title: stands above; by default object and source.
+        poses: the poses to plot.
+        title: the heading; by default object and source.
 
     Raises:
-        ImageError: the suffix is another, or the file cannot be written.
+        ImageError: the suffix differs, or the file cannot be written.
         TrackerError: the optional package `matplotlib` is missing.
     """
     title = title or " · ".join(filter(None, (poses.about.object_name, poses.about.source)))
@@ -220,7 +220,7 @@ def _draw_trajectory(figure: Any, poses: Poses, title: str) -> None:
         axes[0].set_xticks([])
     found = best(poses).has_pose
     share = f"{np.mean(found):.1%} of {len(poses)} frames have a pose" if len(poses) else "no frames"
-    # A dollar sign in the name of a file begins no formula.
+    # Escape dollar signs in file names, which would begin a formula.
     heading = title.replace("$", r"\$")
     axes[0].set_title(heading, loc="left", color=rgb(paint.BRIGHT), fontsize=14, pad=30)
     axes[0].set_title(share, loc="right", fontsize=10, pad=30)
@@ -232,20 +232,20 @@ def _draw_trajectory(figure: Any, poses: Poses, title: str) -> None:
 
 
 class Series(NamedTuple):
-    """What one panel shows of n frames; NaN where there is nothing."""
+    """The content of one panel for n frames; NaN where there is no value."""
 
     label: str
     color: paint.Color
     values: Array
-    """(3, n), as line, dots and circles."""
+    """Values (3, n) drawn as line, dots and circles."""
     band: FloatArray
-    """(2, n) ends of a band around the line, which may reach very far."""
+    """Lower and upper ends (2, n) of a band around the line, which may be very wide."""
     limits: tuple[float, float]
-    """Of the axis."""
+    """Limits of the axis."""
 
 
 def series_of(poses: Poses) -> list[Series]:
-    """The panels; axes of x, y and z are of one length, so that equal motions look equal."""
+    """Return the panels; the axes of x, y and z have the same range, so that equal motions look equal."""
     recorded = PoseColumns.nothing(len(poses)) if poses.recorded is None else poses.recorded
     kinds = shown, _, _ = best(poses), poses.measured, recorded
     positions = 1e3 * np.stack([one.position for one in kinds])
@@ -269,7 +269,7 @@ def series_of(poses: Poses) -> list[Series]:
 
 
 def _limits(values: FloatArray) -> tuple[float, float]:
-    """Of an axis that is fitted to the values."""
+    """Return the limits of an axis that is fitted to the values."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     room = max(0.08 * (high - low), (_LEAST - (high - low)) / 2)
@@ -277,15 +277,15 @@ def _limits(values: FloatArray) -> tuple[float, float]:
 
 
 def angles(orientation: FloatArray, reference: FloatArray) -> FloatArray:
-    """Angles (n,) [°] of quaternions (n, 4) from a rotation (3, 3); NaN where the quaternion is."""
+    """Return the angles (n,) [°] of quaternions (n, 4) from a rotation (3, 3); NaN if the quaternion is."""
     return np.degrees(so3.angle_between(reference, so3.matrix_from_quaternion(orientation)))
 
 
 def angle_std(orientation: FloatArray, reference: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Standard deviations (n,) [°] of `angles`, from covariances (n, 3, 3) [rad²] along world axes.
+    """Return the deviations (n,) [°] of `angles`, from covariances (n, 3, 3) [rad²] along world axes.
 
-    With R = exp(δθ) R̂ the angle changes by axis · δθ, the axis being that of R̂ Rᵀ_reference. Near zero the
-    axis is anything: there the largest deviation is given.
+    With R = exp(δθ) R̂ the angle changes by axis · δθ, where axis is that of R̂ Rᵀ_reference. Near zero the
+    axis is undefined, and the largest deviation over all axes is returned.
     """
     vector = so3.log(so3.matrix_from_quaternion(orientation) @ reference.T)
     length = np.linalg.norm(vector, axis=1)
@@ -298,11 +298,11 @@ def angle_std(orientation: FloatArray, reference: FloatArray, covariance: FloatA
 
 
 def _draw_panel(axis: Any, time: Array, series: Series) -> tuple[Any, ...]:
-    """Draw a line with a band, dots and circles over time; these four, for a legend."""
+    """Draw a line with a band, dots and circles over time; return these four for a legend."""
     color = rgb(series.color)
     size = float(np.clip(np.sqrt(_FEW / max(len(time), 1)), 0.5, 1))
     bottom, top = series.limits
-    # A variance may have any size, a pixel's place may not.
+    # A variance may be huge, but pixel coordinates must not overflow.
     far = 10 * (top - bottom)
     low, high = np.clip(series.band, bottom - far, top + far)
     band = axis.fill_between(time, low, high, color=color, alpha=0.3, linewidth=0)
@@ -343,7 +343,7 @@ def _draw_status(axis: Any, time: Array, status: Array) -> None:
 
 
 def _explain(axis: Any, shown: dict[str, Any], side: str) -> None:
-    """A legend in one line above the panel, from its left or right end."""
+    """Draw a legend in one line above the panel, aligned to its left or right end."""
     if shown:
         place: dict[str, Any] = {"loc": f"lower {side}", "bbox_to_anchor": (float(side == "right"), 1.1)}
         place |= {"borderaxespad": 0, "borderpad": 0, "handlelength": 1.4, "columnspacing": 1.6}

@@ -1,17 +1,17 @@
-"""A recording in time and space, for the viewer Rerun; imported only where that package is there.
+"""Show a recording in time and space in the viewer Rerun; imported only if that package is installed.
 
     world                      z up [m]
-      arena                    how far the object's centre may be from its axis, on the table
-      cameras/NAME             pinhole; the lens bends the overlays, which lie in the images as they are
+      arena                    circle on the table: largest distance of the object's centre from the axis
+      cameras/NAME             pinhole; the images stay distorted, so overlays are distorted, too
         image                  as recorded
-        image/measured         the object's edges through the lens; likewise image/filtered
-      measured, filtered       the object: coloured faces of what was measured, a frame of the filtered pose
+        image/measured         the object's edges, distorted by the lens; likewise image/filtered
+      measured, filtered       the object: coloured faces of the measured pose, wire frame of the filtered one
       uncertainty/KIND         ellipsoid of the position, two standard deviations
-      trajectory/KIND          one piece a frame; the view shows all pieces so far
+      trajectory/KIND          one piece per frame; the view shows all pieces so far
     confidence/KIND, std_mm/KIND, std_deg/KIND, status
     health/QUANTITY/CAMERA     see `calibration.by_object.health`; health/table: height over the arena's table
 
-What is not there in a frame is cleared: there is never a stale pose.
+Whatever is missing in a frame is cleared: a stale pose is never shown.
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ TIME, FRAME = "time", "frame"
 """Timelines: seconds since the first frame shown, and the frame's number in the recording."""
 
 KINDS = {"measured": (30, 136, 229), "filtered": (225, 100, 0)}
-"""Colour (red, green, blue) of each kind of pose, clear on dark and on light.
+"""Colour (red, green, blue) of each kind of pose, visible on dark and light backgrounds.
 
-The viewer follows the system's theme. Neither a blueprint nor a command-line option can choose it.
+The viewer follows the system's theme. Neither a blueprint nor a command-line option can set it.
 """
 
 _AXES = {"x": (215, 60, 50), "y": (40, 140, 60), "z": (40, 110, 215)}
 _FACE_ALPHA = 190  # the ellipsoid inside shows through
 _JPEG_QUALITY = 90
-_PLANE_DISTANCE = 0.12  # of the images in space from their camera [m]
+_PLANE_DISTANCE = 0.12  # distance of the images from their camera in the 3D view [m]
 _BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS}
 
 _TABLE = ("health", "table")
 
-FLUSH_SECONDS = 30.0  # a writer that has failed may not answer at all: so long it is waited for [s]
-_FLUSH_FRAMES = 100  # so that what waits to be written does not grow
+FLUSH_SECONDS = 30.0  # longest wait for a writer, which may not answer at all after a failure [s]
+_FLUSH_FRAMES = 100  # number of frames between flushes, so that the queue does not grow
 
 
 class Scene:
-    """Sends frames to a stream, to which a file or a viewer was attached, one by one, and keeps none."""
+    """Sends frames one by one to a stream, which a file or a viewer is attached to, and keeps none."""
 
     def __init__(self, stream: rr.RecordingStream, rig: CameraRig, model: CuboidModel) -> None:
         self._stream, self._rig, self._model = stream, rig, model
@@ -82,14 +82,14 @@ class Scene:
 
         Args:
             index: the frame's number in the recording.
-            timestamp: its time [s]; the first one shown counts as 0.
-            observation: what the tracker found.
-            images: (H, W, 3) uint8 BGR of each camera, None where there is none; empty: no images at all.
-            health: what the images show of the rig; None: it is measured in each image.
+            timestamp: its time [s]; times are shown relative to the first frame.
+            observation: the tracker's result.
+            images: image (H, W, 3) uint8 BGR of each camera, None if there is none; empty: no images at all.
+            health: health of the rig; None: only brightness, clipping and white balance are measured here.
 
         Raises:
             ImageError: an image does not fit the rig.
-            RuntimeError: what was sent before cannot be written.
+            RuntimeError: earlier frames cannot be written.
         """
         if self._start is None:
             self._start = timestamp
@@ -125,7 +125,7 @@ class Scene:
         self._put(_TABLE, _scalar(float("nan") if health is None else health.height))
 
     def _show_pose(self, kind: str, pose: PoseEstimate | None) -> None:
-        """Show all of a pose, or clear what was shown of the last one."""
+        """Show everything about a pose; if there is none, clear the last one."""
         last = self._last.pop(kind, None)
         if pose is None:
             for path in sorted(self._shown):
@@ -133,14 +133,14 @@ class Scene:
                     self._put(path, None)
             return
         body, colors = ("world", kind), [KINDS[kind]]
-        if body not in self._shown:  # again after it had been cleared
+        if body not in self._shown:  # at first, and after it was cleared
             frame = rr.Boxes3D(half_sizes=[self._model.size / 2], colors=colors, radii=[5e-4])
             self._put(body, _mesh(self._model) if kind == "measured" else frame)
         self._log(body, rr.Transform3D(translation=pose.position, quaternion=_quaternion(pose.orientation)))
         self._put(("world", "uncertainty", kind), _ellipsoid(pose, KINDS[kind]))
         for camera in self._rig:
             lines, _ = edges_in_view(camera, self._model, pose)
-            # Rerun's pixels have their corner, not their centre, at whole numbers.
+            # In Rerun, whole numbers are the corners of pixels, not their centres.
             strips = rr.LineStrips2D([line + 0.5 for line in lines], colors=colors, radii=[0.6])
             self._put((*_image_path(camera), kind), strips if lines else None)
         if last is not None:
@@ -173,7 +173,7 @@ class Scene:
                 self._log((path, kind), lines, static=True)
 
     def _put(self, path: tuple[str, ...], what: Any) -> None:
-        """Show it from this frame on; None: no longer."""
+        """Show something at a path from this frame on; None: clear the path."""
         if what is not None:
             self._shown.add(path)
             self._log(path, what)
@@ -186,7 +186,7 @@ class Scene:
 
 
 def layout(rig: CameraRig) -> rrb.Blueprint:
-    """How the viewer arranges it: space, cameras, curves, status."""
+    """Return the viewer's layout: 3D view, cameras, curves, status."""
     so_far = rrb.VisibleTimeRanges(
         timeline=TIME, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
@@ -218,7 +218,7 @@ def layout(rig: CameraRig) -> rrb.Blueprint:
 
 
 def _scalar(value: float) -> Any:
-    """None where there is none."""
+    """Return a scalar for Rerun, or None if the value is not finite."""
     return rr.Scalars([value]) if np.isfinite(value) else None
 
 
@@ -227,11 +227,11 @@ def _image_path(camera: Camera) -> tuple[str, ...]:
 
 
 def _pinhole(camera: Camera) -> tuple[Any, Any]:
-    """Place and lens; both have x to the right, y down, z forward, as OpenCV's cameras."""
+    """Return a camera's pose and lens, with x to the right, y down and z forward as in OpenCV."""
     world_from_camera = camera.world_from_camera
     place = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
     matrix = camera.matrix.copy()
-    matrix[:2, 2] += 0.5  # see the strips: corners of pixels are at whole numbers
+    matrix[:2, 2] += 0.5  # in Rerun, whole numbers are the corners of pixels
     lens = rr.Pinhole(
         image_from_camera=matrix,
         resolution=[camera.width, camera.height],
@@ -261,7 +261,7 @@ def _mesh(model: CuboidModel) -> Any:
 
 def _ellipsoid(pose: PoseEstimate, color: tuple[int, int, int]) -> Any:
     variances, axes = np.linalg.eigh(pose.covariance[:3, :3])
-    axes *= np.sign(np.linalg.det(axes))  # a rotation, no reflection
+    axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
     return rr.Ellipsoids3D(
         centers=[pose.position],
         half_sizes=[SIGMAS * np.sqrt(np.maximum(variances, 0))],

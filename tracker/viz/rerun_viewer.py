@@ -1,4 +1,4 @@
-"""Opens what a `Scene` is sent to: a file, or a viewer to which nobody but this machine can connect."""
+"""Open the target of a `Scene`: a file, or a viewer that only this machine can connect to."""
 
 from __future__ import annotations
 
@@ -27,44 +27,44 @@ if TYPE_CHECKING:
     from tracker.viz.rerun_scene import Scene
 
 APPLICATION = "trifinger-object-tracker"
-"""Under this name the viewer remembers how its windows are arranged."""
+"""Name under which the viewer remembers the arrangement of its windows."""
 
 HOST = "127.0.0.1"
-"""Where the viewer listens, at a port that is free: Rerun's own may be another user's viewer."""
+"""Address of the viewer, with a free port: Rerun's default port may belong to another user's viewer."""
 
-_STARTING = 30.0  # how long the viewer may take until it listens [s]
+_STARTING = 30.0  # longest time until the viewer listens [s]
 
 _SETTLING = 0.5
-"""How long it is watched after that [s]: without a screen it listens first, and ends then."""
+"""How long the viewer is watched after that [s]: without a screen it first listens, then ends."""
 
 _open: list[subprocess.Popen[bytes]] = []
-"""Viewers that were started: Python complains of a process that goes on and that nobody holds."""
+"""Viewers that were started; Python warns about a running process whose object is deleted."""
 
 
 def require_rerun() -> None:
-    """TrackerError where the optional package is missing."""
+    """Raise TrackerError if the optional package `rerun-sdk` is missing."""
     if find_spec("rerun") is None:
         raise TrackerError(f"the view needs the package rerun-sdk: {install('rerun')}")
 
 
 @contextmanager
 def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: CuboidModel) -> Iterator[Scene]:
-    """A scene to show frames in; what it is sent is written as it comes, so memory does not grow.
+    """Yield a scene to show frames in; frames are written as they come, so that memory does not grow.
 
     Args:
-        path: the file (.rrd), which is there whole when the `with` block ends; None: a viewer is opened.
+        path: the file (.rrd), which appears complete when the `with` block ends; None: open a viewer.
         rig: the cameras.
         model: the object.
 
     Raises:
-        ImageError: the suffix is another, or the file cannot be written.
+        ImageError: the suffix differs, or the file cannot be written.
         TrackerError: the optional package `rerun-sdk` is missing, or the viewer cannot be opened.
     """
     target = None if path is None else Path(path)
     if target is not None:
         check_suffix(target, (".rrd",), "view", ImageError)
     require_rerun()
-    # Errors are raised, and need not be on stderr in Rerun's own words, too.
+    # Errors are raised, so Rerun need not print them on stderr, too.
     with environment({"RUST_LOG": os.environ.get("RUST_LOG", "off")}):
         import rerun as rr
 
@@ -90,10 +90,10 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
 
 @contextmanager
 def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) -> Iterator[None]:
-    """Send what is in the `with` block to a file, which appears when that ends."""
+    """Send the frames of the `with` block to a file, which appears when the block ends."""
     try:
         with told_as(ImageError, f"view {target}"), whole_file(target) as temporary:
-            temporary.write_bytes(b"")  # whether a file can be there; Rerun does not say why not
+            temporary.write_bytes(b"")  # raises if there can be no file; Rerun does not report the reason
             try:
                 stream.save(temporary, default_blueprint=blueprint)
                 yield
@@ -106,7 +106,7 @@ def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) ->
 
 
 def _check(path: Path) -> None:
-    """Raise an OSError where the table of contents, which Rerun writes last, is not whole."""
+    """Raise an OSError if the table of contents, which Rerun writes last, is incomplete."""
     try:
         from rerun.chunk import RrdReader
     except ImportError:
@@ -123,9 +123,9 @@ def _command(port: int) -> list[str]:
 
 
 def start_viewer() -> str:
-    """Start a viewer, which stays open after this process; where it listens, in Rerun's words.
+    """Start a viewer, which stays open after this process; return its address as a URL of Rerun.
 
-    Rerun's own `spawn` has it listen on every interface of the machine, for anyone to send pictures to.
+    Rerun's own `spawn` makes it listen on all network interfaces, so that anyone could send images to it.
 
     Raises:
         TrackerError: it cannot be started.
@@ -139,7 +139,7 @@ def start_viewer() -> str:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
-                start_new_session=True,  # Ctrl-C is for the tracking
+                start_new_session=True,  # Ctrl-C must not end the viewer
             )
         except OSError as error:
             raise TrackerError(f"the viewer cannot be opened: {error}") from error
@@ -153,7 +153,7 @@ def start_viewer() -> str:
                     return f"rerun+http://{HOST}:{port}/proxy"
             time.sleep(0.05)
         if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)  # what was started starts the viewer itself
+            os.killpg(process.pid, signal.SIGKILL)  # the whole group: the started process starts the viewer
             process.wait()
         output.seek(0)
         reason = (output.read().strip() or "it does not listen").splitlines()[-1].split(": ")[-1].rstrip(".")
