@@ -1,1 +1,1 @@
-"""The object over time: its motion, what is believed of it, what is remembered."""
+"""Tracking over time: the motion filter, which measurements to accept, and the state between frames."""

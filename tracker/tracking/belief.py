@@ -1,4 +1,4 @@
-"""What is remembered from one set of images to the next, and what is believed of the next one."""
+"""The motion estimate of one object from frame to frame, and which measurements may change it."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class TrackingOptions:
     """
 
     coast_seconds: float = 0.5
-    """Time for which an unseen object is predicted [s]; after that it is lost."""
+    """How long an unseen object is predicted [s]; after that it is lost."""
     max_jump: tuple[float, float] = (0.04, math.radians(45))
-    """Largest plausible difference from the prediction [m, rad], …"""
+    """Largest plausible difference between measurement and prediction [m, rad]."""
     max_speed: tuple[float, float] = (0.8, math.radians(400))
-    """… which grows by this much per second while the object is unseen [m/s, rad/s]."""
+    """Growth of `max_jump` for each second in which the object is unseen [m/s, rad/s]."""
     jump_confidence: float = 0.95
-    """Confidence at which an implausible measurement is accepted at once; others need a second one."""
+    """Confidence at which an implausible measurement is accepted at once; below, a second must confirm it."""
     single_camera_share: float = 0.3
-    """Share of these limits if only one camera sees the object: it may confuse depth and rotation."""
+    """Factor on these limits if only one camera sees the object, since it may confuse depth and rotation."""
     min_confidence: float = 0.4
-    """Least confidence of a measurement, assuming that the calibration is right."""
+    """Smallest confidence of an accepted measurement, assuming that the calibration is right."""
     max_disagreement: tuple[float, float] = (0.02, math.radians(15))
     """Largest difference of two measurements that agree [m, rad], plus half of `max_speed` per second."""
 
@@ -53,7 +53,7 @@ class TrackingOptions:
 
 @dataclass(frozen=True, eq=False)
 class Pending:
-    """A measurement that no other has confirmed yet."""
+    """An implausible measurement that waits for a second one to confirm it."""
 
     timestamp: float
     position: FloatArray
@@ -61,33 +61,33 @@ class Pending:
 
 
 class Belief(NamedTuple):
-    """What is believed of one object's motion; nothing changes it."""
+    """The estimated motion of one object. Immutable: every method returns a new one."""
 
     options: TrackingOptions = TrackingOptions()
     timestamp: float | None = None
-    """Of the last pictures [s]."""
+    """Timestamp of the last images [s]."""
     motion: MotionFilter | None = None
-    """Where the object is and how it moves; None before it was ever seen."""
+    """Pose and velocity of the object; None before it was first seen."""
     last_pose: tuple[FloatArray, FloatArray] | None = None
-    """Rotation (3, 3) and position (3,) [m] as last measured."""
+    """Rotation (3, 3) and position (3,) [m] of the last accepted measurement."""
     seen: float | None = None
-    """When the object was last seen [s]; None: there is no pose to predict from."""
+    """Timestamp of the last accepted measurement [s]; None: there is no pose to predict from."""
     unseen: bool = False
-    """Whether there was no measurement of it in the last pictures."""
+    """Whether the last images gave no accepted measurement."""
     trust: float = 0.0
-    """Probability that the last measurement was of the object, and that the calibration is right."""
+    """Probability that the last measurement was of the object and that the calibration is right."""
     spread: float = 0.0
-    """Variance [m²] along each axis that the cameras' disagreement adds."""
+    """Variance along each axis that the cameras' disagreement adds [m²]."""
     pending: Pending | None = None
-    """A measurement that no other has confirmed yet."""
+    """The measurement that waits for confirmation, if any."""
     step: float = 0.0
-    """Time from the pictures before to the last ones [s]."""
+    """Time between the last images and those before them [s]."""
 
     def advance(self, timestamp: float) -> tuple[Belief, MotionState | None]:
-        """What is believed at the stamp [s] of the next pictures, and where the object is then, if known.
+        """Predict to the timestamp [s] of the next images; return the belief then, and the motion if known.
 
         Raises:
-            TrackerError: the stamp is earlier than the last one.
+            TrackerError: the timestamp is earlier than the last one.
         """
         if self.timestamp is not None and timestamp < self.timestamp:
             raise TrackerError(
@@ -103,7 +103,7 @@ class Belief(NamedTuple):
         return moved._replace(motion=motion), motion.state
 
     def _going_on(self, timestamp: float) -> MotionFilter | None:
-        """The motion that leads from the last pictures to a later stamp [s]; None where it is lost."""
+        """Return the motion to predict from for a later timestamp [s]; None if the object is lost."""
         if self.seen is None or self.timestamp is None or self.motion is None:
             return None
         if timestamp - self.seen > self.options.coast_seconds:
@@ -111,7 +111,7 @@ class Belief(NamedTuple):
         return self.motion.slowed(timestamp - self.timestamp) if self.unseen else self.motion
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
-        """Whether a measurement may come from an object that was expected there."""
+        """Whether a measurement is close enough to the predicted state."""
         shift, turn = _differences(fit, expected.rotation, expected.position)
         share = self.options.single_camera_share if alone(fit) else 1.0
         return all(
@@ -124,12 +124,12 @@ class Belief(NamedTuple):
     def see(
         self, fit: Fit, expected: MotionState | None, fitting: float = 1.0, spread: float = 0.0
     ) -> tuple[Belief, Status]:
-        """What is believed after a measurement: TRACKING, FOUND, REFOUND, or COASTING if it is not yet.
+        """Take in a measurement: return the new belief and TRACKING, FOUND or REFOUND; COASTING if rejected.
 
         Args:
             fit: the measurement.
-            expected: where the object was expected.
-            fitting: probability that the calibration leaves the pose where it is, see `judge.fits`.
+            expected: the predicted state, if the object was known.
+            fitting: probability that calibration errors leave the pose within 5 mm, see `judge.fits`.
             spread: see `agreement.spread`.
         """
         assert self.timestamp is not None
@@ -149,10 +149,10 @@ class Belief(NamedTuple):
 
     @property
     def _seconds_unseen(self) -> float:
-        """For so long the object may have moved without being seen [s]."""
+        """Time for which the object may have moved unseen [s]."""
         assert self.timestamp is not None
         assert self.seen is not None
-        # Images that showed it elsewhere are none in which it was hidden, and could go far unseen.
+        # If a measurement is pending, the object was not hidden and could not go far unseen.
         return self.step if self.pending is not None else self.timestamp - self.seen
 
     def _believed(self, fit: Fit, motion: MotionFilter, fitting: float, spread: float) -> Belief:
@@ -166,7 +166,7 @@ class Belief(NamedTuple):
         )
 
     def _confirmed(self, fit: Fit) -> bool:
-        """Whether the measurement that was not believed is now seen a second time."""
+        """Whether a fit confirms the pending measurement."""
         if self.pending is None or self.timestamp is None:
             return False
         seconds = self.timestamp - self.pending.timestamp
@@ -179,12 +179,12 @@ class Belief(NamedTuple):
         )
 
     def forecast(self, timestamp: float, box: Box, ground: float) -> Forecast | None:
-        """Where the object is at a later stamp [s] of which there are no pictures; None where it is lost.
+        """Predict the object at a later timestamp [s] that has no images; None if it is lost.
 
-        box: the object; ground: height [m] below which no forecast has it, unless it was last seen lower.
+        box: the object; ground: height [m] below which it is never predicted, unless last seen lower.
 
         Raises:
-            TrackerError: the stamp is earlier than that of the last pictures.
+            TrackerError: the timestamp is earlier than that of the last images.
         """
         if self.timestamp is not None and timestamp < self.timestamp:
             raise TrackerError(
@@ -213,13 +213,13 @@ class Belief(NamedTuple):
         )
 
     def estimate(self, size: FloatArray | None = None) -> MotionEstimate | None:
-        """The fused estimate of an object of this size (3,) [m]; None while it is lost."""
+        """Return the fused estimate of an object of this size (3,) [m]; None while it is lost."""
         if self.seen is None or self.motion is None:
             return None
         return MotionEstimate(**self._told(self.motion.state), size=size)
 
     def _told(self, state: MotionState) -> dict[str, Any]:
-        """The fields of a MotionEstimate."""
+        """Return the fields of a MotionEstimate for a state."""
         pose = state.covariance[:6, :6]
         return {
             "position": state.position,
@@ -232,26 +232,26 @@ class Belief(NamedTuple):
 
 
 def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[float, float]:
-    """Distance [m] and angle [rad] of a fit from a pose, good enough to compare with limits."""
+    """Distance [m] and angle [rad] between a fit and a pose, accurate enough to compare with limits."""
     cosine = (float(np.vdot(fit.rotation, rotation)) - 1.0) / 2.0
     shift = float(np.linalg.norm(fit.position - position))
     return shift, math.acos(min(1.0, max(-1.0, cosine)))
 
 
 def widened(covariance: FloatArray, spread: float) -> FloatArray:
-    """A pose's covariance (6, 6) with a variance [m²] along each axis added."""
+    """Add a variance [m²] along each position axis to a pose's covariance (6, 6)."""
     return covariance + np.diag([spread] * 3 + [0.0] * 3) if spread else covariance
 
 
 def measured(
     fit: Fit, fitting: float | None = None, spread: float = 0.0, size: FloatArray | None = None
 ) -> PoseEstimate:
-    """The pose of a fit.
+    """Return a fit as a pose estimate.
 
     Args:
         fit: the measurement.
-        fitting: as of `see`; None: what the fit itself says of it.
-        spread: as of `see`.
+        fitting: as for `Belief.see`; None: judged by the fit itself.
+        spread: as for `Belief.see`.
         size: the object's edge lengths (3,) [m].
     """
     confidence = (fits(fit) if fitting is None else fitting) * apparent(fit)

@@ -1,4 +1,4 @@
-"""What is remembered of the cameras: whether their pictures are new, their light, whether they agree."""
+"""The state of the cameras between frames: are their images new, when to measure light, do they agree."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ from tracker.segmentation.sensor import noise_level
 from tracker.tracking.motion import MotionState
 
 EVERY = 5
-"""Pictures after which a camera's light is looked at again, and cameras are asked whether they agree."""
+"""Number of frames between two measurements of a camera's light, and between two checks of agreement."""
 
 ROWS = 12
-"""Rows of pixels that tell whether a picture has changed."""
+"""Rows of pixels that are compared to detect whether an image has changed."""
 
 NOISELESS = 0.5
-"""Standard deviation of a picture's noise [levels] up to which it may stay the same."""
+"""Standard deviation of an image's noise up to which an unchanged image does not count as frozen [levels]."""
 
 BLACK = 12
-"""Level that some pixel of a picture must exceed [levels]."""
+"""Level that the brightest pixel of an image must reach, or the image counts as black."""
 
 SHARE = 0.2
-"""Of each look in what is remembered: an object at rest looks the same in one picture after the other."""
+"""Weight of a new check in the running mean: images of an object at rest hardly differ from each other."""
 
 LOOKS = 5
-"""Looks that a lasting contradiction takes."""
+"""Number of checks before a contradiction counts as lasting."""
 
 STILL = 0.005, math.radians(5)
-"""Speeds up to which an object is still [m/s, rad/s]: cameras that are grabbed one after the other see one
-that moves in different places."""
+"""Speeds below which an object counts as still [m/s, rad/s]: cameras that are read one after the other see a
+moving object in different places."""
 
 RESTS = 0.9
-"""Probability that an object rests from which pictures that were taken one after another count: of one whose
-velocity is not known yet they show the motion."""
+"""Smallest probability of rest at which images that were taken one after another are used for the check: if
+the velocity is not known yet, they show the motion instead."""
 
 
 class CameraMemory(NamedTuple):
-    """What is remembered of one camera."""
+    """The state of one camera between frames."""
 
     sample: Array | None = None
-    """Some rows of its last picture."""
+    """Some rows of its last image."""
     age: int | None = None
-    """Pictures since its light was last looked at; None: it never was."""
+    """Number of images since its light was last measured; None: never."""
 
 
 def usable(
     memories: Sequence[CameraMemory], images: Sequence[Image | None]
 ) -> tuple[tuple[CameraMemory, ...], list[Image | None], tuple[CameraUse, ...]]:
-    """The pictures but those that are black, or frozen: the same, noise and all, while others change."""
+    """Drop black and frozen images; frozen: unchanged, noise and all, while other cameras' images change."""
     remembered, result, unchanged = list(memories), list(images), []
     uses = [CameraUse.NO_IMAGE if image is None else CameraUse.USED for image in images]
     others_change = False
@@ -73,7 +73,7 @@ def usable(
             others_change = True
     for c in unchanged if others_change else ():
         image = images[c]
-        # Pictures of a simulation have no noise: where nothing moves in them they are the same.
+        # Rendered images have no noise: they stay identical if nothing moves.
         if image is not None and noise_level(image) > NOISELESS:
             result[c], uses[c] = None, CameraUse.FROZEN
     return tuple(remembered), result, tuple(uses)
@@ -82,9 +82,9 @@ def usable(
 def looked_at(
     memories: Sequence[CameraMemory], images: Sequence[Image | None]
 ) -> tuple[tuple[CameraMemory, ...], list[bool]]:
-    """The memories once these pictures were read, and whose light is to be looked at: every EVERY-th.
+    """Return the new memories, and for each camera whether to measure its light: every EVERY-th image.
 
-    Cameras that begin together are looked at in turn from then on.
+    Cameras that begin together take turns from then on.
     """
     result, fresh = [], []
     for c, (memory, image) in enumerate(zip(memories, images, strict=True)):
@@ -96,7 +96,7 @@ def looked_at(
 
 
 def after(uses: Sequence[CameraUse], fit: Fit) -> tuple[CameraUse, ...]:
-    """What became of the pictures, of which so much was known before a pose was measured."""
+    """Return the use of each image after a fit, given the uses before: mark those that contradict it."""
     against = contradicting(fit)
     return tuple(
         CameraUse.CONTRADICTING if use is CameraUse.USED and (against[c] or c in fit.left_out) else use
@@ -105,31 +105,31 @@ def after(uses: Sequence[CameraUse], fit: Fit) -> tuple[CameraUse, ...]:
 
 
 class Agreement(NamedTuple):
-    """What is remembered of how far the calibration is off."""
+    """Running estimate of the calibration's errors, from checks whether the cameras agree."""
 
     disagreement: FloatArray | None = None
-    """(S,) mean log likelihoods of `pose.agreement.SCALES`; None before the first look."""
+    """(S,) mean log likelihoods of `pose.agreement.SCALES`; None before the first check."""
     fitting: float = 1.0
     """Probability that the calibration leaves poses within 5 mm of the truth."""
     spread: float = 0.0
-    """Variance [m²] along each axis of the errors that disagreement shows."""
+    """Variance along each axis of the errors that the disagreement shows [m²]."""
     looks: int = 0
     age: int = EVERY
-    """Pictures since the last look."""
+    """Number of frames since the last check."""
 
     def due(self, expected: MotionState) -> bool:
-        """Whether the cameras are to be asked again, about an object that is expected there."""
+        """Whether to check the cameras again, given the predicted state of the object."""
         return self.age + 1 >= EVERY and still(expected)
 
     def after(self, fit: Fit, expected: MotionState | None, *, lagging: bool = False) -> Agreement:
-        """What is remembered after a pose of an object expected there; one that moves teaches nothing.
+        """Return the estimate after a fit, given the predicted state; moving objects do not count.
 
-        lagging: whether the pictures were taken one after another.
+        lagging: whether the images were taken one after another.
         """
         if fit.disagreement is None:
             return self._replace(age=self.age + 1)
         if expected is None or not still(expected) or (lagging and expected.at_rest < RESTS):
-            # It is all that is known of a first picture, unless what moved in between looks like it.
+            # In the first frame nothing better is known. With lagging images, motion looks like disagreement.
             if self.disagreement is None and not lagging:
                 return self._replace(fitting=fits(fit), spread=spread(fit.disagreement), age=self.age + 1)
             return self._replace(age=self.age + 1)
@@ -140,12 +140,12 @@ class Agreement(NamedTuple):
 
     @property
     def contradicts(self) -> bool:
-        """Whether the cameras contradict each other lastingly: the calibration is of others."""
+        """Whether the cameras contradict each other lastingly: the calibration does not belong to them."""
         return self.looks >= LOOKS and contradict(self.disagreement)
 
 
 def still(state: MotionState) -> bool:
-    """Whether an object does not move so much that the cameras' moments matter."""
+    """Whether an object moves so slowly that different exposure times of the cameras do not matter."""
     return all(
         float(np.linalg.norm(part)) < limit
         for part, limit in zip((state.velocity[:3], state.velocity[3:]), STILL, strict=True)

@@ -1,4 +1,4 @@
-"""One step over time: predict, measure near there or else anywhere, filter; and all that is remembered."""
+"""One tracking step: predict, measure near the prediction or else anywhere, filter; the tracker's state."""
 
 from __future__ import annotations
 
@@ -22,50 +22,50 @@ from tracker.tracking.cameras import EVERY, Agreement, CameraMemory, after, look
 from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
-"""Least log odds of a fit near where the object was expected, with which it is not looked for farther away:
-where several cameras see it, and one alone, to which wrong poses look better."""
+"""Smallest log odds of a fit near the prediction at which no search everywhere follows: if several cameras
+see the object, and if only one does, to which wrong poses look better."""
 
 MORE_EXTRA = 0.08
-"""Share of pixels in the object's colours beyond its outline, over that when it was last looked for
-everywhere, up to which it is not: slid along an edge, it fits too, but leaves part of itself."""
+"""Largest growth of the share of object-coloured pixels outside the outline since the last search everywhere
+at which no new search follows: a fit that slid along an edge looks good, but leaves such pixels uncovered."""
 
 MOSTLY = 0.8
-"""Share of them from which on one camera shows most of them."""
+"""Share of these pixels above which a single camera shows most of them."""
 
 
 class Memory(NamedTuple):
-    """What is known before the next pictures."""
+    """The tracker's state between frames."""
 
     belief: Belief
-    """Of the object."""
+    """The estimated motion of the object."""
     cameras: tuple[CameraMemory, ...]
     lights: Array | None = None
-    """(C,) of PICTURE, of the last pictures: their light as last looked at."""
+    """(C,) of PICTURE: the light of each camera's image as last measured."""
     start: Start | None = None
-    """What the unknowns beside the pose were in the last pictures; None: of none yet."""
+    """The unknowns other than the pose in the last frame; None: none yet."""
     agreement: Agreement = Agreement()
-    """Of how far the calibration is off."""
+    """The estimate of the calibration's errors."""
     extra: float = 0.0
-    """`lasting`, when the object was last looked for everywhere."""
+    """Result of `lasting` at the last search everywhere."""
     resized: float = -math.inf
-    """Log odds of a body of which an edge is shorter or longer, as last asked for."""
+    """Log odds of a body with one edge shorter or longer, as last computed."""
     latest: Observation | None = None
     """The last answer."""
 
     @classmethod
     def empty(cls, cameras: int, options: TrackingOptions | None = None) -> Memory:
-        """Of a tracker that has seen nothing."""
+        """Return the state of a tracker that has seen nothing."""
         return cls(Belief(options or TrackingOptions()), (CameraMemory(),) * cameras)
 
 
 class Gate:
-    """A context that one thread may be in; a second one gets an error, and does not wait."""
+    """A context that only one thread may enter; a second one gets an error at once instead of waiting."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[type, tuple[()]]:
-        # A copy of a tracker has a gate of its own.
+        # A copied tracker gets its own gate.
         return type(self), ()
 
     def __enter__(self) -> None:
@@ -80,10 +80,10 @@ class Gate:
 
 
 class Follower:
-    """Follows one object from one set of images to the next; has no memory of its own.
+    """Tracks one object from frame to frame; stateless, the state is a `Memory`.
 
     Args:
-        estimator: of the pose.
+        estimator: finds and refines poses.
     """
 
     def __init__(self, estimator: PoseEstimator) -> None:
@@ -97,12 +97,12 @@ class Follower:
         memory: Memory,
         hidden: Hidden = None,
     ) -> tuple[Observation, Memory]:
-        """The answer to the images of a stamp [s], each so much older (C,) [s], and the memory after them.
+        """Return the answer to the images of a timestamp [s], and the state after them.
 
-        hidden: masks of pixels whose labels and edges count neither for nor against.
+        delays: (C,) age of each image [s]; hidden: masks of pixels that count neither for nor against a pose.
 
         Raises:
-            TrackerError: the stamp is earlier than the last one.
+            TrackerError: the timestamp is earlier than the last one.
         """
         belief, expected = memory.belief.advance(timestamp)
         cameras, given, uses = usable(memory.cameras, images)
@@ -122,7 +122,7 @@ class Follower:
             wide = agreement.spread if self._estimator.stated else 0.0
             belief, status = belief.see(outcome, expected, agreement.fitting, wide)
             uses = after(uses, outcome)
-            if status is Status.COASTING:  # found, but not believed yet: it teaches nothing
+            if status is Status.COASTING:  # found, but not accepted yet: does not update the agreement
                 reason = Status.AMBIGUOUS
             else:
                 memory = memory._replace(agreement=agreement)
@@ -143,7 +143,7 @@ class Follower:
         timing: dict[str, float],
         hidden: Hidden,
     ) -> tuple[Fit | Status, Memory]:
-        """The object in these images, near where it is expected or else anywhere, and what was learned."""
+        """Find the object near its prediction, else anywhere; return a fit or a reason, and the new state."""
         if all(image is None for image in images):
             return Status.NO_OBJECT_COLORS, memory
         near = None
@@ -167,7 +167,7 @@ class Follower:
         timing: dict[str, float],
         hidden: Hidden,
     ) -> tuple[Fit | None, Memory]:
-        """The object where it is expected, or not far from there, else None; and what was learned."""
+        """Find the object at its prediction or near it; return the fit, else None, and the new state."""
         laps, estimator = [time.perf_counter()], self._estimator
         cameras, fresh = looked_at(memory.cameras, images)
         windows = [estimator.search.window(c, expected.position) for c in range(len(images))]
@@ -202,12 +202,12 @@ class Follower:
 
 
 def extra(counts: Sequence[dict[str, float]]) -> float:
-    """Pixels in the object's colours beyond its outline in some cameras, as a share of those within."""
+    """Object-coloured pixels outside the outline, relative to those predicted, over the given cameras."""
     return float(sum(one["extra"] for one in counts) / max(sum(one["predicted"] for one in counts), 1))
 
 
 def lasting(fit: Fit) -> float:
-    """What of these is no part of it; a single camera that shows most of them may see the object there."""
+    """`extra`, of more than two cameras without one that has most of it: it may see the object itself."""
     most = MOSTLY * fit.total("extra")
     counts = [one for one in fit.counts if one["predicted"] > 0]
     if len(counts) > ENOUGH:
@@ -216,9 +216,9 @@ def lasting(fit: Fit) -> float:
 
 
 def kept(fit: Fit | None, before: float) -> bool:
-    """Whether a fit near where the object was expected is so sure that it is not looked for elsewhere.
+    """Whether a fit near the prediction is so certain that no search everywhere is needed.
 
-    before: share of pixels beyond the outline that are known to be no part of it.
+    before: share of object-coloured pixels outside the outline that are known to belong to other things.
     """
     if fit is None or not fit.converged or refusal(fit) is not None:
         return False

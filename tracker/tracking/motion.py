@@ -1,8 +1,8 @@
-"""A pose over time: prediction and measurements fused by an error-state Kalman filter with several motions.
+"""Motion filter: an error-state Kalman filter for the pose over time, with several models of motion.
 
-An object on the platform lies still most of the time, is pushed slowly, or is thrown about. One filter
-cannot smooth the first without lagging in the last; so one runs for each kind of motion, and how well each
-predicts the measurements tells which to believe (interacting multiple models: Blom and Bar-Shalom 1988).
+An object on the platform lies still most of the time, is pushed slowly, or is thrown about. A single filter
+cannot smooth the first without lagging in the last. So one filter runs for each kind of motion, weighted by
+how well it predicts the measurements (interacting multiple models: Blom and Bar-Shalom 1988).
 
 The state is position p, rotation R and velocity (v, ω) along world axes; its error is
 (δp, δθ, δv, δω) with p = p̂ + δp, R = exp(δθ) R̂ [m, rad, m/s, rad/s].
@@ -29,24 +29,24 @@ MODE = np.dtype(
         ("weight", np.float64),  # probability that the object moves in this way
         ("position", np.float64, (3,)),  # [m]
         ("rotation", np.float64, (3, 3)),  # world_from_object
-        ("velocity", np.float64, (6,)),  # of the centre [m/s] and of the rotation [rad/s]
-        ("covariance", np.float64, (STATE, STATE)),  # of what averages away over time
+        ("velocity", np.float64, (6,)),  # linear [m/s] and angular [rad/s]
+        ("covariance", np.float64, (STATE, STATE)),  # of the errors that average out over time
     ]
 )
-"""What one kind of motion makes of all measurements."""
+"""State of the filter for one kind of motion."""
 
 
 class Motions(NamedTuple):
-    """M kinds of motion, what they do in time, and how they follow each other."""
+    """Parameters of M kinds of motion."""
 
     still: Array
     """(M,) whether the velocity is zero."""
     walk: FloatArray
-    """(M, 2) standard deviation of place [m/√s] and rotation [rad/√s] beyond the velocity."""
+    """(M, 2) random walk of position [m/√s] and rotation [rad/√s], in addition to the velocity."""
     push: FloatArray
-    """(M, 2) acceleration, as white noise: [m/s^1.5] and [rad/s^1.5]."""
+    """(M, 2) white-noise acceleration, linear [m/s^1.5] and angular [rad/s^1.5]."""
     lasting: FloatArray
-    """(M,) mean time that a motion of a kind lasts [s]."""
+    """(M,) mean duration of a motion of a kind [s]."""
 
 
 MOTIONS = Motions(
@@ -55,28 +55,28 @@ MOTIONS = Motions(
     push=np.array([[0.0, 0.0], [0.05, 1.0], [1.0, 12.0]]),
     lasting=np.array([2.0, 1.0, 0.5]),
 )
-"""At rest, pushed or carried, thrown or dropped."""
+"""Parameters of the KINDS of motion."""
 
 KINDS = "at rest", "pushed or carried", "thrown or dropped"
-"""Their names."""
+"""Names of the kinds of motion."""
 
 DECAY = 0.4
-"""Time in which an unseen object's velocity falls to 1/e [s]: what moves soon stops."""
+"""Time in which an unseen object's velocity falls to 1/e [s]: moving objects soon stop."""
 
 START_STD = 0.3, 4.0
 """Standard deviation of a new object's velocity [m/s], [rad/s]."""
 
 CONSTANT = 0.8
-"""Share of a measurement's covariance that does not average away over time: errors of the calibration and of
+"""Share of a measurement's covariance that does not average out over time: errors of the calibration and of
 the object's model are the same in each image."""
 
 LIKELY = 0.95
-"""Probability that the kinds of motion together have which a forecast allows for: the likeliest of them."""
+"""A forecast averages the likeliest kinds of motion that together have this probability."""
 
 
 @compiled
 def _difference(one, other, out):  # type: ignore[no-untyped-def]
-    """Out (12,) = error of mode `other` that makes its state that of `one`."""
+    """Set out (12,) to the error that turns the state of mode `other` into that of `one`."""
     turned = np.empty((3, 3))
     product(one.rotation, other.rotation.T, turned)
     so3.log_into(turned, out[3:6])
@@ -102,7 +102,7 @@ def moved(mode, error):  # type: ignore[no-untyped-def]
 
 @compiled
 def _spread(modes, weights, to, errors, mean):  # type: ignore[no-untyped-def]
-    """Errors (M, 12) of mode `to` that make it each of M modes, and their mean (12,) under weights (M,)."""
+    """Fill errors (M, 12) that turn mode `to` into each of M modes, and their mean (12,) by weights (M,)."""
     mean[:] = 0.0
     for k in range(len(modes)):
         _difference(modes[k], modes[to], errors[k])
@@ -112,7 +112,7 @@ def _spread(modes, weights, to, errors, mean):  # type: ignore[no-untyped-def]
 
 @compiled
 def _pool(modes, weights, errors, mean, out):  # type: ignore[no-untyped-def]
-    """Out (12, 12): covariance of the mixture of M modes; weights, errors, mean: as of `_spread`."""
+    """Set out (12, 12) to the covariance of a mixture of M modes; weights, errors, mean: as in `_spread`."""
     out[:] = 0.0
     for k in range(len(modes)):
         covariance = modes[k].covariance
@@ -145,7 +145,7 @@ def _mix(dt, motions, modes):  # type: ignore[no-untyped-def]
 
 @compiled
 def predict(dt, motions, modes, mixed):  # type: ignore[no-untyped-def]
-    """Move every mode's state and covariance on by dt [s], in place; mixed: whether kinds change before.
+    """Predict every mode's state and covariance over dt [s], in place; mixed: whether to `_mix` them first.
 
     See equation (22) of docs/how-it-works.md.
     """
@@ -187,7 +187,7 @@ def predict(dt, motions, modes, mixed):  # type: ignore[no-untyped-def]
 
 @compiled
 def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
-    """Kalman's update of one mode in place; returns the innovation's log likelihood up to a constant."""
+    """Kalman update of one mode, in place; return the innovation's log likelihood up to a constant."""
     covariance = mode.covariance
     spread, lower, gain = np.empty((6, 6)), np.zeros((6, 6)), np.empty((STATE, 6))
     keep, before = np.zeros((STATE, STATE)), np.empty((STATE, STATE))
@@ -210,7 +210,7 @@ def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
             error[i] += gain[i, j] * innovation[j]
             keep[i, j] -= gain[i, j]
     moved(mode, error)
-    # Joseph's form keeps it symmetric and positive.
+    # The Joseph form keeps the covariance symmetric and positive definite.
     congruence(keep, before, covariance)
     congruence(gain, noise, covariance)
     return likelihood
@@ -218,7 +218,7 @@ def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
 
 @compiled
 def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
-    """Take a measurement with covariance `noise` (6, 6) into every mode, in place.
+    """Update every mode with a measurement of covariance `noise` (6, 6), in place.
 
     See equation (24) of docs/how-it-works.md.
     """
@@ -236,7 +236,7 @@ def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
         modes[k].weight *= math.exp(likelihood[k] - best)
         total += modes[k].weight
     for k in range(count):
-        # A kind that is out of the question now may come back.
+        # A minimum weight lets an unlikely kind come back.
         modes[k].weight = max(modes[k].weight / total, 1e-6)
         rest += modes[k].weight
     for k in range(count):
@@ -245,10 +245,10 @@ def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
 
 @compiled
 def combine(motions, modes, noise, mode, whole):  # type: ignore[no-untyped-def]
-    """All modes together: a mode (1,), whose covariance and weight stay, and the covariance whole (12, 12).
+    """Combine all modes: fill the state of mode (1,) and the covariance whole (12, 12).
 
-    See equation (25) of docs/how-it-works.md.
-    noise: (6, 6) of the last measurement. Returns the probability that the object does not move.
+    See equation (25) of docs/how-it-works.md. `mode` keeps covariance and weight of the likeliest mode.
+    noise: (6, 6) covariance of the last measurement. Return the probability that the object is at rest.
     """
     best, at_rest = 0, 0.0
     for k in range(len(modes)):
@@ -269,37 +269,37 @@ def combine(motions, modes, noise, mode, whole):  # type: ignore[no-untyped-def]
 
 
 def unknown_velocity() -> tuple[FloatArray, FloatArray]:
-    """Velocity (6,) [m/s, rad/s] of an object that was never seen before, and its covariance (6, 6)."""
+    """Return the prior velocity (6,) [m/s, rad/s] of a new object, and its covariance (6, 6)."""
     return np.zeros(6), np.diag(np.repeat(np.square(START_STD), 3))
 
 
 @dataclass(frozen=True, eq=False)
 class MotionState:
-    """Where the object is and how it moves."""
+    """Pose and velocity of the object, with their covariance."""
 
     position: FloatArray
     """(3,) [m]."""
     rotation: FloatArray
     """(3, 3) world_from_object."""
     velocity: FloatArray
-    """(6,) of the centre [m/s] and of the rotation [rad/s], along world axes."""
+    """(6,) linear [m/s] and angular [rad/s], along world axes."""
     covariance: FloatArray
     """(12, 12) of (δp, δθ, δv, δω)."""
     at_rest: float
-    """Probability that the object does not move."""
+    """Probability that the object is at rest."""
 
 
 class MotionFilter(NamedTuple):
-    """What is known of a pose over time, for each kind of motion; nothing changes it."""
+    """The filter's state for each kind of motion. Immutable: every method returns a new one."""
 
     modes: Array
-    """(M,) of MODE, one for each of MOTIONS."""
+    """(M,) of MODE, one for each of KINDS."""
     noise: FloatArray
     """(6, 6) covariance of the last measurement."""
 
     @classmethod
     def start(cls, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
-        """What a first measurement with its covariance (6, 6) tells."""
+        """Return a filter started from a first measurement with its covariance (6, 6)."""
         modes = np.zeros(len(KINDS), MODE)
         modes["weight"] = 1.0 / len(KINDS)
         modes["position"], modes["rotation"] = position, rotation
@@ -308,28 +308,28 @@ class MotionFilter(NamedTuple):
         return cls(modes, noise)
 
     def predicted(self, dt: float) -> MotionFilter:
-        """The same, moved on by dt [s]."""
+        """Return the filter predicted over dt [s]."""
         modes = self.modes.copy()
         predict(dt, MOTIONS, modes, True)
         return MotionFilter(modes, self.noise)
 
     def slowed(self, dt: float) -> MotionFilter:
-        """The same with a velocity that has faded for dt [s], as of an object that is not seen."""
+        """Return the filter with its velocity decayed over dt [s], for an object that is not seen."""
         modes = self.modes.copy()
         modes["velocity"] *= math.exp(-dt / DECAY)
         return MotionFilter(modes, self.noise)
 
     def updated(self, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
-        """The same with a measurement and its covariance (6, 6) taken in."""
+        """Return the filter updated with a measurement and its covariance (6, 6)."""
         modes = self.modes.copy()
         update(position, rotation, (1 - CONSTANT) * noise, modes)
         return MotionFilter(modes, noise)
 
     def forecast(self, dt: float) -> tuple[MotionState, list[tuple[int, float, MotionState]]]:
-        """Where the object is after dt [s] if its motion goes on; and if it is of each kind (number, weight).
+        """Return the fused state after dt [s] if the motion continues, and (kind, weight, state) of each.
 
-        Of the fused state the covariance is that of the likely kinds. That a motion may turn into another one
-        counts between pictures, not here: what seldom happens would hide what is nearly certain.
+        The fused state averages the LIKELY kinds. Changes of the kind of motion are not predicted here, only
+        between images: rare changes would hide what is nearly certain.
         """
         weights, modes = self.modes["weight"], self.modes.copy()
         predict(dt, MOTIONS, modes, False)
