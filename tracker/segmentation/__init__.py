@@ -1,4 +1,4 @@
-"""Colours: an image becomes a label map, and tables of how likely each colour is."""
+"""Colour segmentation: label maps from images, and the colour models behind them."""
 
 from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
 from tracker.segmentation.labels import segment

@@ -1,9 +1,9 @@
-"""A colour model: how likely each face colour, and everything else, makes a pixel of a given colour.
+"""Colour models: the probability of each face colour, and of background, given a pixel's colour.
 
-The model lives on a grid of 32³ nodes over the normalised blue, green and red. The axes are
-square-root companded, because shot noise grows with the square root of the level and because the
-darkest faces differ in few levels. Two dense tables of 64³ cells are interpolated from it, so that a
-pixel costs three small look-ups and one large one.
+A model is a grid of 32³ nodes over the normalised blue, green and red. The axes are square-root
+companded, because shot noise grows with the square root of the level and because the darkest faces
+differ by few levels only. Two dense tables of 64³ cells are interpolated from it, so that a pixel costs
+three small look-ups and one large one.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _MAX_BYTES = 4 << 20
 
 
 def compand(levels: Array, size: int) -> FloatArray:
-    """Levels 0…255 to coordinates 0…size-1 on the square-root axis."""
+    """Map levels 0…255 to coordinates 0…size-1 on the square-root axis."""
     return np.sqrt(np.clip(levels, 0, 255) / 255.0) * (size - 1)
 
 
@@ -44,7 +44,7 @@ _ROOTS = compand(np.arange(256), CELLS)
 
 @compiled
 def fill_channels(gains, channels):  # type: ignore[no-untyped-def]
-    """Fill channels (3, 256): each channel's offset into the dense tables of a level under gains (3,)."""
+    """Fill channels (3, 256): the offset of each channel's levels into the dense tables, for gains (3,)."""
     stride = 1
     for k in range(3):
         root = math.sqrt(gains[k])
@@ -55,13 +55,13 @@ def fill_channels(gains, channels):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class ColorModel:
-    """Log posteriors of the classes over colour, and whether images are normalised to grey first."""
+    """Log posteriors of the classes by colour, and whether images are normalised to grey first."""
 
     name: str
     log_posterior: FloatArray
-    """(7, 32, 32, 32): class, blue, green, red; relative to the best class at each node, ≤ 0."""
+    """(7, 32, 32, 32) by class, blue, green, red; relative to the best class at each node, so ≤ 0."""
     normalise: bool = True
-    """Bring the scene's greys to one grey first; False for images of a renderer."""
+    """Whether to scale an image's channels so that its greys become grey; False for rendered images."""
 
     def __post_init__(self) -> None:
         shape, what = (CLASSES, NODES, NODES, NODES), f"colour model {shown(self.name)}: log posteriors"
@@ -74,7 +74,7 @@ class ColorModel:
 
     @functools.cached_property
     def _dense(self) -> FloatArray:
-        # Linear between the nodes, as scipy.ndimage.zoom, whose import takes a fifth of the time to a pose.
+        # As scipy.ndimage.zoom of order 1, whose import takes a fifth of the time to a first pose.
         cells = np.linspace(0, NODES - 1, CELLS)
         weights = np.stack([np.interp(cells, np.arange(NODES), node) for node in np.eye(NODES)], axis=1)
         dense: FloatArray = np.einsum(
@@ -90,19 +90,19 @@ class ColorModel:
 
     @functools.cached_property
     def margin_table(self) -> Array:
-        """(64³,) uint8: log odds of the best face colour against background, in 1/16, 0 if negative."""
+        """(64³,) uint8: log odds of the best face colour over background in steps of 1/16, 0 if negative."""
         margin = self._dense[1:].max(axis=0) - self._dense[0]
         table = np.clip(np.rint(margin / _STEP), 0, 255).astype(np.uint8)
         return np.ascontiguousarray(table.transpose(2, 1, 0)).ravel()
 
     def channel_tables(self, gains: Array) -> Array:
-        """(3, 256) int32: each channel's offset of a level under `gains`; their sum is the cell."""
+        """(3, 256) int32: offset of each channel's levels for `gains`; the sum over channels is the cell."""
         channels = np.empty((3, 256), np.int32)
         fill_channels(np.asarray(gains, dtype=np.float64), channels)
         return channels
 
     def save(self, path: str | Path) -> None:
-        """Write the model to one small file (.npz), whole or not at all."""
+        """Write the model atomically to one small file (.npz)."""
         codes = np.clip(np.rint(-self.log_posterior / _STEP), 0, 255).astype(np.uint8)
         buffer = io.BytesIO()
         np.savez_compressed(
@@ -116,7 +116,7 @@ def _read(path: Path, name: str) -> ColorModel:
         version, codes, normalise = _entries(path)
     except ColorModelError:
         raise
-    # Of a broken file, zipfile, zlib and NumPy raise errors of many types.
+    # For a broken file, zipfile, zlib and NumPy raise errors of many types.
     except Exception as error:
         raise ColorModelError(f"colour model {path}: cannot be read as .npz ({error})") from error
     if version.shape != () or version.dtype.kind not in "iu" or version != 1:
@@ -132,7 +132,7 @@ def _read(path: Path, name: str) -> ColorModel:
 
 
 def _entries(path: Path) -> tuple[Array, Array, Array]:
-    """The arrays format, log_posterior and normalise, whatever they are."""
+    """Return the arrays format, log_posterior and normalise, unchecked."""
     content = read_bounded(path, _MAX_BYTES)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
@@ -146,7 +146,7 @@ def _entries(path: Path) -> tuple[Array, Array, Array]:
 
 
 def color_model_names() -> tuple[str, ...]:
-    """Names of the colour models that come with the package."""
+    """Return the names of the colour models in the package."""
     folder = resources.files("tracker.segmentation") / "data"
     return tuple(sorted(entry.name[:-4] for entry in folder.iterdir() if entry.name.endswith(".npz")))
 
@@ -158,7 +158,7 @@ def _shipped(name: str) -> ColorModel:
 
 
 def check_colors(colors: object) -> ColorModel:
-    """The colour model itself, if it is one; ColorModelError says what it is otherwise."""
+    """Return the argument if it is a colour model; else raise ColorModelError."""
     if not isinstance(colors, ColorModel):
         raise ColorModelError(
             f"colors: {type(colors).__name__} given; a ColorModel is needed: tracker.load_colors gives one"
@@ -167,9 +167,9 @@ def check_colors(colors: object) -> ColorModel:
 
 
 def load_colors(name_or_path: str | Path) -> ColorModel:
-    """A colour model by its name, or from a file that `tracker colors fit` wrote.
+    """Load a colour model by its name, or from a file that `tracker colors` wrote.
 
-    Raises ColorModelError where the name is unknown or the file malformed.
+    Raises ColorModelError if the name is unknown or the file is malformed.
     """
     path = path_of(name_or_path, "colour model", ColorModelError)
     name = str(path)

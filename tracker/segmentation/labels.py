@@ -1,4 +1,4 @@
-"""From images to labels: table look-ups, and the clean-up that a person's eye would do."""
+"""Label maps from images: table look-ups, and a clean-up of specks and weak regions."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from tracker.segmentation.color_model import ColorModel, check_colors
 from tracker.segmentation.light import AS_IT_IS, CLIPPED, Light, evened, find_light
 
 REFERENCE_SIZE = 270
-"""Image height [px] at which lengths below are stated."""
+"""Image height for which the lengths below are stated [px]."""
 
 FINE = 1.5
-"""Images this many times larger than the reference are denoised, and lose the rim of each patch."""
+"""Scale relative to REFERENCE_SIZE above which images are denoised and patches are eroded."""
 
 MIN_AREA = 10.0
-"""Smallest patch of one colour [px² at the reference size] that is kept: the cuboid's end has 30."""
+"""Smallest patch of one colour that is kept [px² at the reference size]: the cuboid's end has 30."""
 
 GAP = 3.0
-"""Patches closer than twice this [px at the reference size] belong to one thing."""
+"""Half the distance up to which patches belong to one object [px at the reference size]."""
 
 MIN_SHARE = 0.25
-"""A thing is kept if its evidence is at least this share of the strongest thing's."""
+"""Smallest evidence of an object that is kept, as a share of the strongest object's."""
 
 
 MAY_BE_GREY = 1.2
-"""Ratio of channels up to which a clipped pixel counts as a grey one."""
+"""Largest ratio of the channels of a clipped pixel that counts as grey."""
 
 
 @compiled
 def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
-    """Whether a pixel with a clipped channel may show a grey: the clipped ones are brighter than they say."""
+    """Whether a pixel with a clipped channel may be grey; a clipped channel's value is a lower bound."""
     brightest, least, most = 0.0, 1e9, 0.0
     for k in range(3):
         raw = b if k == 0 else g if k == 1 else r
@@ -47,9 +47,9 @@ def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always")
 def label_of(b, g, r, channels, table, gains):  # type: ignore[no-untyped-def]
-    """The table's label of a pixel, 0 for clipped greys: equation (2) of docs/how-it-works.md.
+    """Look up a pixel's label in the table, 0 for clipped greys: equation (2) of docs/how-it-works.md.
 
-    channels (3, 256) from ColorModel.channel_tables of the gains (3,).
+    channels: (3, 256) from ColorModel.channel_tables for the gains (3,).
     """
     label = table[channels[0, b] + channels[1, g] + channels[2, r]]
     if label > 0 and max(b, g, r) >= CLIPPED and _may_be_grey(b, g, r, gains):
@@ -59,14 +59,14 @@ def label_of(b, g, r, channels, table, gains):  # type: ignore[no-untyped-def]
 
 @compiled
 def look_up(image, channels, table, gains, out):  # type: ignore[no-untyped-def]
-    """Out (H, W) = labels of an image's pixels, see `label_of`."""
+    """Fill out (H, W) with the labels of an image's pixels, see `label_of`."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
             out[j, i] = label_of(image[j, i, 0], image[j, i, 1], image[j, i, 2], channels, table, gains)
 
 
 def check_image(image: object, who: str = "image") -> Image:
-    """The image itself if it is (H, W, 3) uint8, otherwise ImageError."""
+    """Return the image if it is (H, W, 3) uint8; else raise ImageError."""
     if not isinstance(image, np.ndarray):
         raise ImageError(
             f"{who}: {type(image).__name__} given; a NumPy array (H, W, 3) of uint8, BGR, is needed"
@@ -83,14 +83,14 @@ def check_image(image: object, who: str = "image") -> Image:
 
 
 def segment(image: Array, colors: ColorModel) -> Image:
-    """Labels (H, W) uint8 of an image (H, W, 3) uint8 BGR: 0 background, 1 red … 6 yellow.
+    """Return the label map (H, W) uint8 of an image (H, W, 3) uint8 BGR: 0 background, 1 red … 6 yellow.
 
-    Pixels are labelled by colour. Specks are removed, and so are regions much weaker than the strongest:
-    copper coils and coloured fringes at edges are not faces.
+    Pixels are labelled by colour. Specks and regions much weaker than the strongest are removed: copper
+    coils and coloured fringes at edges are not faces.
 
     Raises:
         ImageError: the image is not an (H, W, 3) uint8 array.
-        ColorModelError: the colours are not a colour model.
+        ColorModelError: `colors` is not a colour model.
     """
     image, light, labels = labels_by_color(check_image(image), check_colors(colors))
     margin = np.empty(image.shape[:2], np.uint8)
@@ -99,7 +99,7 @@ def segment(image: Array, colors: ColorModel) -> Image:
 
 
 def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Image]:
-    """The image (H, W, 3) in even light, the light to read it in, and its labels (H, W) without clean-up."""
+    """Return the image (H, W, 3) in even light, its light, and its labels (H, W) without clean-up."""
     if min(image.shape[:2]) / REFERENCE_SIZE > FINE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
@@ -111,13 +111,13 @@ def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Ima
 
 
 def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:
-    """Labels without specks and without the things whose summed evidence is far below the best's."""
+    """Return labels without specks and without objects whose summed evidence is far below the strongest."""
     fine = scale > FINE
     kept = np.zeros(labels.shape, np.uint8)
     for label in range(1, 7):
         mask = cv2.medianBlur((labels == label).astype(np.uint8), 5 if fine else 3)
         if fine:
-            # The rim's pixels mix two surfaces; at this resolution a face can do without them.
+            # Pixels at the rim mix two surfaces; at this resolution a face can do without them.
             mask = cv2.erode(mask, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
         count, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
         large = stats[:, cv2.CC_STAT_AREA] >= MIN_AREA * scale * scale

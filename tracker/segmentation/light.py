@@ -1,8 +1,8 @@
-"""Take the light out of an image: scale its channels so that the scene's greys become one grey.
+"""Normalise the light of an image: scale its channels so that the scene's greys become one grey.
 
 The platform is grey almost everywhere (wall, table, robot), so the most frequent chromaticity is
-that of neutral grey under this camera's white balance. Its mean gives the channel gains, its brighter
-pixels the exposure.
+that of grey under this camera's white balance. The mean of these grey pixels gives the channel gains,
+the brighter ones give the exposure.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ from tracker.compiled import compiled
 from tracker.conventions import FloatArray, Image
 
 TARGET_GREY = 115.0
-"""Level to which the scene's greys are brought."""
+"""Level to which the scene's greys are scaled."""
 
 SAMPLES = 1200
-"""Pixels that are looked at; more do not change the result by a level."""
+"""Approximate number of pixels sampled; more do not change the result by a level."""
 
 CLIPPED = 250
-"""A channel at this level or above may be clipped."""
+"""Level from which a channel may be clipped."""
 
 BRIGHTNESS_RANK = 0.7
-"""Rank of the grey pixel whose brightness counts: the wall's, also where table and robot are dark."""
+"""Quantile of the grey pixels' brightness that is scaled: the wall's, even if table and robot are dark."""
 
 MIN_GREYS = 20
-"""Grey pixels among the samples below which they tell nothing."""
+"""Smallest number of grey samples; with fewer, no grey is found."""
 
 TILTED_ROUNDS, LAST_ROUNDS = 4, 2
-"""Rounds in which a slope of the chromaticity is followed from the most frequent one, and after it stands."""
+"""Rounds that fit a slope of the chromaticity, from the most frequent one on, and final rounds after them."""
 
 MIN_TILT, MAX_TILT = 0.05, 1.2
-"""Slope of the log chromaticity towards a corner below which the light counts as even, and above which the
-greys have been mistaken."""
+"""Slope of the log chromaticity from middle to corner below which the light counts as even, and above which
+other pixels were mistaken for greys."""
 
 _BINS = 56
 _RANGE = 1.75
@@ -45,7 +45,7 @@ _LOG = np.log(np.maximum(np.arange(256), 0.5))
 
 @compiled
 def _sample(image, step, points):  # type: ignore[no-untyped-def]
-    """Points (5, N): log chroma b/g, r/g, place from -1 to 1 across and down, level of green; returns N."""
+    """Fill points (5, N): log chroma b/g and r/g, x and y from -1 to 1, level of green; return N."""
     height, width = image.shape[0], image.shape[1]
     count = 0
     for j in range(step // 2, height, step):
@@ -63,7 +63,7 @@ def _sample(image, step, points):  # type: ignore[no-untyped-def]
 
 @compiled
 def _mode(points, count):  # type: ignore[no-untyped-def]
-    """The most frequent log chroma (u, v), to the width of a bin."""
+    """Return the most frequent log chroma (u, v), to the width of a bin."""
     histogram = np.zeros((_BINS + 2, _BINS + 2), np.int32)
     scale = _BINS / (2 * _RANGE)
     for n in range(count):
@@ -84,9 +84,9 @@ def _mode(points, count):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath={"reassoc", "contract", "nsz"})
 def _sums(points, count, plane, reach):  # type: ignore[no-untyped-def]
-    """The number of points near a plane, and sums over them: x, y, xx, xy, yy, u, ux, uy, v, vx, vy.
+    """Return the number of points near a plane, and sums over them: x, y, xx, xy, yy, u, ux, uy, v, vx, vy.
 
-    u and v are the points' distances from the plane. All are added up in whatever order is fastest.
+    u and v are the points' residuals from the plane. The order of summation is not fixed, for speed.
     """
     number, mx, my, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     u, ux, uy, v, vx, vy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -96,7 +96,7 @@ def _sums(points, count, plane, reach):  # type: ignore[no-untyped-def]
         x, y = points[2, n], points[3, n]
         du = points[0, n] - a - b * x - c * y
         dv = points[1, n] - d - e * x - f * y
-        # A factor in place of a branch, which would keep neighbours from being added at once.
+        # A factor instead of a branch, which would prevent vectorisation.
         near = 1.0 if max(abs(du), abs(dv)) < reach else 0.0
         du, dv = near * du, near * dv
         number += near
@@ -116,9 +116,9 @@ def _sums(points, count, plane, reach):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fit_plane(points, count, plane, reach, flat):  # type: ignore[no-untyped-def]
-    """Move plane (2, 3) to the points near it, and return their count.
+    """Fit plane (2, 3) to the points near it, in place; return their number, or 0 if there are too few.
 
-    The plane's rows are the coefficients of 1, x, y for the two log chromas.
+    The plane's rows are the coefficients of 1, x, y for the two log chromas. flat: only the constants change.
     """
     inside, mx, my, xx, xy, yy, u, ux, uy, v, vx, vy = _sums(points, count, plane, reach)
     if inside < MIN_GREYS:
@@ -127,7 +127,7 @@ def _fit_plane(points, count, plane, reach, flat):  # type: ignore[no-untyped-de
         plane[0, 0] += u / inside
         plane[1, 0] += v / inside
         return int(inside)
-    # Eliminate the mean, then the two slopes with a weak pull towards none.
+    # Eliminate the constant, then solve for the two slopes with a weak ridge.
     mx, my = mx / inside, my / inside
     xx, yy = xx - inside * mx * mx + 0.02 * inside, yy - inside * my * my + 0.02 * inside
     xy -= inside * mx * my
@@ -144,14 +144,14 @@ def _fit_plane(points, count, plane, reach, flat):  # type: ignore[no-untyped-de
 
 @compiled
 def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
-    """Fill plane (2, 3) with the log chroma of the scene's greys; returns level of green, share of pixels."""
+    """Fill plane (2, 3) with the log chroma of the scene's greys; return their level of green and share."""
     plane[:] = 0.0
     count = _sample(image, step, points)
     if count < 50:
         return 0.0, 0.0
     plane[0, 0], plane[1, 0] = _mode(points, count)
     middle, inside, flat = (plane[0, 0], plane[1, 0]), 0, True
-    # Level twice, then along a slope, and again the way that fits.
+    # Two rounds without a slope, then TILTED_ROUNDS with one, then LAST_ROUNDS with it if it is plausible.
     for turn in range(2 + TILTED_ROUNDS + LAST_ROUNDS):
         sloping = 2 <= turn < 2 + TILTED_ROUNDS
         if turn == 2 + TILTED_ROUNDS:
@@ -173,7 +173,7 @@ def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
         dv = points[1, n] - plane[1, 0] - plane[1, 1] * x - plane[1, 2] * y
         if abs(du) < 0.15 and abs(dv) < 0.15:
             levels[int(points[4, n])] += 1
-    # A clipped grey says nothing on chromaticity, but it does say "bright".
+    # Clipped greys have no known chromaticity, but count as bright.
     for j in range(step // 2, image.shape[0], step):
         for i in range(step // 2, image.shape[1], step):
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
@@ -191,7 +191,7 @@ def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
 
 @compiled
 def fill_light(image, gains, tilt):  # type: ignore[no-untyped-def]
-    """Fill gains (3,) and tilt (2, 2) of Light, if greys can be found; returns their share of the pixels."""
+    """Fill gains (3,) and tilt (2, 2) of Light if greys are found; return their share of pixels, else 0."""
     step = max(1, int(math.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
     points = np.empty((5, ((image.shape[0] // step) + 1) * ((image.shape[1] // step) + 1)))
     plane = np.empty((2, 3))
@@ -208,19 +208,19 @@ def fill_light(image, gains, tilt):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """The light in an image, by its greys."""
+    """The light in an image, estimated from its greys."""
 
     gains: FloatArray
-    """(3,) factors that bring grey in the image's middle to TARGET_GREY; 1 where no grey can be found (black,
-    white, monochrome)."""
+    """(3,) factors that scale grey in the image's middle to TARGET_GREY; 1 if no grey is found (black, white,
+    monochrome)."""
     tilt: FloatArray
-    """(2, 2) log of blue and of red over green, per half the image to the right and down; 0: even light."""
+    """(2, 2) slopes of ln(blue/green) and ln(red/green), per half image to the right and down; 0: even."""
     share: float
-    """Share of the pixels that are grey; 0 where no grey can be found."""
+    """Share of the pixels that are grey; 0 if no grey is found."""
 
 
 def find_light(image: Image) -> Light:
-    """The light in an image (H, W, 3) uint8, by its most frequent chromaticity.
+    """Estimate the light in an image (H, W, 3) uint8 from its most frequent chromaticity.
 
     This is equation (1) of docs/how-it-works.md.
     """
@@ -230,12 +230,12 @@ def find_light(image: Image) -> Light:
 
 
 AS_IT_IS = Light(np.ones(3), np.zeros((2, 2)), 0.0)
-"""For pictures whose colours are to be taken as they are."""
+"""Light of images whose colours are not normalised."""
 
 
 @compiled(inline="always")
 def evened_level(level, factor):  # type: ignore[no-untyped-def]
-    """A level times a factor; a clipped one stays clipped: what it should have been is unknown."""
+    """Return a level times a factor; a clipped level stays clipped, since its true value is unknown."""
     return 255 if level >= CLIPPED else min(int(level * factor + 0.5), CLIPPED - 1)
 
 
@@ -248,7 +248,7 @@ def even_out(levels, factors):  # type: ignore[no-untyped-def]
 
 
 def evened(image: Image, light: Light) -> Image:
-    """The image (H, W, 3) as if its colours' light came evenly; the image itself where it does."""
+    """Return the image (H, W, 3) with the light's tilt removed; the same image if it has none."""
     if not light.tilt.any():
         return image
     y, x = (2.0 * np.arange(size) / size - 1.0 for size in image.shape[:2])
@@ -259,7 +259,7 @@ def evened(image: Image, light: Light) -> Image:
 
 
 def apply_gains(image: Image, gains: FloatArray) -> Image:
-    """The image with its channels multiplied by `gains` (3,), rounded and clipped to 8 bits."""
+    """Return the image with its channels multiplied by `gains` (3,), rounded and clipped to 8 bits."""
     levels = np.arange(256)[:, None] * np.asarray(gains)[None, :]
     tables = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
     return np.asarray(cv2.LUT(image, tables[None]), dtype=np.uint8)

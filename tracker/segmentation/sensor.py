@@ -1,7 +1,7 @@
-"""What the sensor left in an image: noise, and the pattern of a mosaic that was interpolated.
+"""Traces of the sensor in an image: noise, and the pattern of an interpolated Bayer mosaic.
 
-Cameras with a Bayer filter see blue, green or red at a pixel, and the other two colours there are means of
-the neighbours' (`cv2.cvtColor` with `COLOR_Bayer…2BGR`). Such an image obeys these means to the bit.
+Cameras with a Bayer filter measure blue, green or red at a pixel; the other two colours are means of the
+neighbours' (`cv2.cvtColor` with `COLOR_Bayer…2BGR`). Such an image equals these means to the bit.
 """
 
 from __future__ import annotations
@@ -13,29 +13,29 @@ from tracker.compiled import compiled
 from tracker.conventions import Image
 
 LOUD = 6.0
-"""Standard deviation of the noise [levels] above which colours are read from filtered pixels."""
+"""Standard deviation of the noise above which colours are read from median-filtered pixels [levels]."""
 
 _ROW_STEP, _ROWS = 10, 27
-"""Least distance of the rows in which noise is looked for [px], and their number in large pictures."""
+"""Smallest distance of the rows in which noise is measured [px], and their number in large images."""
 
 _PER_SIGMA = 0.6745 * np.sqrt(6.0)
-"""Median of a second difference's size over the noise's standard deviation."""
+"""Median absolute second difference over the noise's standard deviation."""
 
 NO_MOSAIC = -1
 """No mosaic, or one that later changes have made unrecognisable."""
 
 STEP = 5
-"""A mosaic is looked for in every so many-th row and column; odd, so that all places of the pattern occur."""
+"""Distance of the rows and columns that are tested for a mosaic; odd, to reach all places of the pattern."""
 
 ENOUGH = 100
-"""Pixels that differ from their neighbours, that show a mosaic."""
+"""Number of pixels, not equal to their neighbours, that must all fit a mosaic for it to be detected."""
 
 
 @compiled
 def noise_level(image):  # type: ignore[no-untyped-def]
-    """Standard deviation [levels] of the noise in an image (H, W, 3) uint8; texture counts as noise.
+    """Return the standard deviation [levels] of the noise in an image (H, W, 3) uint8, texture included.
 
-    From the median second difference of green along some rows.
+    It comes from the median absolute second difference of green along some rows.
     """
     row_step = max(_ROW_STEP, image.shape[0] // _ROWS)
     counts = np.zeros(1024, np.int64)
@@ -49,13 +49,13 @@ def noise_level(image):  # type: ignore[no-untyped-def]
     while 2 * (running + counts[level]) < total:
         running += counts[level]
         level += 1
-    # Within the level, as if its values were spread evenly.
+    # Interpolate the median within its level.
     share = (0.5 * total - running) / max(counts[level], 1)
     return max(0.0, level - 0.5 + share) / _PER_SIGMA
 
 
 def calmed(image: Image) -> Image:
-    """The image, or where it is loud a median of each pixel and its neighbours."""
+    """Return the image, median-filtered (3×3) if it is noisy."""
     if noise_level(image) < LOUD:
         return image
     return np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
@@ -63,10 +63,10 @@ def calmed(image: Image) -> Image:
 
 @compiled
 def _obeys(image, j, i, red):  # type: ignore[no-untyped-def]
-    """Whether a pixel's colours are means of what its neighbours measured."""
+    """Whether a pixel's two other colours are means of its neighbours', with `red` as in `find_mosaic`."""
     has_red, in_column = (j & 1) == red >> 1, (i & 1) == (red & 1)
     if has_red == in_column:
-        # It measured red or blue.
+        # The pixel measured red or blue.
         other = 0 if has_red else 2
         cross = int(image[j, i - 1, 1]) + image[j, i + 1, 1] + image[j - 1, i, 1] + image[j + 1, i, 1]
         corners = int(image[j - 1, i - 1, other]) + image[j - 1, i + 1, other]
@@ -80,9 +80,9 @@ def _obeys(image, j, i, red):  # type: ignore[no-untyped-def]
 
 @compiled
 def find_mosaic(image):  # type: ignore[no-untyped-def]
-    """Which pixels of a mosaic measured red: 2 · (their row is odd) + (their column is odd), or NO_MOSAIC.
+    """Return which pixels of a mosaic measured red: 2 · (odd row) + (odd column), or NO_MOSAIC.
 
-    Green is where one of both differs, blue where both do.
+    Green is where either row or column parity differs from red's, blue where both do.
 
     Args:
         image: (H, W, 3) uint8 BGR.
