@@ -1,1 +1,1 @@
-"""Rotations, poses, cameras and cuboids: the mathematics, without objects or images."""
+"""Geometry of rotations, poses, cameras and cuboids, independent of object models and images."""

@@ -13,15 +13,15 @@ from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, shown
 
 LARGEST = 10.0
-"""Greatest radius and height [m]: a larger one is stated in millimetres by mistake."""
+"""Largest radius and height [m]: a larger one is in millimetres by mistake."""
 
 SURE = 2.0
-"""Standard deviations of the table's height by which the world may be off."""
+"""Tolerance of the arena's bounds, in standard deviations of the table's height."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Arena:
-    """A vertical cylinder on the table. Numbers are stored as floats.
+    """The region where the object's centre may be: a vertical cylinder on the table. Numbers become floats.
 
     Raises:
         CalibrationError: a value has the wrong type, is not finite, or is impossible.
@@ -34,7 +34,7 @@ class Arena:
     height: float = 0.185
     """Largest height of the object's centre above the table [m]; without a table, bound of |z|."""
     table: float | None = 0.0
-    """z of the table in the world, at the axis [m]; None: there is no table to stand on."""
+    """z of the table in the world, at the axis [m]; None: there is no table."""
     table_std: tuple[float, float] = (0.008, 0.017)
     """Standard deviations of the table's height [m] and of its tilt about any horizontal axis [rad]."""
 
@@ -51,16 +51,16 @@ class Arena:
 
     @property
     def ground(self) -> float:
-        """Z from which heights are counted: the table's, or the world's [m]."""
+        """Zero of heights, as z in the world [m]: the table's, or 0 without a table."""
         return 0.0 if self.table is None else self.table
 
     @property
     def lowest(self) -> float:
-        """Z below which nothing of the object is, as well as the table is known [m]."""
+        """Smallest possible z of any part of the object, given the table's uncertainty [m]."""
         return -self.height if self.table is None else self.table - SURE * self.table_std[0]
 
     def holds(self, position: FloatArray, lowest: float, height_std: float = 0.0) -> bool:
-        """Whether an object may be at a position (3,) whose lowest corner is at z = `lowest` [m].
+        """Whether an object with its lowest corner at z = `lowest` [m] may be at a position (3,) [m].
 
         height_std: standard deviation of these heights [m].
         """

@@ -1,4 +1,4 @@
-"""The pinhole camera with a lens that bends rays.
+"""The pinhole camera with lens distortion.
 
 The model is OpenCV's: p_camera = camera_from_world · p_world, x = X/Z, y = Y/Z, (x', y') by
 `geometry.distortion`, u = fx x' + cx, v = fy y' + cy.
@@ -25,30 +25,30 @@ MAX_SIZE = 32767
 """Largest width and height [px]: OpenCV's remapping stores coordinates in 16 bits."""
 
 FARTHEST = 1e4
-"""Greatest coordinate of a camera's translation [m], and greatest standard deviation."""
+"""Largest absolute coordinate of a camera's translation [m], and largest standard deviation."""
 
 FOCAL, CENTER = (1e-2, 1e6), 1e6
-"""Bounds of a focal length, and greatest size of a principal point's coordinate [px]: parts of pictures have
-theirs outside."""
+"""Bounds of a focal length, and largest absolute coordinate of a principal point [px]: cropped images may
+have it outside."""
 
 BENT = 1e6
-"""Greatest size of a lens' coefficient."""
+"""Largest absolute distortion coefficient."""
 
 _NAME = re.compile(r"[\w-]([\w. -]{0,98}[\w-])?")
-"""A camera's name: it becomes part of the names of files and of what pages show."""
+"""Pattern of a valid camera name: names become parts of file names and are shown in pages."""
 
 VIEW = 1.2
-"""Points are in view up to so many times the largest tangent of the image's rays: beyond, the lens may fold
-them back into the image."""
+"""Factor on the largest tangent of the image's rays up to which points are in view: beyond it, distortion may
+fold them back into the image."""
 
 
 def may_be_name(name: object) -> bool:
-    """Whether a camera can be called so."""
+    """Whether this is a valid camera name."""
     return isinstance(name, str) and _NAME.fullmatch(name) is not None
 
 
 def check_name(name: object, what: str, fault: type[TrackerError]) -> None:
-    """`fault`, which begins with `what`, where no camera can be called so."""
+    """Raise `fault`, with a message that begins with `what`, if this is no valid camera name."""
     if not may_be_name(name):
         raise fault(
             f"{what}: found {shown(name)}, expected a text of up to 100 letters, digits, "
@@ -73,7 +73,7 @@ class Camera:
     matrix: FloatArray
     """(3, 3) `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` [px]; pixel centres are at whole numbers."""
     distortion: FloatArray
-    """(5,) k1, k2, p1, p2, k3; or (8,), (12,), (14,) with k4 … k6, s1 … s4, τx and τy after them."""
+    """(5,) k1, k2, p1, p2, k3; or (8,), (12,), (14,) with k4 … k6, s1 … s4, τx and τy appended."""
     camera_from_world: FloatArray
     """(4, 4) rigid transform, p_camera = camera_from_world · p_world [m]."""
     camera_from_world_std: FloatArray | None = None
@@ -102,7 +102,7 @@ class Camera:
         return f"Camera({self.name!r}: {self.width}×{self.height} px, f {focal} px, at {place} m)"
 
     def _error(self, key: str, found: str, valid: str) -> CalibrationError:
-        key = "camera_matrix" if key == "matrix" else key  # the name that files give it
+        key = "camera_matrix" if key == "matrix" else key  # its name in files
         return CalibrationError(f"{self.name}: {key}: found {found}, expected {valid}")
 
     def _size(self, key: str, value: object) -> int:
@@ -165,15 +165,15 @@ class Camera:
         return -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
 
     def project(self, points_world: npt.ArrayLike) -> FloatArray:
-        """Pixels (N, 2) of world points (N, 3) [m]; NaN for points that are not in front of the camera.
+        """Project world points (N, 3) [m] to pixels (N, 2); NaN for points not in front of the camera.
 
-        Like OpenCV's, the distortion folds back far outside the image (beyond about 40° off the axis
-        with the platform's lenses): `project_in_view` gives no pixels there.
+        As in OpenCV, distortion folds points far outside the image back into it (beyond about 40° off the
+        axis with the platform's lenses): `project_in_view` returns NaN there.
         """
         return self.project_with_jacobian(points_world)[0]
 
     def project_with_jacobian(self, points_world: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Pixels (N, 2) of world points (N, 3) [m] and their derivatives (N, 2, 3) [px/m]; NaN as above."""
+        """Return pixels (N, 2) of world points (N, 3) [m], and derivatives (N, 2, 3) [px/m]; NaN as above."""
         in_camera = self._in_camera(points_world)
         in_camera[in_camera[:, 2] <= 0] = np.nan
         normalized = in_camera[:, :2] / in_camera[:, 2:]
@@ -195,7 +195,7 @@ class Camera:
         return float(tangents[np.isfinite(tangents)].max(initial=0.0))
 
     def project_in_view(self, points_world: npt.ArrayLike) -> FloatArray:
-        """As `project`; NaN far beyond the field of view, too."""
+        """Project as `project`, with NaN also for points far outside the field of view."""
         points = float_rows(points_world, 3, f"{self.name}: points", CalibrationError).copy()
         in_camera = self._in_camera(points)
         tangent = np.hypot(in_camera[:, 0], in_camera[:, 1])
@@ -203,30 +203,30 @@ class Camera:
         return self.project(points)
 
     def undistort(self, pixels: npt.ArrayLike) -> FloatArray:
-        """Normalised coordinates (N, 2) = (X/Z, Y/Z) without distortion of pixels (N, 2), to about 1e-12.
+        """Return undistorted normalised coordinates (N, 2) = (X/Z, Y/Z) of pixels (N, 2), to about 1e-12.
 
-        NaN for pixels that no ray before the fold of the distortion reaches. On this platform that
-        concerns a few pixels in the corners of uncropped 720×540 images, and none of the others.
+        NaN for pixels that no ray reaches before the distortion folds. On this platform that concerns a
+        few pixels in the corners of uncropped 720×540 images only.
         """
         focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
         target = (float_rows(pixels, 2, f"{self.name}: pixels", CalibrationError) - center) / focal
         return undistort(target, self.distortion)
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
-        """Unit directions (N, 3) in the world of the rays through pixels (N, 2), away from the camera."""
+        """Return unit directions (N, 3) in the world of the rays from the camera through pixels (N, 2)."""
         normalized = self.undistort(pixels)
         directions = np.concatenate([normalized, np.ones((len(normalized), 1))], axis=1)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         return directions @ self.camera_from_world[:3, :3]
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
-        """The camera of the image's part of `width` × `height` that starts at pixel (left, top)."""
+        """Return the camera of an image cropped to `width` × `height` from pixel (left, top) on."""
         matrix = self.matrix.copy()
         matrix[:2, 2] -= self._array("left and top", (left, top), (2,))
         return dataclasses.replace(self, width=width, height=height, matrix=matrix)
 
     def resized(self, width: int, height: int) -> Camera:
-        """The camera of the image scaled to `width` × `height` by `cv2.resize`.
+        """Return the camera of an image scaled to `width` × `height` by `cv2.resize`.
 
         Pixel centres are at whole numbers, so c' = (c + ½) s - ½ and f' = f s along each axis.
         """
@@ -238,9 +238,9 @@ class Camera:
         return dataclasses.replace(self, width=width, height=height, matrix=matrix)
 
     def with_halved_principal_point_corrected(self) -> Camera:
-        """The camera of a file made by halving K[:2], as the platform's `*_cropped_and_downsampled.yml`.
+        """Correct the principal point of files made by halving K[:2]: `*_cropped_and_downsampled.yml`.
 
-        Halving an image takes the principal point to c/2 - ¼; these files say c/2.
+        Halving an image moves the principal point to c/2 - ¼, but these files of the platform have c/2.
         """
         matrix = self.matrix.copy()
         matrix[:2, 2] -= 0.25
@@ -252,7 +252,7 @@ class Camera:
 
 
 def rotation_deviation(matrix: Array) -> float:
-    """How far a matrix (3, 3) is from a rotation: max |M Mᵀ - I|, or infinity where det M ≤ 0."""
+    """Return how far a matrix (3, 3) is from a rotation: max |M Mᵀ - I|, or infinity if det M ≤ 0."""
     with np.errstate(over="ignore", invalid="ignore"):
         deviation = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
         mirrored = bool(np.dot(np.cross(matrix[0], matrix[1]), matrix[2]) <= 0)

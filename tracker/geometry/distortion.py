@@ -1,10 +1,10 @@
-"""How a lens bends rays: OpenCV's model of 5, 8, 12 or 14 coefficients.
+"""Lens distortion: OpenCV's model of 5, 8, 12 or 14 coefficients.
 
 From normalised coordinates x = X/Z, y = Y/Z with r² = x² + y²:
     radial = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
     x' = x radial + 2 p1 x y + p2 (r² + 2 x²) + s1 r² + s2 r⁴
     y' = y radial + p1 (r² + 2 y²) + 2 p2 x y + s3 r² + s4 r⁴
-and, where the sensor is tilted by τx, τy, the homography of `tilt` on (x', y').
+and, if the sensor is tilted by τx, τy, the homography of `tilt` applied to (x', y').
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ _NEWTON_TOLERANCE = 1e-12
 
 
 def padded(coefficients: FloatArray) -> FloatArray:
-    """The same as all 14 coefficients: those not given are 0."""
+    """Return all 14 coefficients, with 0 for those not given."""
     result = np.zeros(COUNTS[-1])
     result[: len(coefficients)] = coefficients
     return result
 
 
 def tilt(coefficients: FloatArray) -> FloatArray:
-    """(3, 3) homography of the tilted sensor on the bent coordinates; the identity without a tilt."""
+    """Return the homography (3, 3) of distorted coordinates to the tilted sensor; identity if not tilted."""
     (sx, sy), (cx, cy) = np.sin(padded(coefficients)[12:]), np.cos(padded(coefficients)[12:])
     about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
     about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
@@ -39,7 +39,7 @@ def tilt(coefficients: FloatArray) -> FloatArray:
 
 
 def distort(normalized: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bent coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2)."""
+    """Return distorted coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2)."""
     k1, k2, p1, p2, k3 = coefficients[:5]
     x, y = normalized[:, 0], normalized[:, 1]
     r2 = x * x + y * y
@@ -72,9 +72,9 @@ def distort(normalized: FloatArray, coefficients: FloatArray) -> tuple[FloatArra
 
 
 def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Inverse of `distort` by Newton's method; NaN where it does not converge before the fold."""
+    """Invert `distort` by Newton's method; NaN where it does not converge before the fold."""
     solution = target.copy()
-    with np.errstate(all="ignore"):  # a diverging row becomes NaN, and is reported as such
+    with np.errstate(all="ignore"):  # diverging rows become NaN
         for _ in range(_NEWTON_ITERATIONS):
             value, slope = distort(solution, coefficients)
             error = value - target

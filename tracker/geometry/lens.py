@@ -19,18 +19,18 @@ LENS = np.dtype(
         ("position", np.float64, (3,)),  # the camera's centre in the world [m]
         ("focal", np.float64, (2,)),  # fx, fy [px]
         ("center", np.float64, (2,)),  # cx, cy [px]
-        ("distortion", np.float64, (14,)),  # all coefficients, those not given are 0
+        ("distortion", np.float64, (14,)),  # all coefficients, 0 for those not given
         ("tilt", np.float64, (3, 3)),  # homography of the tilted sensor
-        ("limit", np.float64),  # squared tangent beyond which the distortion may fold back into the picture
+        ("limit", np.float64),  # squared tangent beyond which distortion may fold points back into the image
         ("width", np.int64),  # [px]
         ("height", np.int64),  # [px]
     ]
 )
-"""A camera as a record: compiled functions read its fields without counting references to arrays."""
+"""A camera as a record: compiled functions read its fields without reference counting of arrays."""
 
 
 def stack_lenses(cameras: Sequence[Camera]) -> Array:
-    """The cameras as an array (C,) of LENS records."""
+    """Return the cameras as an array (C,) of LENS records."""
     lenses = np.zeros(len(cameras), LENS)
     for lens, camera in zip(lenses, cameras, strict=True):
         lens["rotation"] = camera.camera_from_world[:3, :3]
@@ -47,7 +47,7 @@ def stack_lenses(cameras: Sequence[Camera]) -> Array:
 
 @compiled
 def _bent(lens, a, b):  # type: ignore[no-untyped-def]
-    """Where a lens puts (a, b), and the derivatives: (u, v, ua, ub, va, vb)."""
+    """Distort (a, b); return (u, v, ua, ub, va, vb), coordinates and derivatives."""
     k, tilt, s = lens.distortion, lens.tilt, a * a + b * b
     below = 1.0 + s * (k[5] + s * (k[6] + s * k[7]))
     radial = (1.0 + s * (k[0] + s * (k[1] + s * k[4]))) / below
@@ -70,7 +70,7 @@ def _bent(lens, a, b):  # type: ignore[no-untyped-def]
 
 @compiled
 def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
-    """Pixel (u, v) and depth of a world point (x, y, z) in camera c; depth -1 far out of view."""
+    """Return pixel (u, v) and depth [m] of a world point (x, y, z) in camera c; depth -1 far out of view."""
     lens = lenses[c]
     r, t = lens.rotation, lens.translation
     zc = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2]
@@ -85,7 +85,7 @@ def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
 
 @compiled
 def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-untyped-def]
-    """As `project`, and d(u, v)/d(x, y, z) into jacobian (2, 3)."""
+    """Return pixel and depth as `project`, but at least 1e-6; fill jacobian (2, 3) = d(u, v)/d(x, y, z)."""
     lens = lenses[c]
     r, t = lens.rotation, lens.translation
     zc = max(r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2], 1e-6)
@@ -110,7 +110,7 @@ def rotate(rotation, vector, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def face_heights(lenses, c, half, rotation, position, out):  # type: ignore[no-untyped-def]
-    """Out (6,) = height of the camera's centre above each face's plane [m]; positive: it faces it."""
+    """Fill out (6,) with the camera's height above each face's plane [m]; positive: it sees the face."""
     for axis in range(3):
         along = 0.0
         for i in range(3):
@@ -121,7 +121,7 @@ def face_heights(lenses, c, half, rotation, position, out):  # type: ignore[no-u
 
 @compiled
 def copy_pose(rotation, position, new_rotation, new_position):  # type: ignore[no-untyped-def]
-    """Copy a pose into other arrays, without the check of shapes that compiles as long as a kernel."""
+    """Copy a pose into other arrays, without shape checks, which take as long to compile as a kernel."""
     for i in range(3):
         new_position[i] = position[i]
         for j in range(3):
@@ -152,5 +152,5 @@ def apply_update(rotation, position, update):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always")
 def clamped(value, most):  # type: ignore[no-untyped-def]
-    """A coordinate as a whole number from 0 to `most`, however far away, or none, it is."""
+    """Truncate a coordinate to a whole number, clamped to 0 … `most`; 0 for NaN."""
     return int(min(max(value, 0.0), float(most))) if value == value else 0

@@ -1,4 +1,4 @@
-"""Small compiled solvers; NumPy's would take seconds to compile into the kernels."""
+"""Small compiled linear algebra; NumPy's would take seconds to compile into the kernels."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from tracker.compiled import compiled
 
 @compiled
 def factorise(matrix, lower):  # type: ignore[no-untyped-def]
-    """Lower (n, n) = Cholesky factor of a symmetric matrix (n, n), of which the lower half is read.
+    """Fill lower (n, n) with the Cholesky factor of a symmetric matrix (n, n); only its lower half is read.
 
-    Returns False, and leaves `lower` undefined, where the matrix is not positive definite.
+    Return False, and leave `lower` undefined, if the matrix is not positive definite.
     """
     for i in range(matrix.shape[0]):
         for j in range(i + 1):
@@ -31,7 +31,7 @@ def factorise(matrix, lower):  # type: ignore[no-untyped-def]
 
 @compiled
 def substitute(lower, vector, out):  # type: ignore[no-untyped-def]
-    """Out (n,) = (lower · lowerᵀ)⁻¹ vector; out may be vector."""
+    """Set out (n,) = (lower · lowerᵀ)⁻¹ vector; `out` may be `vector` itself."""
     n = len(vector)
     for i in range(n):
         total = vector[i]
@@ -47,9 +47,9 @@ def substitute(lower, vector, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
-    """Out (n,) = matrix⁻¹ vector for a positive definite matrix (n, n), of which the lower half is read.
+    """Set out (n,) = matrix⁻¹ vector for a positive definite matrix (n, n); only its lower half is read.
 
-    Returns False, and leaves out undefined, where the matrix is not positive definite.
+    Return False, and leave `out` undefined, if the matrix is not positive definite.
     """
     lower = np.zeros((len(vector), len(vector)))
     if not factorise(matrix, lower):
@@ -60,7 +60,7 @@ def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def product(a, b, out):  # type: ignore[no-untyped-def]
-    """Out (n, m) = a (n, k) · b (k, m)."""
+    """Set out (n, m) = a (n, k) · b (k, m)."""
     for i in range(a.shape[0]):
         for j in range(b.shape[1]):
             total = 0.0
@@ -71,7 +71,7 @@ def product(a, b, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def congruence(a, b, out):  # type: ignore[no-untyped-def]
-    """Out (n, n) += a (n, k) · b (k, k) · aᵀ for a symmetric b, exactly symmetric."""
+    """Add a (n, k) · b (k, k) · aᵀ for a symmetric b to out (n, n), keeping it exactly symmetric."""
     n, size = a.shape
     row = np.empty(size)
     for i in range(n):
@@ -91,7 +91,7 @@ def congruence(a, b, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def median(values, n):  # type: ignore[no-untyped-def]
-    """Median of the first n > 0 values, which change their order: Hoare's selection."""
+    """Return the median of the first n > 0 values by Hoare's selection, which reorders them."""
     low, high, middle = 0, n - 1, n // 2
     while low < high:
         pivot, i, j = values[(low + high) // 2], low, high

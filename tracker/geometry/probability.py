@@ -1,4 +1,4 @@
-"""The probability that a pose with Gaussian errors is near the truth in position and in rotation at once."""
+"""The probability that a pose with Gaussian errors is near the truth in both position and rotation."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise
 
 DIRECTIONS = 1200
-"""Directions over which is integrated: the result is good to 0.005."""
+"""Number of directions to integrate over: the result is accurate to 0.005."""
 
 CERTAIN = 60.0
-"""Squared distance, in standard deviations, of the limits beyond which no error is looked for."""
+"""Squared distance of the limits, in standard deviations, beyond which the probability counts as 1."""
 
 
 def _directions(count: int) -> FloatArray:
-    """Unit vectors (N, 6) spread evenly: normal deviates of an additive recurrence (Roberts, R sequence)."""
+    """Return evenly spread unit vectors (N, 6): normal deviates of an additive recurrence (Roberts' R)."""
     root = 1.0
     for _ in range(50):
         root = (1.0 + root) ** (1.0 / 7.0)
@@ -36,7 +36,7 @@ _SPHERE = _directions(DIRECTIONS)
 
 @compiled
 def mass_within(covariance, near, turned, directions):  # type: ignore[no-untyped-def]
-    """See `probability_within`."""
+    """Return the probability of `probability_within`, compiled."""
     spread, turn = 0.0, 0.0
     for i in range(6):
         if not covariance[i, i] > 0.0:
@@ -51,7 +51,7 @@ def mass_within(covariance, near, turned, directions):  # type: ignore[no-untype
         return 0.0
     total = 0.0
     for n in range(len(directions)):
-        # Along a direction of the unit ball the error grows in proportion: how far is it within limits?
+        # Along a direction the error grows linearly: find how far it stays within both limits.
         shift, turn = 0.0, 0.0
         for i in range(6):
             value = 0.0
@@ -70,11 +70,11 @@ def mass_within(covariance, near, turned, directions):  # type: ignore[no-untype
 
 
 def probability_within(covariance: FloatArray, near: float, turned: float) -> float:
-    """P(‖δp‖ < near and ‖δθ‖ < turned) of a Gaussian error with covariance (6, 6) [m, rad].
+    """Return P(‖δp‖ < near and ‖δθ‖ < turned) for a Gaussian error with covariance (6, 6) [m, rad].
 
     This is equation (20) of docs/how-it-works.md.
-    With the error L·r·w, L Lᵀ the covariance, w a unit vector and r² distributed as χ² with six degrees of
-    freedom, the limits hold up to r² = min(near²/‖L_p w‖², turned²/‖L_θ w‖²); what is left is the mean over
-    all directions w of the distribution of r² there. 0 where the covariance is not positive definite.
+    The error is L·r·w with the covariance L Lᵀ, a unit vector w, and r² that follows χ² with six degrees of
+    freedom. The limits hold up to r² = min(near²/‖L_p w‖², turned²/‖L_θ w‖²); the result is the mean of the
+    χ² distribution function there over all directions w. It is 0 if the covariance is not positive definite.
     """
     return float(mass_within(np.ascontiguousarray(covariance, dtype=np.float64), near, turned, _SPHERE))

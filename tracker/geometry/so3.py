@@ -1,9 +1,9 @@
 """Rotations: matrices, rotation vectors and quaternions (x, y, z, w).
 
-Every function works on one element or on a stack of them: leading axes are broadcast over. All trust
-their input: a matrix is taken to be a rotation, a quaternion to be non-zero.
+Functions work on one element or on a stack: leading axes broadcast. They do not check their input:
+matrices must be rotations, quaternions non-zero.
 
-The last three are compiled, of one element each, for compiled loops.
+The last three are compiled and take a single element, for use in compiled loops.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tracker.conventions import FloatArray
 
 
 def hat(vector: npt.ArrayLike) -> FloatArray:
-    """Skew-symmetric matrices (..., 3, 3) of vectors (..., 3): the product with b is the cross product."""
+    """Return skew-symmetric matrices (..., 3, 3) of vectors a (..., 3): their product with b is a × b."""
     v = np.asarray(vector, dtype=np.float64)
     out = np.zeros((*v.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
@@ -28,14 +28,14 @@ def hat(vector: npt.ArrayLike) -> FloatArray:
 
 
 def exp(rotvec: npt.ArrayLike) -> FloatArray:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad]; exact to rounding at any angle."""
+    """Return matrices (..., 3, 3) of rotation vectors (..., 3) [rad]; exact to rounding at any angle."""
     v = np.asarray(rotvec, dtype=np.float64)
-    if v.ndim == 1:  # NumPy's calls take ten times as long
+    if v.ndim == 1:  # NumPy takes ten times as long
         one = np.empty((3, 3))
         exp_into.py_func(v.tolist(), one)
         return one
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    # sin θ/θ and (1 - cos θ)/θ² = ½ (sin(θ/2)/(θ/2))²: neither divides by zero nor cancels near it.
+    # sin θ/θ and (1 - cos θ)/θ² = ½ (sin(θ/2)/(θ/2))²: no division by zero, no cancellation near it.
     first = np.sinc(angle / np.pi)
     second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     skew = hat(v)
@@ -44,9 +44,9 @@ def exp(rotvec: npt.ArrayLike) -> FloatArray:
 
 
 def log(rotation: npt.ArrayLike) -> FloatArray:
-    """Rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3), of length at most π.
+    """Return rotation vectors (..., 3) [rad], of length at most π, of rotation matrices (..., 3, 3).
 
-    Accurate at every angle: near 0 and near π too, where formulas on the trace lose half the digits.
+    Accurate at every angle, also near 0 and π, where formulas with the trace lose half the digits.
     """
     if np.ndim(rotation) == 2:
         one = np.empty(3)
@@ -56,14 +56,14 @@ def log(rotation: npt.ArrayLike) -> FloatArray:
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
     cosine = q[..., 3:]
     tiny = sine < 1e-9
-    # θ/sin(θ/2) tends to 2 as the angle vanishes, where w is 1.
+    # θ/sin(θ/2) tends to 2 for vanishing angles.
     factor = np.where(tiny, 2.0, 2 * np.arctan2(sine, cosine) / np.where(tiny, 1.0, sine))
     result: FloatArray = factor * q[..., :3]
     return result
 
 
 def matrix_from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4), which are normalised first."""
+    """Return rotation matrices (..., 3, 3) of quaternions (..., 4), which need not be normalised."""
     q = np.asarray(xyzw, dtype=np.float64)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     skew = hat(q[..., :3])
@@ -72,7 +72,7 @@ def matrix_from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
 
 
 def quaternion_from_matrix(rotation: npt.ArrayLike) -> FloatArray:
-    """Unit quaternions (..., 4) xyzw of rotation matrices (..., 3, 3).
+    """Return unit quaternions (..., 4) xyzw of rotation matrices (..., 3, 3).
 
     The sign is canonical: w ≥ 0; for half turns (w = 0) the largest component is positive.
     """
@@ -96,17 +96,17 @@ def quaternion_from_matrix(rotation: npt.ArrayLike) -> FloatArray:
 
 
 def angle_between(first: npt.ArrayLike, second: npt.ArrayLike) -> FloatArray:
-    """Angles (...) [rad] in [0, π] of the rotations that take matrices `first` to `second` (..., 3, 3)."""
+    """Return angles (...) [rad] in [0, π] between rotation matrices `first` and `second` (..., 3, 3)."""
     relative = np.swapaxes(np.asarray(first, dtype=np.float64), -1, -2) @ np.asarray(second, np.float64)
     result: FloatArray = np.linalg.norm(log(relative), axis=-1)
     return result
 
 
 def nearest_rotation(matrix: npt.ArrayLike) -> FloatArray:
-    """Rotation matrices (..., 3, 3) nearest to any matrices (..., 3, 3) in the Frobenius norm."""
+    """Return the rotation matrices (..., 3, 3) nearest to matrices (..., 3, 3) in the Frobenius norm."""
     u, _, vt = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
     sign = np.where(np.linalg.det(u @ vt) < 0, -1.0, 1.0)
-    # Only the direction of the least singular value may be flipped to turn a reflection into a rotation.
+    # Flip the direction of the smallest singular value to turn a reflection into the nearest rotation.
     u = np.concatenate([u[..., :2], u[..., 2:] * sign[..., None, None]], axis=-1)
     result: FloatArray = u @ vt
     return result
@@ -114,7 +114,7 @@ def nearest_rotation(matrix: npt.ArrayLike) -> FloatArray:
 
 @compiled
 def exp_into(vector, out):  # type: ignore[no-untyped-def]
-    """Out (3, 3) = exp of a rotation vector (3,)."""
+    """Set out (3, 3) to the matrix of a rotation vector (3,)."""
     x, y, z = vector[0], vector[1], vector[2]
     angle = math.sqrt(x * x + y * y + z * z)
     a = 1.0 - angle * angle / 6.0 if angle < 1e-4 else math.sin(angle) / angle
@@ -131,7 +131,7 @@ def exp_into(vector, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def quaternion(rotation):  # type: ignore[no-untyped-def]
-    """Unit quaternion (4,) xyzw, w ≥ 0, of a rotation (3, 3): `quaternion_from_matrix`, compiled."""
+    """Return the unit quaternion (4,) xyzw, w ≥ 0, of a rotation (3, 3); as `quaternion_from_matrix`."""
     q = np.empty(4)
     trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
     k = 3
@@ -156,7 +156,7 @@ def quaternion(rotation):  # type: ignore[no-untyped-def]
 
 @compiled
 def log_into(rotation, out):  # type: ignore[no-untyped-def]
-    """Out (3,) = rotation vector of a rotation (3, 3), at any angle."""
+    """Set out (3,) to the rotation vector of a rotation (3, 3), at any angle."""
     q = quaternion(rotation)
     sine = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
     factor = 2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, q[3]) / sine
