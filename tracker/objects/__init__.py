@@ -1,1 +1,1 @@
-"""Objects the tracker knows: their size, the colours of their faces, and labels of colours."""
+"""Object models: the size of a cuboid and the colours of its faces; the labels of colours."""

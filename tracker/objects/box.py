@@ -1,4 +1,4 @@
-"""The object's geometry for compiled functions."""
+"""The object's geometry as compiled functions take it."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ class Box(NamedTuple):
     face_labels: Array
     """(6,) uint8 labels in the order of tracker.geometry.cuboid.FACE_NAMES."""
     rim: tuple[float, float]
-    """Distance of the faces' borders from the nominal edges, and its standard deviation [m]."""
+    """How far within the nominal edges the faces' colours end, and its standard deviation [m]."""
 
     @classmethod
     def of(cls, model: CuboidModel) -> Box:
-        """The box of an object's model."""
+        """Return the box of an object model."""
         labels = np.asarray(model.face_labels, dtype=np.uint8)
         return cls(np.asarray(model.size) / 2, labels, (model.rim, model.rim_std))
 
     @property
     def radius(self) -> float:
-        """Distance of its corners from its centre [m]."""
+        """Distance of the corners from the centre [m]."""
         return math.sqrt(self.half @ self.half)
 
     def lowest(self, position: FloatArray, rotation: FloatArray) -> float:
-        """Height of its lowest corner at a position (3,) [m], turned by world from object (3, 3) [m]."""
+        """Return z of the lowest corner [m] at a position (3,) [m] and rotation (3, 3), world from object."""
         return float(position[2] - np.abs(rotation[2]) @ self.half)

@@ -1,12 +1,12 @@
-"""The model of an object: a cuboid whose six faces have six different colours.
+"""Object models: cuboids whose six faces have six different colours.
 
-An object is data, one TOML file:
+A TOML file describes an object:
 
     name = "cube_v2"
     size = [0.065, 0.065, 0.065]  # edge lengths along the object's x, y, z [m]
-    colors = "cube_v2"            # its colour model; left out: the one of the object's name
-    rim = 0.0002                  # how far within the nominal edges the colours end [m]; left out: 0
-    rim_std = 0.0002              # standard deviation of that [m]; left out: 0.0003
+    colors = "cube_v2"            # colour model; default: the object's name
+    rim = 0.0002                  # how far within the nominal edges the colours end [m]; default: 0
+    rim_std = 0.0002              # standard deviation of rim [m]; default: 0.0003
 
     [faces]                       # outward axis = colour
     "+x" = "red"
@@ -35,15 +35,15 @@ from tracker.geometry.cuboid import FACE_NAMES
 from tracker.objects.labels import COLOR_NAMES
 
 MIN_SIZE, MAX_SIZE = 0.005, 0.5
-"""Shortest and longest edge [m] that a model may have."""
+"""Shortest and longest edge of a model [m]."""
 
 _KEYS = ("name", "size", "faces", "colors", "rim", "rim_std")
 
 RIM_STD = 0.0003
-"""Standard deviation of an unknown rim, which covers those of real objects [m]."""
+"""Standard deviation of an unknown rim, wide enough for real objects [m]."""
 
 LEAST_RIM_STD = 1e-6
-"""Least standard deviation of a rim: taken as exact [m]."""
+"""Smallest standard deviation of a rim, for one that is exact [m]."""
 
 _FACE_COLORS = COLOR_NAMES[1:]
 _DATA = Path(__file__).parent / "data"
@@ -64,9 +64,9 @@ class CuboidModel:
     face_labels: Array
     """(6,) label of each face, in the order of `geometry.cuboid.FACE_NAMES`."""
     colors: str
-    """Name (or file) of the object's colour model."""
+    """Name or file of the object's colour model."""
     rim: float = 0.0
-    """Distance of the visible colours' borders from the nominal edges, which are rounded and worn [m]."""
+    """How far within the nominal edges the faces' colours end, since edges are rounded and worn [m]."""
     rim_std: float = RIM_STD
     """Standard deviation of the rim [m]."""
 
@@ -103,17 +103,17 @@ class CuboidModel:
 
 
 def object_names() -> tuple[str, ...]:
-    """Names of the objects that come with the package."""
+    """Return the names of the objects in the package."""
     return names_in(_DATA)
 
 
 def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
-    """The model of an object of the platform by name, or of your own by the path of its TOML file.
+    """Load the model of one of the platform's objects by name, or of your own by the path of its TOML file.
 
     The module's docstring shows the format. A file in `colors` is relative to the TOML file.
 
     Raises:
-        ObjectModelError: the name is unknown (the message lists those that are), or the file is
+        ObjectModelError: the name is unknown (the message lists the known ones), or the file is
             missing or malformed.
     """
     path = found_by(name_or_path, _DATA, "object", ObjectModelError)
@@ -130,12 +130,12 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
 
 
 def to_toml(model: CuboidModel) -> str:
-    """An object as the text of a TOML file, which `load_object` reads."""
+    """Return an object as the text of a TOML file that `load_object` reads."""
     faces = [
         f'"{face}" = "{COLOR_NAMES[label]}"'
         for face, label in zip(FACE_NAMES, model.face_labels.tolist(), strict=True)
     ]
-    # JSON's strings and lists of numbers are TOML's, too.
+    # Strings and lists of numbers are the same in JSON and TOML.
     values = {
         "name": model.name, "size": model.size.tolist(), "colors": model.colors, "rim": model.rim,
         "rim_std": model.rim_std,
@@ -145,7 +145,7 @@ def to_toml(model: CuboidModel) -> str:
 
 
 def face_labels_of(faces: Any) -> Array:
-    """Labels (6,) in the order of FACE_NAMES of a table {face: colour}; else ObjectModelError."""
+    """Return labels (6,), in the order of FACE_NAMES, of a table {face: colour}; else ObjectModelError."""
     if not isinstance(faces, dict) or set(faces) != set(FACE_NAMES):
         found = sorted(faces) if isinstance(faces, dict) else type(faces).__name__
         raise ObjectModelError(f"faces: found {found}, expected a table of {', '.join(FACE_NAMES)}")
@@ -161,7 +161,7 @@ def face_labels_of(faces: Any) -> Array:
 
 
 def _numbers(name: str, key: str, value: Any, count: int) -> FloatArray:
-    """`value` as (count,) finite numbers."""
+    """Return `value` as (count,) finite numbers; ObjectModelError if it is anything else."""
     sequence = value.tolist() if isinstance(value, np.ndarray) else value
     valid = f"{count} finite numbers"
     if not isinstance(sequence, (list, tuple)) or len(sequence) != count:
