@@ -1,4 +1,4 @@
-"""Models of the tracker's errors, one TOML file each, see docs/noise.md; and what a tracker sees by them."""
+"""Noise models of the tracker's errors, one TOML file each, and the noisy poses; see docs/noise.md."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ UNITS: Mapping[str, Mapping[str, str]] = {
     "confidence": {"clear": "1", "visible": "1", "distance": "1/m", "angle": "1/rad", "spread": "1"},
     "delay": {"images": "s", "pose": "s", "spread": "1"},
 }
-"""The numbers of a model, by group, and the unit of each."""
+"""The numbers of a model by group, and the unit of each."""
 
 RADIUS = 0.05
-"""A turn by an angle counts as a way of so much times the angle [m]."""
+"""Distance that counts for a rotation by one radian [m]."""
 
 LEAST_VISIBLE = 0.05
-"""Smaller visible shares count as this one, except for what is missed."""
+"""Lower bound of the visible share, except in the rates of missed poses and gross errors."""
 
 _MOST = 60.0
-"""Exponents of rates are limited to so much."""
+"""Largest exponent of a rate."""
 
 _DATA = Path(__file__).parent / "data"
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number of a model and how well it is known."""
+    """A number of a model, and how well it is known."""
 
     value: float
     """Zero or more."""
     unit: str
-    """As of UNITS."""
+    """Unit as in UNITS."""
     interval: tuple[float, float] | None
-    """Of 95 %; None: the number was not measured here."""
+    """95 % interval; None: the number was not measured here."""
 
 
 NumbersOf = Mapping[str, Mapping[str, Number]]
@@ -57,24 +57,24 @@ NumbersOf = Mapping[str, Mapping[str, Number]]
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """How the poses of a tracker differ from true ones."""
+    """A statistical model of a tracker's pose errors."""
 
     name: str
-    """Of the preset, or the path of its file."""
+    """Name of the preset, or path of the file."""
     about: str
     """What was measured, and how."""
     numbers: NumbersOf
-    """Groups and names as of UNITS."""
+    """Numbers with groups and names as in UNITS."""
 
     @classmethod
     def load(cls, name_or_path: str | os.PathLike[str]) -> NoiseModel:
-        """A preset by name, or a model of your own by the path of its TOML file.
+        """Load a preset by name, or your own model by the path of its TOML file.
 
-        `platform` is this tracker with the platform's calibrations, `platform_refined` the same with cameras
-        that agree, `predecessor` the platform's tracker before it.
+        `platform` is this tracker with the platform's calibrations, `platform_refined` the same with refined
+        calibrations, `predecessor` the platform's previous tracker.
 
         Raises:
-            TrackerError: the name is unknown (the message lists those that are), or the file is missing or
+            TrackerError: the name is unknown (the message lists the known ones), or the file is missing or
                 malformed.
         """
         path = found_by(name_or_path, _DATA, "noise model", TrackerError)
@@ -91,14 +91,14 @@ class NoiseModel:
         return cls(source, str(about), groups)
 
     def start(self, rng: np.random.Generator, count: int) -> NoiseState:
-        """The errors of so many environments, each at the beginning of an episode.
+        """Return the errors of `count` environments, each at the beginning of an episode.
 
         Args:
             rng: source of all randomness; the same generator and arguments give the same bits.
             count: number of environments, 1 or more.
 
         Raises:
-            TrackerError: an argument is of another kind.
+            TrackerError: an argument has the wrong type or value.
         """
         if not isinstance(rng, np.random.Generator):
             raise TrackerError(f"rng: found {shown(rng)}, expected a numpy.random.Generator")
@@ -136,33 +136,33 @@ def _number(entry: Any, unit: str, what: str) -> Number:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What the tracker says of the poses of one step."""
+    """The noisy poses of N environments in one step."""
 
     position: FloatArray
     """(N, 3) [m] in the world; nan where nothing was found."""
     orientation: FloatArray
     """(N, 4) xyzw, world from object; nan where nothing was found."""
     found: Array
-    """(N,) bool: whether the object was found; a pose of before is never repeated."""
+    """(N,) bool: whether the object was found; an old pose is never repeated."""
     confidence: FloatArray
     """(N,) probability that the pose is within 5 mm and 5°; 0 where nothing was found."""
     delay: FloatArray
-    """(N,) from the exposure, which is the moment of the true pose, to the answer [s]."""
+    """(N,) time from the exposure, to which the true pose belongs, to the answer [s]."""
 
 
 class NoiseState:
-    """The errors of N environments; `NoiseModel.start` makes it. Plain NumPy, over all of them at once.
+    """The errors of N environments, made by `NoiseModel.start`. Plain NumPy, vectorised over environments.
 
-    Errors (δp, δθ) are along world axes, p = p̂ + δp and R = exp(δθ) R̂ as everywhere, and are the sum of
+    Errors (δp, δθ) are along world axes, p = p̂ + δp and R = exp(δθ) R̂ as everywhere. They are the sum of
 
-        bias    drawn for each episode, by its calibration,
-        slow    forgotten by time and by the way that the object went: exp(-dt / seconds - way / travel),
+        bias    drawn for each episode, the error of its calibration,
+        slow    decays with time and with the object's path length: exp(-dt / seconds - path / travel),
         fast    drawn at each step, with heavy tails,
 
-    the last two times (visible share)^-visible, and of a gross error while there is one.
+    the last two multiplied by (visible share)^-visible, and of an occasional gross error.
 
     Args:
-        values: numbers by group and name, as of `tracker.noise.model.UNITS`.
+        values: numbers by group and name, as in `tracker.noise.model.UNITS`.
         rng: source of all randomness.
         count: N.
     """
@@ -180,13 +180,13 @@ class NoiseState:
         self.reset()
 
     def reset(self, which: Any = None) -> None:
-        """Begin new episodes: other calibrations, nothing remembered.
+        """Begin new episodes, with new calibrations and without memory.
 
         Args:
-            which: the environments, (N,) bool or their numbers; None: all.
+            which: the environments, (N,) bool or their indices; None: all.
 
         Raises:
-            TrackerError: `which` names no environments.
+            TrackerError: `which` is neither, or an index is out of range.
         """
         rows = np.arange(self.count) if which is None else self._rows(which)
         size = len(rows)
@@ -199,16 +199,16 @@ class NoiseState:
         self._fresh[rows] = True
 
     def step(self, position: Any, orientation: Any, visible: Any, dt: float) -> Seen:
-        """What the tracker says of the next images.
+        """Return the noisy poses for the next images.
 
         Args:
             position: (N, 3) true position of the object in the world [m].
             orientation: (N, 4) true orientation, xyzw; need not be of unit length.
             visible: (N,) visible share of the object's pixels, mean over the cameras, 0 to 1.
-            dt: time since the images before [s], more than 0; the platform's is 0.1.
+            dt: time since the previous images [s], more than 0; 0.1 on the platform.
 
         Raises:
-            TrackerError: an array has another shape, or values that are not finite or out of range.
+            TrackerError: an array has the wrong shape, or values that are not finite or out of range.
         """
         p, q, v = self._checked(position, orientation, visible)
         if not is_number(dt) or dt <= 0:
@@ -251,7 +251,7 @@ class NoiseState:
         return p, q / length[:, None], v
 
     def _kept(self, p: FloatArray, q: FloatArray, dt: float) -> FloatArray:
-        """(2, N) share of the slow errors that is not forgotten."""
+        """Return the correlations (2, N) of the slow errors with those of the step before."""
         shift = p - self._last[0]
         chord = 1.0 - np.abs(np.einsum("ij,ij->i", q, self._last[1]))
         way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * np.maximum(chord, 0.0))
@@ -261,8 +261,8 @@ class NoiseState:
         return kept
 
     def _errors(self, keep: FloatArray, clear: FloatArray, gross: FloatArray) -> FloatArray:
-        """(2, 3, N) [m, rad]."""
-        # Single precision is drawn in half the time.
+        """Draw the errors (2, 3, N) [m, rad]."""
+        # Drawing in single precision takes half the time.
         drawn = self._rng.standard_normal((14, self.count), dtype=np.float32)
         kept, spread = keep[:, None], drawn[12:, None]
         slow, fast = drawn[:12].reshape(2, 2, 3, -1)
@@ -275,7 +275,7 @@ class NoiseState:
         return result
 
     def _gross_now(self, v: FloatArray, dt: float) -> FloatArray:
-        """(2, 3, N) the gross errors; each stays as it is until it ends."""
+        """Return the gross errors (2, 3, N); each is constant until it ends."""
         own, (ends, begins) = self._values["gross"], self._rng.random((2, self.count))
         self._is_gross &= ends < np.exp(-dt / max(own["seconds"], 1e-12))
         rate = own["rate"] * np.exp(-own["visible"] * v)
@@ -290,11 +290,11 @@ class NoiseState:
         return self._gross
 
     def _found_now(self, v: FloatArray, dt: float) -> Array:
-        """(N,) whether the object is found: a chain of two states with rates by the visible share."""
+        """Draw (N,) whether the object is found: a two-state Markov chain, rates by the visible share."""
         own, drawn = self._values["missed"], self._rng.random(self.count)
         lost = own["lost"] * np.exp(np.maximum(-own["lost_visible"] * v, -_MOST))
         found = own["found"] * np.exp(np.minimum(own["found_visible"] * v, _MOST))
-        # The chain in equilibrium, and how much of what was is forgotten in dt.
+        # The chain's equilibrium probability, and the share of the deviation from it that remains after dt.
         rest = found / np.maximum(lost + found, 1e-300)
         stays = np.where(self._fresh, 0.0, np.exp(-dt * (lost + found)))
         rest[lost == 0.0] = 1.0
@@ -314,7 +314,7 @@ class NoiseState:
 
 
 def _turned(turn: FloatArray, q: FloatArray) -> FloatArray:
-    """Orientations (N, 4) xyzw turned by rotation vectors (3, N) [rad] along world axes."""
+    """Turn orientations (N, 4) xyzw by rotation vectors (3, N) [rad] along world axes."""
     half = 0.5 * np.sqrt(np.einsum("ij,ij->j", turn, turn))
     x, y, z = turn * (0.5 * np.sinc(half / np.pi))
     w = np.cos(half)
