@@ -1,1 +1,1 @@
-"""Colours learned from recordings without labels: poses say what is a face, and faces what is a colour."""
+"""Learning of colour models, from labelled images or from recordings without labels."""

@@ -1,9 +1,9 @@
-"""Learn an object's colours from recordings without labels, by turns of finding poses and fitting colours.
+"""Learn an object's colours from recordings without labels, by alternately finding poses and fitting colours.
 
-Poses of which the tracker is sure say where faces are; their pixels, and all that is not the object, are
-what a person would have painted. A fit to them finds more poses, and so on until nothing is gained. Two
-things keep it from talking itself into an error: faces must have the hues of their names, and frames that
-taught nothing must be explained better than before.
+Confident poses tell which pixels show which face and which show no object; they replace labels drawn by
+hand. A colour model fitted to these pixels finds more poses, and so on until nothing is gained. Two checks
+keep it from reinforcing its own errors: faces must have the hues of their names, and held-out frames must
+be explained better than before.
 """
 
 from __future__ import annotations
@@ -27,33 +27,33 @@ from tracker.pose.judge import confidence
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, color_model_names, load_colors
 
 GATES = (0.3, 0.5, 0.7, 0.8, 0.9)
-"""Least confidence of the poses that teach, round by round: at first few are sure."""
+"""Smallest confidence of the poses that are learned from, round by round: at first few are confident."""
 
 FEW = 2
-"""Frames that must teach, at least."""
+"""Smallest number of frames to learn from."""
 
 GAIN = 0.002
-"""Least gain of what is explained with which a fit counts as better."""
+"""Smallest gain of `Judgement.explained` with which a fit counts as better."""
 
 OFTEN = 5
-"""Pixels of a colour that are taken for a face by mistake, from which it is no chance."""
+"""Number of pixels of one colour taken for a face by mistake in a round from which it is no chance."""
 
 PATIENCE = 2
-"""Rounds without a gain after which it has settled."""
+"""Number of rounds without a gain after which learning ends."""
 
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """Colours learned, and how good they are."""
+    """A learned colour model, and how good it is."""
 
     colors: ColorModel
     """The new model."""
     before: Judgement
-    """Of the model to begin with."""
+    """Judgement of the initial model."""
     after: Judgement
-    """Of the new one."""
+    """Judgement of the new model."""
     pixels: dict[str, int]
-    """Pixels of each face colour that taught; a colour with 0 stays as it was before."""
+    """Number of pixels that each face colour was learned from; a colour with 0 stays as it was before."""
 
 
 def adapt(
@@ -66,14 +66,14 @@ def adapt(
     rounds: int = 8,
     say: Callable[[str], None] = lambda _: None,
 ) -> Adapted:
-    """Colours for an object as recordings show it, after up to `rounds` turns.
+    """Learn an object's colours from recordings in up to `rounds` rounds.
 
-    start: the colours to begin with; pictures are read in neutral light, whatever it says.
-    say: takes a line about each turn.
+    start: the initial model; its `normalise` is ignored, images are always read in neutral light.
+    say: receives a line about each round.
 
     Raises:
-        ColorModelError: the colours to begin with are misnamed.
-        NotBetterError: nothing could be learned, or nothing was gained, and why.
+        ColorModelError: the colours of the initial model are misnamed.
+        NotBetterError: nothing could be learned, or nothing was gained; the message says why.
     """
     if wrong := _told_wrong(hues_of_model(start)):
         raise ColorModelError(f"colour model {start.name}: refused: {wrong}")
@@ -91,7 +91,7 @@ def adapt(
             break
         pixels = consistent(lessons)
         counts = learned(pixels)
-        # Faces in all frames together must have the hues of their names, too.
+        # Pooled over all frames, faces must also have the hues of their names.
         hues = {k: hue_of(np.concatenate([one[k] for one in pixels if k in one])) for k in counts}
         if fault := _told_wrong(hues):
             break
@@ -116,7 +116,7 @@ def adapt(
 def _lessons(
     model: CuboidModel, footage: Sequence[Frames], colors: ColorModel, gate: float
 ) -> tuple[list[Lesson], str]:
-    """Frames of sure poses whose faces have the hues of their names; or why there are too few."""
+    """Return frames with confident poses whose faces have the hues of their names, or why too few do."""
     result, off = [], 0
     for one in footage:
         tracker = ObjectTracker(model, one.rig, colors)
@@ -139,7 +139,7 @@ def _lessons(
 
 
 def _told_wrong(hues: Mapping[int, float]) -> str:
-    """In words, which faces have not the hues of their names; empty: none."""
+    """Describe which faces do not have the hues of their names; empty if all do."""
     parts = [
         f"{COLOR_NAMES[label]} has the hue of {COLOR_NAMES[like] if like else 'grey'}"
         for label, like in misnamed(hues).items()
@@ -148,14 +148,14 @@ def _told_wrong(hues: Mapping[int, float]) -> str:
 
 
 TRIED = 12
-"""Frames on which the models compete."""
+"""Approximate number of frames on which the models are compared."""
 
 _OF_MANY_THINGS = "dice"
-"""A model of one colour, which no cuboid has."""
+"""Name of the model with a single colour, which fits no cuboid."""
 
 
 def nearest(model: CuboidModel, footage: Sequence[Frames]) -> ColorModel:
-    """The shipped colour model that explains most of some of the frames that teach."""
+    """Return the shipped colour model that best explains a sample of the frames to learn from."""
     step = max(1, sum(len(one.learned) for one in footage) // TRIED)
     few = [dataclasses.replace(one, learned=(), held_out=one.learned[::step]) for one in footage]
     names = [name for name in color_model_names() if name != _OF_MANY_THINGS]
@@ -164,23 +164,23 @@ def nearest(model: CuboidModel, footage: Sequence[Frames]) -> ColorModel:
 
 
 DRAWN = 40_000
-"""Pixels that stand for each colour of which only the name is known."""
+"""Number of pixels drawn for each colour of which only the name is known."""
 
 HUE_SPREAD = 12.0
 """Standard deviation of a paint's hue around that of its name [degrees]."""
 
 LEVELS, SATURATIONS = (25.0, 255.0), (0.4, 1.0)
-"""Of the brightest channel of a face's pixel, and of its saturation: the rest of its largest channel."""
+"""Ranges of the brightest channel and of the saturation from which pixels of a face are drawn."""
 
 GREY = 0.25
-"""Saturation up to which anything may be grey."""
+"""Largest saturation of background pixels that are drawn."""
 
 
 def from_names(seed: int) -> ColorModel:
-    """A colour model that knows of the faces the names of their colours alone.
+    """Return a colour model that knows nothing but the names of the face colours.
 
-    Pixels are drawn around each name's hue, of any brightness and of all but pale saturations; background
-    is what is nearly grey.
+    Face pixels are drawn around each name's hue, with any brightness and all but pale saturations;
+    background pixels are nearly grey.
     """
     rng = np.random.default_rng([seed, 7])
     many = 4 * DRAWN
@@ -195,21 +195,21 @@ def from_names(seed: int) -> ColorModel:
 
 
 GROUPS = 6
-"""Groups of frames that count the same, whatever they show."""
+"""Number of groups of frames, each with the same weight."""
 
 ENOUGH = 150
-"""Pixels of a colour, in all frames, from which it is learned."""
+"""Smallest number of pixels, over all frames, from which a colour is learned."""
 
 DISTRACTING = 0.2
-"""Share of the background's draws that show what is taken for a face though it is none, if anything is: a
-cross on the table fills a thousandth of the pictures."""
+"""Share of the background's pixels with colours that were taken for a face by mistake, if there are any;
+oversampled, since a cross on the table fills only a thousandth of the images."""
 
 MOST = 200_000
-"""Pixels of the background that are kept of a group."""
+"""Largest number of background pixels kept of a group."""
 
 
 def learned(pixels: Sequence[Mapping[int, Array]]) -> dict[int, int]:
-    """Pixels of each face colour of which there is enough to learn from."""
+    """Return the number of pixels of each face colour that has enough to learn from."""
     counts = {label: sum(len(one.get(label, ())) for one in pixels) for label in range(1, CLASSES)}
     return {label: count for label, count in counts.items() if count >= ENOUGH}
 
@@ -221,10 +221,10 @@ def refit(
     options: FitOptions,
     name: str,
 ) -> ColorModel:
-    """A colour model fitted to frames' pixels (N, 3) in neutral light by label, 0 for background.
+    """Fit a colour model to frames' pixels (N, 3) in neutral light by label, 0 for background.
 
     taken: (32³,) bool: colours that were taken for a face by mistake.
-    before: models of which a little is kept, and all of what the frames do not show.
+    before: earlier models; they count a little, and alone for face colours that the frames do not show.
     """
     rng = np.random.default_rng([options.seed, *name.encode()])
     labels, groups = learned(pixels), min(GROUPS, len(pixels))
@@ -242,7 +242,7 @@ def refit(
 
 
 def _with_distracting(background: Array, taken: Array, rng: np.random.Generator) -> Array:
-    """Background in which DISTRACTING of all pixels have colours that are taken for a face, if some have."""
+    """Resample background so that a share DISTRACTING of it has colours `taken` for a face, if any has."""
     distracting = background[taken[nodes_of(background)]]
     if len(background) > MOST:
         background = background[rng.integers(len(background), size=MOST)]
@@ -253,7 +253,7 @@ def _with_distracting(background: Array, taken: Array, rng: np.random.Generator)
 
 
 def _remembered(model: ColorModel) -> Histograms:
-    """What a model knows of its face colours, as densities over colours that are all as likely."""
+    """Return a model's densities of its face colours, assuming a uniform distribution of all colours."""
     posterior = np.exp(model.log_posterior)
     posterior /= posterior.sum(axis=0)
     return {label: posterior[label] / posterior[label].sum() for label in range(1, CLASSES)}

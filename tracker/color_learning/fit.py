@@ -1,13 +1,13 @@
 """Fit a colour model to hand-labelled images.
 
-Few images are ever labelled, and each shows a face under one light. So every labelled pixel is drawn
-many times with jitter: in brightness (other shading), between channels (an imperfect white balance),
-with haze (gloss, veiling glare) and noise; a fifth of the draws with a much wider one, which covers
-colours between and around those seen where nothing else claims them. Half of the draws are also shaded
-and veiled: a face turned away from the lamps sends less light of its own, and its gloss adds grey light
-of the surroundings to it. The draws make one histogram per image and class; histograms are averaged so
-that each image counts the same. Other objects' images give a little weight to colours the object's own
-images do not show.
+Few images are ever labelled, and each shows a face under one light. So labelled pixels are drawn many
+times with jitter of brightness (other shading) and between channels (imperfect white balance), with
+haze (gloss, veiling glare) and noise. A fifth of the draws have a much wider jitter, which covers colours
+between and around the observed ones that nothing else claims. Half of the draws are also shaded and
+veiled: a face turned away from the lamps reflects less light in its own colour, and its gloss adds grey
+light from the surroundings. The draws make one histogram per image and class; histograms are averaged so
+that each image counts the same. Other objects' images give a little weight to colours that the object's
+own images do not show.
 """
 
 from __future__ import annotations
@@ -27,40 +27,40 @@ from tracker.segmentation.light import apply_gains, find_light
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What the fit assumes about how light and camera vary."""
+    """Assumed variation of light and camera, and weights of the fit."""
 
     brightness: float = 0.2
     """Standard deviation of the log of a face's brightness."""
     channel: float = 0.04
     """Standard deviation of the log of each channel's gain."""
     haze: float = 8.0
-    """Standard deviation of what is added to all three channels [levels]."""
+    """Standard deviation of a level added to all three channels [levels]."""
     noise: float = 3.0
     """Standard deviation of each channel's noise [levels]."""
     tail_share: float = 0.2
-    """Share of draws whose jitter is wider …"""
+    """Share of draws with wider jitter, the tail."""
     tail_width: float = 4.0
-    """… by this factor between channels (brightness and haze: by 2)."""
+    """Factor on the jitter between channels in the tail; on that of brightness and haze, at most 2."""
     tail_stretch: float = 2.0
-    """In the tail the saturation grows by up to this factor: a purer tone of a hue is the same colour."""
+    """Largest factor on the saturation in the tail: a purer tone of a hue is the same colour."""
     shaded_share: float = 0.5
-    """Share of draws that become s · draw + (1 − s) · veil, shaded and under a veil of grey …"""
+    """Share of draws that become s · draw + (1 − s) · veil: shaded, and under a grey veil."""
     shade: float = 0.3
-    """… with s uniform from here to 1 …"""
+    """Smallest s of shaded draws, uniform up to 1."""
     veil: float = 150.0
-    """… and the veil's level uniform from 0 to here."""
+    """Largest level of the veil, uniform from 0 [levels]."""
     draws: int = 60000
-    """Draws per image and class; background has four times as many."""
+    """Number of draws per image and class; four times as many for background."""
     others_weight: float = 0.03
-    """Share of the other objects' images in the density of a face colour."""
+    """Weight of the other objects' images in the density of a face colour."""
     reject: float = 0.01
-    """Share of the background's density that is spread evenly over all colours."""
+    """Share of the background's density that is uniform over all colours."""
     face_prior: float = 0.08
-    """Prior probability of each face colour; false pixels go by their shape later."""
+    """Prior probability of each face colour; wrong pixels are removed later by their shape."""
     smoothing: float = 0.4
     """Standard deviation of the smoothing of the histograms [nodes]."""
     seed: int = 0
-    """Seed of the draws."""
+    """Random seed of the draws."""
 
 
 BACKGROUND_JITTER = FitOptions(
@@ -72,7 +72,7 @@ Histograms = dict[int, FloatArray]
 
 
 def _histogram(levels: FloatArray) -> FloatArray:
-    """Density (32, 32, 32) of levels (N, 3), each shared among its eight neighbouring nodes."""
+    """Return the density (32, 32, 32) of levels (N, 3), each distributed over its eight nearest nodes."""
     position = compand(levels, NODES)
     base = np.minimum(position.astype(np.int64), NODES - 2)
     part = position - base
@@ -103,7 +103,7 @@ def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generato
 
 
 def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bool = True) -> Histograms:
-    """The histograms of the classes that one image shows; background keeps away from the labels."""
+    """Return histograms of the classes in one image; background is taken away from the labels only."""
     rng = np.random.default_rng([options.seed, *labelled.name.encode()])
     image = labelled.image
     if normalise:
@@ -119,7 +119,7 @@ def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bo
 def pixel_histograms(
     pixels: Mapping[int, Array], options: FitOptions, rng: np.random.Generator
 ) -> Histograms:
-    """The histograms of classes whose pixels (N, 3), none without any, are known by label; 0: background."""
+    """Return histograms of classes from their pixels (N, 3) by label, N > 0; 0: background."""
     return {
         label: _histogram(_draw(some, options.draws, options, rng))
         if label
@@ -136,7 +136,7 @@ def combine(
     name: str = "fitted",
     normalise: bool = True,
 ) -> ColorModel:
-    """A colour model from the histograms of the object's own images and of other objects' images."""
+    """Make a colour model from histograms of the object's own images and of other objects' images."""
     options = options or FitOptions()
     uniform = _histogram(np.random.default_rng(options.seed).uniform(0, 1, (400000, 3)) ** 2 * 255)
     density = np.zeros((CLASSES, NODES, NODES, NODES))

@@ -1,9 +1,9 @@
-"""Hand-labelled images, a picture and one mask for each face colour that it shows; and labels against them.
+"""Hand-labelled images, each with one mask for every visible face colour; and comparison of labels with them.
 
-Two layouts are read, and mixed folders are fine:
+Two layouts are read, and may be mixed in a folder:
     NN_image.png     with NN_mask_red.png, NN_mask_green.png, …
     cameraNN.png     with rNN.png, gNN.png, bNN.png, cNN.png, mNN.png, yNN.png
-A mask that is not there: the colour is not visible. A mask's pixel counts where it is not black.
+A colour without a mask is not visible. Mask pixels count unless they are black.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
 
 MAX_PIXELS = 1 << 26
-"""Most pixels of a picture that is read: eight thousand by eight thousand."""
+"""Largest number of pixels of an image: about eight thousand by eight thousand."""
 
 MAX_FILE_SIZE = 4 * MAX_PIXELS
-"""Largest file of a picture [bytes]."""
+"""Largest image file [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
-    """A picture (H, W, 3) BGR and its labels (H, W); 0 is background or not labelled."""
+    """An image (H, W, 3) BGR and its labels (H, W); 0 is background or not labelled."""
 
     name: str
     image: Image
@@ -41,12 +41,12 @@ class LabelledImage:
 
 
 def read_image(path: Path) -> Image:
-    """An 8-bit BGR image; ImageError names the file where that fails."""
+    """Read an 8-bit BGR image; ImageError, which names the file, if that fails."""
     if not path.is_file():
         raise ImageError(f"image {path}: no such file")
     with told_of(f"image {path}", ImageError):
         content = read_bounded(path, MAX_FILE_SIZE)
-    # Before pixels are made of them: OpenCV fills what is missing with grey, slowly where sizes are damaged.
+    # Check before decoding: OpenCV fills missing data with grey, slowly if the sizes are damaged.
     with naming(f"image {path}", ImageError, LogError):
         picture = head_of(content, READ)
         width, height = picture.size
@@ -56,7 +56,7 @@ def read_image(path: Path) -> Image:
     image = _decoded(content, cv2.IMREAD_COLOR)
     if image is None:
         raise ImageError(f"image {path}: not an image that can be read, or truncated")
-    if image.max() < 4096 >> 8:  # black, or so it looks where 8 of 16 bits are left of 12
+    if image.max() < 4096 >> 8:  # black, or seemingly so: the upper 8 of 16 bits of a 12-bit image
         deep = _decoded(content, cv2.IMREAD_UNCHANGED)
         if deep is not None and deep.dtype == np.uint16 and 0 < deep.max() < 4096:
             raise ImageError(
@@ -87,7 +87,7 @@ def _masks(path: Path) -> dict[int, Path]:
 
 
 def read_labelled(folder: str | Path) -> list[LabelledImage]:
-    """All labelled images of a folder, in the order of their names; ImageError where there is none."""
+    """Read all labelled images of a folder, sorted by name; ImageError if there is none."""
     folder = Path(folder)
     if not folder.is_dir():
         raise ImageError(f"labelled images {folder}: no such folder")
@@ -113,16 +113,16 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
 
 
 def surely_background(labels: Image) -> Array:
-    """Pixels (H, W) bool away from labels (H, W), and from the rim of masks, which are drawn too small."""
+    """Return (H, W) bool: pixels with a margin to all labels (H, W), since masks are drawn too small."""
     margin = 2 * (labels.shape[0] // 50) + 1
     near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((margin, margin), np.uint8))
     return np.equal(near, 0)
 
 
 def confusion(pairs: Iterable[tuple[Image, Image]]) -> Array:
-    """Numbers (7, 7) of pixels by true label (row) and label found (column), of pairs (found, true).
+    """Return pixel counts (7, 7) by true label (row) and found label (column), of pairs (found, true).
 
-    Background counts away from the true labels only.
+    True background counts only where `surely_background`.
     """
     total = np.zeros((CLASSES, CLASSES), np.int64)
     for found, truth in pairs:
@@ -133,7 +133,7 @@ def confusion(pairs: Iterable[tuple[Image, Image]]) -> Array:
 
 
 def intersection_over_union(predicted: Array, truth: Array) -> dict[int, float]:
-    """IoU of every label that the truth (H, W) shows, over the whole image."""
+    """Return the IoU of every label in the truth (H, W), over the whole image."""
     result = {}
     for label in np.unique(truth[truth > 0]):
         a, b = predicted == label, truth == label

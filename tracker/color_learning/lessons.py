@@ -1,4 +1,4 @@
-"""What frames of recordings teach of colours: pixels of each face, and of everything else."""
+"""Training pixels from frames of recordings: those of each face, and of everything else."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from tracker.segmentation.labels import MIN_AREA, REFERENCE_SIZE, labels_by_colo
 from tracker.segmentation.light import apply_gains
 
 Images = tuple[Image | None, ...]
-"""(H, W, 3) BGR of each camera of a rig, None where it gave none."""
+"""Image (H, W, 3) BGR of each camera of a rig, None for a missing one."""
 
 FEWEST_FRAMES = 3
-"""Frames below which nothing is learned."""
+"""Smallest number of frames to learn from and judge by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,20 +37,20 @@ class Frames:
     rig: CameraRig
     """Its cameras."""
     learned: tuple[Images, ...]
-    """Frames that teach."""
+    """Frames to learn from."""
     held_out: tuple[Images, ...]
-    """Frames that judge."""
+    """Frames to judge by."""
 
 
 def frames_of(log: Log, rig: CameraRig, count: int) -> Frames:
-    """Up to `count` frames spread evenly over a recording: every other one teaches, the rest judge."""
+    """Take up to `count` evenly spread frames of a recording: alternately to learn from and to judge by."""
     frames = [frame.images for frame in picked(log, evenly(len(log), count))]
     frames = [images for images in frames if any(image is not None for image in images)]
     return Frames(rig, tuple(frames[::2]), tuple(frames[1::2]))
 
 
 def shares(lengths: Sequence[int], count: int) -> list[int]:
-    """How many of `count` frames each of several recordings gives: as many each, as far as they reach."""
+    """Divide `count` frames among recordings: equal numbers, as far as their lengths allow."""
     result, left = [0] * len(lengths), count
     order = sorted(range(len(lengths)), key=lambda k: lengths[k])
     for place, k in enumerate(order):
@@ -60,28 +60,28 @@ def shares(lengths: Sequence[int], count: int) -> list[int]:
 
 
 SURE = 0.5
-"""Confidence from which a frame counts as posed."""
+"""Confidence above which a frame counts as posed."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What held-out frames say of a colour model."""
+    """Quality of a colour model on held-out frames."""
 
     explained: float
-    """Mean over the frames, from 0 to 1, of the confidence times the overlap (intersection over union) of the
-    face colours that are found with those that the pose predicts; 0 for a frame without a pose."""
+    """Mean over the frames, from 0 to 1, of confidence times IoU of the face colours found with those that
+    the pose predicts; 0 for a frame without a pose."""
     posed: float
     """Share of the frames with a pose of a confidence above SURE."""
     frames: int
     """Number of frames."""
 
     def __str__(self) -> str:
-        """For people to read."""
+        """Return both shares as text."""
         return f"{self.explained:.1%} explained, {self.posed:.1%} posed"
 
 
 def judge(model: CuboidModel, footage: Sequence[Frames], colors: ColorModel) -> Judgement:
-    """Judge a colour model by the frames that are held out."""
+    """Judge a colour model by the held-out frames."""
     explained, posed = [], []
     for one in footage:
         tracker = ObjectTracker(model, one.rig, colors)
@@ -94,16 +94,16 @@ def judge(model: CuboidModel, footage: Sequence[Frames], colors: ColorModel) -> 
 
 
 def overlap(fit: Fit) -> float:
-    """Intersection over union of the face colours that are found with those that a fit predicts."""
+    """Return the intersection over union of the face colours found with those that a fit predicts."""
     union = fit.total("predicted") + fit.total("extra") + fit.total("elsewhere")
     return fit.total("agree") / max(union, 1.0)
 
 
 RIM = 2.0
-"""What is left out along a face's borders [px at the reference size]: both sides mix there."""
+"""Width left out along a face's borders, where both sides mix [px at the reference size]."""
 
 AROUND = 6.0
-"""What is left out around the object: its shine on the table and coloured fringes are in its colours."""
+"""Width left out around the object, likewise: reflections on the table and fringes have its colours."""
 
 _SHIFT = 4
 """Fractional bits of OpenCV's polygon corners."""
@@ -112,11 +112,11 @@ _SHIFT = 4
 def outline(
     model: CuboidModel, camera: Camera, rotation: FloatArray, position: FloatArray
 ) -> tuple[Image, Array] | None:
-    """An object with rotation (3, 3) and position (3,) [m] before a camera; None: not in view.
+    """Render an object with rotation (3, 3) and position (3,) [m] for a camera; None if not in view.
 
     Returns:
-        (H, W) the label of the face that covers a pixel, 0 elsewhere and near the faces' borders; and
-        (H, W) bool, whether it is on the object or near it.
+        (H, W) label of the face at a pixel, 0 elsewhere and near the faces' borders; and
+        (H, W) bool, whether a pixel is on the object or near it.
     """
     pixels = camera.project(corners(model.size) @ rotation.T + position)
     shape = camera.height, camera.width
@@ -138,35 +138,35 @@ def outline(
 
 
 CONSISTENT = 4.0
-"""By how much more frequent a colour must be where the poses put a face than elsewhere: fingers that hide
-the face are to be seen elsewhere as well."""
+"""Factor by which a colour must be more frequent where the poses put a face than elsewhere: fingers that hide
+the face are also seen elsewhere."""
 
 SMOOTHING = 0.7
-"""Standard deviation of the smoothing of the densities that are compared [nodes]."""
+"""Standard deviation of the smoothing of the densities to compare [nodes]."""
 
 PALEST, DARK = 1.25, 6.0
-"""Least ratio of a face's channels in neutral light, to each of which so much is added [levels]: dark greys
-are noisy."""
+"""Smallest ratio of the largest to the smallest channel of a face in neutral light, and what is added to both
+first, since dark greys are noisy [levels]."""
 
 LEAST = 20
-"""Pixels of a face in a frame from which its hue is known."""
+"""Smallest number of pixels of a face in a frame that give its hue."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lesson:
-    """One frame in neutral light, with the faces where a pose puts them."""
+    """The pixels of one frame in neutral light, with faces according to a pose."""
 
     levels: Array
     """(N, 3) uint8 BGR of the pixels on faces or away from the object."""
     faces: Array
-    """(N,) label of the face that the pose puts there, 0 away from the object."""
+    """(N,) label of the face that the pose predicts, 0 away from the object."""
     found: Array
     """(N,) label that the colour model gave."""
     stray: Array
-    """(N,) bool: away from the object in a patch that looks like a face."""
+    """(N,) bool: away from the object, in a patch that looks like a face."""
 
     def hues(self) -> dict[int, float]:
-        """Hue of what the colour model took for each face, where the pose puts that face."""
+        """Return the hue [degrees] of each face, from pixels where pose and colour model agree on it."""
         result = {}
         for label in np.unique(self.faces[self.faces > 0]):
             agree = (self.faces == label) & (self.found == label)
@@ -176,8 +176,8 @@ class Lesson:
 
 
 def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors: ColorModel) -> Lesson:
-    """What a frame with a pose shows; `colors` is the model that the pose was found with."""
-    nothing = np.zeros(0, np.uint8)  # of an object that no camera shows
+    """Return the pixels of a frame with a pose; `colors` is the model with which the pose was found."""
+    nothing = np.zeros(0, np.uint8)  # if no camera shows the object
     parts = [(np.zeros((0, 3), np.uint8), nothing, nothing, nothing > 0)]
     for camera, image in zip(rig, images, strict=True):
         if image is None:
@@ -194,7 +194,7 @@ def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors:
 
 
 def _patches(labels: Image) -> Array:
-    """(H, W) bool: whether a pixel belongs to a patch of one face colour that is no speck."""
+    """Return (H, W) bool: whether a pixel belongs to a patch of one face colour that is not a speck."""
     least = MIN_AREA * (min(labels.shape) / REFERENCE_SIZE) ** 2
     result = np.zeros(labels.shape, dtype=bool)
     for label in np.unique(labels[labels > 0]):
@@ -207,22 +207,22 @@ def _patches(labels: Image) -> Array:
 
 
 def owners(lessons: Sequence[Lesson]) -> Array:
-    """(32³,) the face on which each colour is more frequent, in all frames together, than elsewhere; else 0.
+    """Return (32³,): the face on which each colour is CONSISTENT times as frequent as elsewhere; else 0.
 
-    What hides a face is seen elsewhere, too, and what a few wrong poses put there on other faces.
+    Over all frames, what hides a face is also seen elsewhere, and under a few wrong poses on other faces.
     """
     pairs = [(nodes_of(one.levels), one) for one in lessons]
     density = np.stack([_density([n[one.faces == k] for n, one in pairs]) for k in range(CLASSES)])
     best = np.argmax(density[1:], axis=0) + 1
     own = np.take_along_axis(density, best[None], axis=0)[0]
-    # Grey things may hide most of a face that is seen.
+    # Leave out greys: grey objects may hide most of a face in all frames.
     levels = 255.0 * (np.indices((NODES,) * 3).reshape(3, -1) / (NODES - 1)) ** 2
     colored = levels.max(axis=0) + DARK > PALEST * (levels.min(axis=0) + DARK)
     return np.where((own > CONSISTENT * density[0]) & colored, best, 0).astype(np.uint8)
 
 
 def consistent(lessons: Sequence[Lesson]) -> list[Mapping[int, Array]]:
-    """Pixels (N, 3) by label of each frame: of faces those in their own colours; 0: what is no object."""
+    """Return each frame's pixels (N, 3) by label: of faces only colours that they own; 0: background."""
     owner = owners(lessons)
     result: list[Mapping[int, Array]] = []
     for one in lessons:
@@ -233,13 +233,13 @@ def consistent(lessons: Sequence[Lesson]) -> list[Mapping[int, Array]]:
 
 
 def nodes_of(levels: Array) -> Array:
-    """(N,) nearest node of the colour model's grid, blue slowest, of pixels (N, 3)."""
+    """Return the index (N,) of the colour model's nearest node, blue slowest, for pixels (N, 3)."""
     cells = np.rint(compand(levels, NODES)).astype(np.int64)
     return np.asarray(np.ravel_multi_index((cells[:, 0], cells[:, 1], cells[:, 2]), (NODES,) * 3))
 
 
 def _density(nodes: Sequence[Array]) -> FloatArray:
-    """Density (32³,) over the nodes, smoothed; zeros where there is no pixel."""
+    """Return the smoothed density (32³,) over the nodes; all zeros without pixels."""
     counts = np.bincount(np.concatenate(nodes), minlength=NODES**3).astype(np.float64)
     if not counts.any():
         return counts
