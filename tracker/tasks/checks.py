@@ -1,4 +1,4 @@
-"""What goals and states have to be."""
+"""Checks of goals and states."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tracker.conventions import Array, FloatArray
 from tracker.errors import TaskError, shown
 
 LARGEST = 1e100
-"""Largest size of a number, far above any that makes sense: squares of it do not overflow."""
+"""Largest absolute value of a number, far above any that makes sense; its square does not overflow."""
 
 SHORTEST = 1e-9
-"""Least length of a quaternion, far above rounding."""
+"""Smallest length of a quaternion, far above rounding errors."""
 
 
 def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:
-    """A number or an array in double precision; TaskError where one is too large or, if `finite`, NaN."""
+    """Return a number or array in double precision; TaskError if any is too large or, if `finite`, NaN."""
     try:
         found: Array = np.asarray(value)
     except ValueError:
@@ -34,7 +34,7 @@ def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:
 
 
 def vectors(name: str, value: npt.ArrayLike, width: int = 3, *, finite: bool = False) -> FloatArray:
-    """Vectors (..., width); TaskError where they are none."""
+    """Return vectors (..., width); TaskError if malformed."""
     array = numbers(name, value, finite=finite)
     if array.ndim == 0 or array.shape[-1] != width:
         raise TaskError(f"{name}: found shape {array.shape}, expected (..., {width})")
@@ -42,7 +42,7 @@ def vectors(name: str, value: npt.ArrayLike, width: int = 3, *, finite: bool = F
 
 
 def quaternions(name: str, value: npt.ArrayLike, *, finite: bool = False) -> FloatArray:
-    """Orientations (..., 4) xyzw, scaled to length 1; TaskError where they are none."""
+    """Return orientations (..., 4) xyzw, scaled to length 1; TaskError if malformed."""
     array = vectors(name, value, 4, finite=finite)
     length = np.linalg.norm(array, axis=-1, keepdims=True)
     if (length < SHORTEST).any():
@@ -54,14 +54,14 @@ def quaternions(name: str, value: npt.ArrayLike, *, finite: bool = False) -> Flo
 def pair(
     what: str, read: Callable[..., FloatArray], goal: npt.ArrayLike, actual: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Goals and states as `read` makes them; TaskError where one is malformed or they do not fit together."""
+    """Return goals and states as read by `read`; TaskError if malformed or if shapes do not broadcast."""
     first, second = read(f"goal_{what}", goal, finite=True), read(what, actual)
     check_fit(f"goal_{what}", first.shape, what, second.shape)
     return first, second
 
 
 def check_fit(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[int, ...]) -> None:
-    """TaskError where shapes cannot be broadcast together."""
+    """Raise TaskError if shapes do not broadcast."""
     try:
         np.broadcast_shapes(shape, other_shape)
     except ValueError:

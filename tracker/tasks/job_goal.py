@@ -1,10 +1,10 @@
-"""What a job was to do: `goal.json` in its folder, as the platform writes it.
+"""The goal of a job: `goal.json` in its folder, as the platform writes it.
 
     {"difficulty": 4, "goal": {"position": [x, y, z], "orientation": [x, y, z, w]}}   a pose
     [[0, [x, y, z]], [30000, [x, y, z]], …]                                           a trajectory
     [[x, y, z], … 25 of them]                                                         dice
 
-The last two may also stand as `goal` in an object, as in a job's configuration, and dice as a pattern.
+The last two may also be the value of `goal` in an object, as in a job's configuration; dice may be a pattern.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FILE_NAME = "goal.json"
 """Name of the file in a job's folder."""
 
 STEPS_PER_SECOND = 1000.0
-"""Control steps of the platform, in which trajectories count time [1/s]."""
+"""Rate of the platform's control steps, the unit of time in trajectories [1/s]."""
 
 Task = Literal["move_object", "trajectory", "rearrange_dice"]
 
@@ -36,23 +36,23 @@ class JobGoal:
     """The goal of a job."""
 
     task: Task
-    """What was to be done."""
+    """Kind of task."""
     level: int | None = None
     """Difficulty of moving an object, 1 to 4."""
     position: FloatArray | None = None
-    """(3,) [m] where the object should go; (25, 3) where dice should be."""
+    """(3,) goal position of the object [m], or (25, 3) of the dice."""
     orientation: FloatArray | None = None
-    """(4,) xyzw of the object, if that matters."""
+    """(4,) xyzw goal orientation of the object, if it matters."""
     trajectory: tuple[tuple[float, tuple[float, ...]], ...] = ()
     """Pairs of the control step from which a goal is active, and its position [m]."""
 
     def rewards(
         self, seconds: FloatArray, position: FloatArray, orientation: FloatArray, model: CuboidModel
     ) -> FloatArray:
-        """Rewards (n,) of one control step each at times (n,) [s] since the job's beginning.
+        """Return rewards (n,), each of one control step, at times (n,) [s] since the job's beginning.
 
         Positions (n, 3) [m] and orientations (n, 4) xyzw are NaN where the object was not seen, and so is
-        the reward. TaskError: the task moves no object.
+        the reward. TaskError: the task does not move an object.
         """
         if self.task == "trajectory":
             return move_object.trajectory_reward(self.trajectory, STEPS_PER_SECOND * seconds, position)
@@ -64,7 +64,7 @@ class JobGoal:
 
 
 def read_job_goal(path: str | os.PathLike[str]) -> JobGoal:
-    """The goal in a job's file; TaskError, which names it, where it cannot be read or holds none."""
+    """Read the goal in a job's file; TaskError, which names the file, if it cannot be read or has no goal."""
     data = read_stored(path)
     with naming(Path(path), TaskError):
         return _goal(data)

@@ -1,10 +1,10 @@
 """Errors and rewards of the platform's tasks that move an object: to a goal, or along a trajectory of goals.
 
-Positions are of the object's centre in the world [m], orientations quaternions (x, y, z, w) of any length
-but 0; plain lists, as in a goal's JSON file, do as well as arrays. Every function works on one state or on
-many, such as all of an episode: leading axes are broadcast over.
+Positions are those of the object's centre in the world [m]. Orientations are quaternions (x, y, z, w) of any
+length but 0. Lists, as in a goal's JSON file, work as well as arrays. Every function takes one state or many,
+for instance all of an episode: leading axes broadcast.
 
-Goals are finite. A state may hold NaN where the object was not seen; its error and reward are NaN too.
+Goals must be finite. A state may be NaN where the object was not seen; its error and reward are NaN, too.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ __all__ = [
 ]
 
 XY_RANGE = 0.39
-"""Largest horizontal distance of two places: the arena's diameter [m]."""
+"""Largest horizontal distance of two positions: the arena's diameter [m]."""
 
 Z_RANGE = 0.1
-"""Height of the goals' space [m]."""
+"""Height of the space that goals are in [m]."""
 
 LEVELS = (1, 2, 3, 4)
 """Levels of difficulty: on the table, lifted, anywhere in the air; 4 with an orientation."""
 
 LONG = 2.0
-"""Least ratio of the longest edge to the next at which an object has a long axis."""
+"""Smallest ratio of the longest edge to the second longest at which an object has a long axis."""
 
 Trajectory = Sequence[tuple[float, npt.ArrayLike]]
 """Pairs of the time from which a goal is active, and its position (3,) [m]."""
 
 
 def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
-    """Errors (...) of positions (..., 3) [m]: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), about 1 at most.
+    """Return errors (...) of positions (..., 3) [m]: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), about 1 at most.
 
     Raises:
-        TaskError: an argument is malformed, or their leading axes do not fit together.
+        TaskError: an argument is malformed, or the leading axes do not broadcast.
     """
     goal, actual = pair("position", vectors, goal_position, position)
     difference = actual - goal
@@ -67,13 +67,13 @@ def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> Flo
 
 
 def rotation_error(goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike) -> FloatArray:
-    """Errors (...) in [0, 1] of orientations (..., 4) xyzw: the angle of the rotation between, divided by π.
+    """Return errors (...) in [0, 1] of orientations (..., 4) xyzw: the angle between them, divided by π.
 
     Raises:
-        TaskError: an argument is malformed, or their leading axes do not fit together.
+        TaskError: an argument is malformed, or the leading axes do not broadcast.
     """
     goal, actual = pair("orientation", quaternions, goal_orientation, orientation)
-    # Vector and scalar of goal⁻¹ · actual; exactly 0 where the two are equal.
+    # Vector and scalar part of goal⁻¹ · actual; the vector is exactly 0 if the two are equal.
     vector = goal[..., 3:] * actual[..., :3] - actual[..., 3:] * goal[..., :3]
     vector = vector - np.cross(goal[..., :3], actual[..., :3])
     scalar = np.sum(goal * actual, axis=-1)
@@ -84,19 +84,19 @@ def rotation_error(goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike) 
 def long_axis_error(
     goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike, *, axis: int = 1
 ) -> FloatArray:
-    """Errors (...) in [0, 1] of the direction of one axis of the object: the angle, divided by π.
+    """Return errors (...) in [0, 1] of the direction of one axis of the object: the angle, divided by π.
 
-    A turn about that axis costs nothing, a flip costs 1. The angle is exact to rounding. The platform's
-    package takes the arccosine of a cosine that it rounds to ten digits: it differs by up to 5e-11 rad over
+    Turning about that axis costs nothing, a flip costs 1. The angle is exact to rounding. The platform's
+    package takes the arccosine of a cosine rounded to ten digits. It differs by up to 5e-11 rad divided by
     the sine of the angle, and by up to 1e-5 rad near 0 and π.
 
     Args:
         goal_orientation: (..., 4) xyzw.
         orientation: (..., 4) xyzw.
-        axis: 0, 1 or 2: the object's x, y or z.
+        axis: 0, 1 or 2 for the object's x, y or z.
 
     Raises:
-        TaskError: an argument is malformed, or their leading axes do not fit together.
+        TaskError: an argument is malformed, or the leading axes do not broadcast.
     """
     if not is_whole(axis) or axis not in (0, 1, 2):
         raise TaskError(f"axis: found {shown(axis)}, expected 0, 1 or 2")
@@ -108,7 +108,7 @@ def long_axis_error(
 
 
 def long_axis(model: CuboidModel) -> int | None:
-    """The object's long axis (0, 1 or 2): of an edge at least twice as long as the others; else None."""
+    """Return the object's long axis (0, 1 or 2), at least twice as long as the others, or None."""
     of_kind(model, CuboidModel, "model", TaskError, "tracker.load_object")
     shorter, longest = np.sort(model.size)[1:]
     return int(np.argmax(model.size)) if longest >= LONG * shorter else None
@@ -123,10 +123,10 @@ def reward(
     *,
     model: CuboidModel | None = None,
 ) -> FloatArray:
-    """Rewards (...) of one control step each: 0 at the goal, negative elsewhere.
+    """Return rewards (...), each of one control step: 0 at the goal, negative elsewhere.
 
-    Levels 1 to 3: -e_position, whatever the orientation. Level 4: -½ (e_position + e_orientation), where
-    e_orientation is `long_axis_error` for an object with a long axis, else `rotation_error`.
+    Levels 1 to 3: -e_position; the orientation does not count. Level 4: -½ (e_position + e_orientation),
+    where e_orientation is `long_axis_error` for an object with a long axis, else `rotation_error`.
 
     Args:
         level: 1 to 4.
@@ -134,10 +134,10 @@ def reward(
         position: (..., 3) [m].
         goal_orientation: (..., 4) xyzw; level 4 needs it, the others ignore it.
         orientation: (..., 4) xyzw; likewise.
-        model: the object, whose size says whether it has a long axis; None: it has none.
+        model: the object, whose size tells whether it has a long axis; None: it has none.
 
     Raises:
-        TaskError: an argument is missing or malformed, or leading axes do not fit together.
+        TaskError: an argument is missing or malformed, or the leading axes do not broadcast.
     """
     if not is_whole(level) or level not in LEVELS:
         raise TaskError(f"level: found {shown(level)}, expected 1, 2, 3 or 4")
@@ -157,12 +157,12 @@ def reward(
 
 
 def episode_reward(rewards: npt.ArrayLike, *, steps: npt.ArrayLike = 1) -> FloatArray:
-    """Cumulative rewards (...) of episodes: the sum over their control steps.
+    """Return cumulative rewards (...) of episodes: the sum over their control steps.
 
     Args:
         rewards: (..., N) over time.
-        steps: number of control steps for which each reward holds, one for all or (..., N): 1 where there is
-            one for every step, 100 where poses come at 10 Hz and steps take 1 ms.
+        steps: number of control steps for which each reward holds, one for all or (..., N): 1 if there is
+            a reward for every step, 100 if poses come at 10 Hz and steps take 1 ms.
 
     Raises:
         TaskError: an argument is malformed.
@@ -182,10 +182,10 @@ def episode_reward(rewards: npt.ArrayLike, *, steps: npt.ArrayLike = 1) -> Float
 
 
 def weighted_total(episode_rewards: Mapping[int, npt.ArrayLike], *, median: bool = False) -> float:
-    """Total of the Real Robot Challenge: the sum over levels i of i · R_i.
+    """Return the total of the Real Robot Challenge: the sum over levels i of i · R_i.
 
-    R_i is the mean of the cumulative rewards of the episodes of level i, as the challenge had it for the
-    cube; for the cuboid it took the median, which bears a failed episode better.
+    R_i is the mean of the cumulative rewards of the episodes of level i, as in the challenge with the cube.
+    With the cuboid it was the median, which a failed episode changes less.
 
     Args:
         episode_rewards: cumulative rewards (N,) of the episodes of each of the levels 1 to 4.
@@ -209,12 +209,12 @@ def weighted_total(episode_rewards: Mapping[int, npt.ArrayLike], *, median: bool
 
 
 def active_goal(trajectory: Trajectory, time: npt.ArrayLike) -> FloatArray:
-    """Goals (..., 3) [m] that are active at times (...); each lasts until the next begins, the last for ever.
+    """Return goals (..., 3) [m] active at times (...); each lasts until the next begins, the last for ever.
 
     Args:
         trajectory: pairs (time, position), e.g. [(0, (0, 0, 0.05)), (30000, (0.1, 0, 0.08))]; the first
             begins at 0.
-        time: in the trajectory's unit; on the platform control steps of 1 ms.
+        time: in the trajectory's unit; control steps of 1 ms on the platform.
 
     Raises:
         TaskError: the trajectory is malformed, or a time is before its beginning.
@@ -228,7 +228,7 @@ def active_goal(trajectory: Trajectory, time: npt.ArrayLike) -> FloatArray:
 
 
 def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
-    """Rewards (...) of one control step each: -e_position to the goals that are active at the times (...).
+    """Return rewards (...), each of one control step: -e_position to the goal active at its time (...).
 
     Positions are (..., 3) [m]; trajectory and times as for `active_goal`.
 
@@ -239,7 +239,7 @@ def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt
 
 
 def _parsed(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Times (N,) and positions (N, 3) of a trajectory that has been checked."""
+    """Check a trajectory; return its times (N,) and positions (N, 3)."""
     check_sequence(trajectory, "trajectory", TaskError, "a list of pairs (time, position)")
     if len(trajectory) == 0:
         raise TaskError("trajectory: found no goals, expected at least one")
@@ -262,17 +262,17 @@ def _parsed(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
 
 
 def keypoints(position: npt.ArrayLike, orientation: npt.ArrayLike, size: npt.ArrayLike) -> FloatArray:
-    """Corners (..., 8, 3) [m] in the world of a box.
+    """Return the corners (..., 8, 3) [m] of a box in the world.
 
-    Corner i is on the + side of the object's x, y, z where bit 0, 1, 2 of i is 0.
+    Corner i is on the + side of the object's x, y, z if bit 0, 1, 2 of i is 0.
 
     Args:
-        position: (..., 3) of the box's centre [m]; NaN where it was not seen gives NaN.
+        position: (..., 3) of the box's centre [m]; NaN, where it was not seen, gives NaN.
         orientation: (..., 4) xyzw.
         size: (3,) edge lengths [m], as a model's `size`.
 
     Raises:
-        TaskError: an argument is malformed, or their leading axes do not fit together.
+        TaskError: an argument is malformed, or the leading axes do not broadcast.
     """
     places, turns = vectors("position", position), quaternions("orientation", orientation)
     check_fit("position", places.shape[:-1], "orientation", turns.shape[:-1])
@@ -282,14 +282,14 @@ def keypoints(position: npt.ArrayLike, orientation: npt.ArrayLike, size: npt.Arr
 def pose_from_keypoints(
     corners: npt.ArrayLike, size: npt.ArrayLike, *, tolerance: float = 1e-3
 ) -> tuple[FloatArray, FloatArray]:
-    """Position (..., 3) [m] and orientation (..., 4) xyzw of the box that has these corners.
+    """Return position (..., 3) [m] and orientation (..., 4) xyzw of the box with these corners.
 
-    The rotation is that of the least squares over all corners (Kabsch); the orientation's w is not negative.
+    The rotation is the least-squares solution over all corners (Kabsch); the orientation has w ≥ 0.
 
     Args:
-        corners: (..., 8, 3) [m] in the order of `keypoints`; NaN where it was not seen gives NaN.
+        corners: (..., 8, 3) [m] in the order of `keypoints`; NaN, where it was not seen, gives NaN.
         size: (3,) edge lengths [m].
-        tolerance: largest distance [m] of a corner from that of the box.
+        tolerance: largest distance of a corner from that of the fitted box [m].
 
     Raises:
         TaskError: an argument is malformed, or the corners are not those of a box of this size: one is
@@ -301,7 +301,7 @@ def pose_from_keypoints(
     if found.shape[-2:] != (8, 3):
         raise TaskError(f"keypoints: found shape {found.shape}, expected (..., 8, 3)")
     unseen = np.isnan(found.sum(axis=(-2, -1), keepdims=True))
-    # Anything that can be decomposed stands in for what was not seen.
+    # Replace unseen corners by any that have a singular value decomposition.
     seen = np.where(unseen, cuboid.keypoints(np.zeros(3), np.eye(3), edges), found)
     position = seen.mean(axis=-2)
     inside = cuboid.KEYPOINT_SIGNS * (edges / 2)

@@ -1,9 +1,8 @@
 """The task of the 25 dice: push them into a pattern.
 
-A goal is 25 places (x, y, z) [m] in the world. The dice look all the same, so it does not matter which
-of them is where: the state is judged by the pixels in each camera's image that show dice although no
-place of the goal is there. That takes a mask of the dice in each image, and a mask of the goal in each
-camera; the error is the number of pixels that are in the first and not in the second.
+A goal is 25 places (x, y, z) [m] in the world. The dice look alike, so it does not matter which of them is
+where. The error is the number of pixels, over all cameras' images, that show dice but no place of the goal:
+the pixels in the mask of the dice that are not in the mask of the goal.
 """
 
 from tracker.tasks.rearrange_dice.finder import Die as Die

@@ -1,6 +1,6 @@
-"""What each pixel says of the dice: seen or not, on a top or a side, on a pip or between pips.
+"""Evidence of dice: whether a pixel shows one, its top or a side, a pip or a part between pips.
 
-And what that is from above: where in the plane of the dice's tops squares of a die's size may lie.
+The evidence is projected into the plane of the dice's tops, in which squares of a die's size are proposed.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH
 
 SHADE = 0.6
-"""Gain of a pixel as bright as the tops if it is explained by a top, loss if by a side; and vice versa."""
+"""Gain of a pixel as bright as the tops if a top explains it, loss if a side does; and vice versa."""
 
 PIP = 1.5
-"""Loss of a pixel as pale as a pip if it is explained by a part of a face that has none; half of it is the
-gain otherwise."""
+"""Loss of a pixel as pale as a pip if a part of a face without pips explains it; the gain is half of it if
+another part does."""
 
 PALENESS = 0.3
-"""Ratio of red to blue of a pip, above that of the dice's blue."""
+"""Excess of the ratio of red to blue of a pip over that of the dice's blue."""
 
 OUTLINE = 0.3
 """Weight of the mask's outermost pixels: whether they show dice depends on how generous the mask is."""
 
 MIN_PIXELS = 50
-"""Pixels of dice in an image below which their shades are not looked at."""
+"""Smallest number of dice pixels in an image for which their shades are used."""
 
 
 NOTHING, DICE, UNKNOWN = range(3)
-"""What a mask says of a pixel."""
+"""Values of a pixel in a mask."""
 
 
 def evidence(mask: Array, image: Image | None) -> tuple[Array, Image, Array]:
-    """What a mask (H, W) of dice says, and its BGR image (H, W, 3) if there is one.
+    """Return the evidence in a mask (H, W) of dice, and in its BGR image (H, W, 3) if there is one.
 
     Returns:
-        (5, H, W) float32: what is gained where a pixel is explained by NONE, SIDE, SIDE_RIM, TOP, TOP_RIM;
+        (5, H, W) float32: score of a pixel if NONE, SIDE, SIDE_RIM, TOP, TOP_RIM explains it;
         (H, W) of NOTHING, DICE; and
-        (H, W) float32: from -1, as dark as the sides, to 1, as bright as the tops; 0 unknown.
+        (H, W) float32: from -1, as dark as the sides, to 1, as bright as the tops; 0 if unknown.
     """
     seen = (mask > 0).astype(np.uint8)
     inner = np.asarray(cv2.erode(seen, np.ones((3, 3), np.uint8)), dtype=np.uint8)
@@ -59,7 +59,7 @@ def evidence(mask: Array, image: Image | None) -> tuple[Array, Image, Array]:
 
 
 def _shade(image: Image, seen: Image, inner: Image) -> Array:
-    """How bright the dice's blue is, between the means of the darker and the brighter ones of two classes."""
+    """Return the brightness of the dice's blue; -1 and 1: means of its dark and bright class (Otsu)."""
     blue = image[..., 0]
     levels = blue[inner > 0]
     border, _ = cv2.threshold(levels[:, None], 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
@@ -72,45 +72,45 @@ def _shade(image: Image, seen: Image, inner: Image) -> Array:
 
 
 def _paleness(image: Image, inner: Image) -> Array:
-    """From 0, blue, to 1, a pip; 0 at the mask's edge, where the blue mixes with what is beyond."""
+    """Return from 0, blue, to 1, a pip; 0 at the mask's edge, where the blue mixes with its surroundings."""
     ratio = (image[..., 2] + np.float32(5)) / (image[..., 0] + np.float32(5))
     usual = np.float32(np.median(ratio[inner > 0]))
     return np.where(inner > 0, np.clip((ratio - usual) / np.float32(PALENESS), 0, 1), np.float32(0))
 
 
 def tops(masks: Image, shades: Array) -> Array:
-    """(C, H, W) float32: from -0.7, no dice, to 1, as bright as a die's top; 0 unknown."""
+    """Rate pixels (C, H, W) float32: from -0.7, no dice, to 1, as bright as a die's top; 0 if unknown."""
     shaded = shades.any(axis=(1, 2), keepdims=True)
     seen = np.where(shaded, 0.4 + 0.6 * shades, np.float32(0.5))
     return np.choose(masks, (np.float32(-0.7), seen, np.float32(0))).astype(np.float32)
 
 
 CELL = 0.002
-"""Edge of the plane's cells [m]."""
+"""Edge length of the plane's cells [m]."""
 
 REACH = 0.196
-"""Radius within which dice may lie, to their edges [m]."""
+"""Radius that the edges of dice do not exceed [m]."""
 
 LEVELS = 2
-"""Planes: the tops of dice on the table, and of dice on these."""
+"""Number of planes: the tops of dice on the table, and of dice on these."""
 
 STACKED = 0.25
-"""By how much the evidence of a die on another must be better, as a share of the best."""
+"""Penalty on the evidence of a die on another one, as a share of the largest possible evidence."""
 
 ENOUGH = 0.15
-"""Evidence from which a square is proposed, as a share of the best."""
+"""Smallest evidence of a proposed square, as a share of the largest possible."""
 
 BORDER = 0.003
 """Width of a square's outline [m]."""
 
 SLACK = 0.0005
-"""By how much neighbouring squares may overlap [m]."""
+"""Margin of a proposed square that neighbours may overlap [m]."""
 
 _STYLES = ((0.5, 0.0), (0.9, 0.0), (0.5, 7.5))
-"""Weight of the outline, and first yaw [°]."""
+"""Weight of the outline, and first yaw [°], of each style."""
 
 STYLES = len(_STYLES)
-"""Number of ways to fill crowds."""
+"""Number of ways to fill a crowd with squares."""
 
 _COUNT = 2 * round(0.2 / CELL)
 _LINE = (np.arange(_COUNT) - (_COUNT - 1) / 2) * CELL
@@ -120,7 +120,7 @@ _HALF = int(np.ceil((DIE_WIDTH / 2 + BORDER) * np.sqrt(2) / CELL))
 
 
 class Plan:
-    """The planes, each cell with its pixel in each camera, over a table at a height [m] in their world."""
+    """The planes of tops over a table at a height [m] in the world, with each cell's pixel in each camera."""
 
     def __init__(self, cameras: Sequence[Camera], table: float = 0.0) -> None:
         heights = [table + (k + 1) * DIE_WIDTH for k in range(LEVELS)]
@@ -128,7 +128,7 @@ class Plan:
         self.cameras, self.table = cameras, table
 
     def project(self, ratings: Iterable[Array], known: int) -> list[Array]:
-        """Mean over the `known` cameras of their ratings (H, W) of each cell; one plane (N, N) a level."""
+        """Return a plane (N, N) for each level: mean ratings (H, W) of its cells, over `known` cameras."""
         planes = []
         for maps in self._maps:
             plane = np.zeros_like(_X, dtype=np.float32)
@@ -139,11 +139,11 @@ class Plan:
         return planes
 
     def propose(self, planes: Sequence[Array], style: int, most: int, enough: float = ENOUGH) -> FloatArray:
-        """Dice (N, 4) as (x, y, foot, yaw), best first: squares on cells that are rated well, side by side.
+        """Propose up to `most` dice (N, 4) as (x, y, foot, yaw), best first: squares of well-rated cells.
 
-        A square counts for more if nothing lies along its outline. What is taken no longer counts for
-        others, so that in a crowd one corner after the other is filled, in another order by each style from
-        0 to STYLES - 1. Planes (N, N) are rated from -1 to 1; from `enough` on a square is proposed.
+        A square scores higher if nothing lies along its outline. Cells of a proposed square do not count for
+        others, so that a crowd is filled corner by corner, in another order for each style from 0 to
+        STYLES - 1. Planes (N, N) are rated from -1 to 1; squares with less than `enough` are not proposed.
         """
         squares, yaws = _templates(style)
         planes = [plane.copy() for plane in planes]
@@ -171,7 +171,7 @@ class Plan:
 
 
 def _pixels(camera: Camera, height: float) -> tuple[Array, Array]:
-    """Columns and rows (N, N) of the cells' centres at a height [m]; far outside where they are not seen."""
+    """Return pixel columns and rows (N, N) of the cells' centres at a height [m]; far outside if not seen."""
     points = np.stack([_X, _Y, np.full_like(_X, height)], axis=-1).reshape(-1, 3)
     pixels = np.nan_to_num(camera.project_in_view(points), nan=-1e4).astype(np.float32)
     columns, rows = pixels.T.reshape(2, _COUNT, _COUNT)
@@ -188,14 +188,14 @@ def _filter(plane: Array, square: Array) -> Array:
 
 
 def _distance(x: Array, y: Array, yaw: float) -> Array:
-    """Largest of the two distances along the axes of a square about the origin, turned by yaw."""
+    """Return the larger distance from the origin along the two axes of a square turned by yaw [rad]."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.asarray(np.maximum(np.abs(cos * x + sin * y), np.abs(cos * y - sin * x)))
 
 
 @functools.cache
 def _templates(style: int) -> tuple[list[Array], FloatArray]:
-    """Squares with their outlines, and their yaws [rad]."""
+    """Return filter kernels of squares with outlines, and their yaws [rad]."""
     outline, first = _STYLES[style]
     yaws = np.radians(first + np.arange(0.0, 90.0, 15.0))
     line = np.arange(-_HALF, _HALF + 1) * CELL

@@ -1,9 +1,9 @@
-"""Where the dice are: from the masks of all cameras together, and their images if there are any.
+"""Locate dice from the masks of all cameras together, and from their images if there are any.
 
-Squares of a die's size are looked for in the plane of the dice's tops, seen `from_above`. The set
-of dice is then improved in the views themselves (`set_score`): each die moves to where it explains most; dice
-that explain too little go; what is left unexplained proposes further ones; and dice that other ways of
-filling a crowd propose take the places of those that they overlap, if all together then explain more.
+Squares of a die's size are proposed in the plane of the dice's tops (`evidence.Plan`). Then the set of dice
+is improved in the views themselves (`set_score`): each die moves to where it explains most, and dice that
+explain too little are dropped. Unexplained pixels propose further dice. Dice from other ways to fill a crowd
+replace those that they overlap if the whole set then explains more.
 """
 
 from __future__ import annotations
@@ -30,37 +30,37 @@ from tracker.tasks.rearrange_dice.score import masks_of
 from tracker.tasks.rearrange_dice.set_score import Canvas, Views, overlap
 
 SIZE = 270
-"""Shorter side of the views in which dice are looked for [px]."""
+"""Approximate shorter side of the reduced views in which dice are located [px]."""
 
 LEAST = 0.5
-"""Probability below which a die is not reported."""
+"""Smallest probability of a die that is reported."""
 
 STEPS = np.array([0.004, 0.002, 0.001, 0.0005])
-"""Of a die's moves [m]; the first is for dice that were never settled."""
+"""Step lengths of a die's moves [m]; the first is used only in the first sweep."""
 
 MOVED = np.array([0.0002, 0.0002, 0.0004, 0.01])
-"""Change of a die (x, y, foot, yaw) [m, rad] after which its neighbours are looked at again."""
+"""Change of a die (x, y, foot, yaw) above which its neighbours are settled again [m, rad]."""
 
 NEAR = 0.05
-"""Distance within which dice touch or hide each other [m]."""
+"""Distance within which dice may touch or hide each other [m]."""
 
 MOST = 40
-"""Proposals of one way to fill the plane."""
+"""Largest number of proposals of one style."""
 
 BIRTHS, BIRTH_FIT = 6, 0.05
-"""Proposals from what is unexplained, and how well they must fit it."""
+"""Largest number of proposals from unexplained pixels, and their smallest evidence."""
 
 OVERLAP = 0.004
-"""Overlap from which a die cannot stay beside a proposal [m]."""
+"""Overlap from which a proposal replaces a die [m]."""
 
 BETTER = 1.0
-"""By how much an exchange must explain more."""
+"""Smallest increase of the score by which an exchange is accepted."""
 
 TABLE_SURE = 150.0
-"""Gain of dice whose heights tell that of the table."""
+"""Smallest gain of the dice whose heights give that of the table."""
 
 TABLE_OFF = 0.002
-"""Height of the table from which on the proposals are made again [m]."""
+"""Height of the table above which proposals are made again [m]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,13 +68,13 @@ class Die:
     """One die that lies flat, on the table or on other dice."""
 
     position: FloatArray
-    """(3,) its centre in the world [m]; read-only."""
+    """(3,) centre in the world [m]; read-only."""
     yaw: float
-    """Its rotation about z [rad], from -π/4 to π/4, since its sides look alike."""
+    """Rotation about z [rad], from -π/4 to π/4, since the sides look alike."""
     probability: float
-    """Calibrated probability that a die's centre is within half a die's edge of here."""
+    """Calibrated probability that a die's centre is within half a die's edge of `position`."""
     gain: float
-    """Log likelihood that it adds to that of the others, in pixels that it explains."""
+    """Log likelihood that this die adds to that of the others, in units of one explained pixel."""
 
     def __post_init__(self) -> None:
         freeze(self, "position", np.array(self.position, dtype=np.float64))
@@ -87,23 +87,22 @@ def locate(
     *,
     most: int = NUM_DICE,
 ) -> tuple[Die, ...]:
-    """The dice that explain the masks of all cameras together best, the surest first.
+    """Return the dice that together best explain the masks of all cameras, the most certain first.
 
-    Dice lie flat, in any place and turned in any way, on the table or on each other. The table may be up to
-    half a die above or below the world's z = 0, as with calibrations that are off: the dice's heights tell.
+    Dice lie flat on the table or on each other, anywhere and with any yaw. With inaccurate calibrations, the
+    table may be up to half a die above or below the world's z = 0; its height follows from those of the dice.
     A die that fingers or other dice hide almost everywhere is not found.
 
     Args:
         rig: the cameras.
-        masks: (H, W) of 0/1, 0/255 or bool for each camera, as `segment_dice` gives them; None: the camera
-            gave no image.
-        images: (H, W, 3) uint8 BGR of each camera. Tops are brighter than sides, and pips keep away from
-            edges: with them dice in a crowd are separated better than by masks alone.
-        most: number of dice that there are.
+        masks: (H, W) of 0/1, 0/255 or bool for each camera, as returned by `segment_dice`; None: no image.
+        images: (H, W, 3) uint8 BGR of each camera. Tops are brighter than sides, and pips are away from
+            edges, so images separate dice in a crowd better than masks alone.
+        most: number of dice in the arena, the largest number returned.
 
     Raises:
-        TaskError: a mask is malformed, or there are not as many as cameras.
-        ImageError: an image is malformed, or there are not as many as cameras.
+        TaskError: a mask is malformed, or their number is not that of the cameras.
+        ImageError: an image is malformed, or their number is not that of the cameras.
     """
     of_kind(rig, CameraRig, "rig", TaskError, "tracker.CameraRig.load")
     if not is_whole(most) or most < 0:
@@ -122,7 +121,7 @@ def locate(
 
 
 def _images_of(rig: CameraRig, images: Sequence[Array | None]) -> Sequence[Array | None]:
-    """The images of a rig's cameras themselves; ImageError where there are others."""
+    """Return the images if they fit the rig's cameras; else raise ImageError."""
     check_sequence(images, "images", TaskError)
     if len(images) != len(rig):
         raise ImageError(f"images: found {len(images)}, expected one of each of {', '.join(rig.names)}")
@@ -135,13 +134,13 @@ def _images_of(rig: CameraRig, images: Sequence[Array | None]) -> Sequence[Array
 
 
 PROBABILITY = {True: (-4.21, 1.571), False: (-2.62, 1.140)}
-"""Log odds that a die is real: offset, and weight of the log of its gain; with images and with masks alone.
+"""Offset, and weight of the log gain, in the log odds that a die is real; with images, and with masks only.
 Fitted by scripts/fit_dice_probability.py on rendered scenes."""
 
 
 @functools.lru_cache(maxsize=4)
 def _prepared(rig: CameraRig) -> tuple[Plan, Array, Array]:
-    """What depends on the rig alone: a plan of the reduced cameras, their slopes and lenses, see `Views`."""
+    """Return what depends only on the rig: plan, slopes and lenses of the reduced cameras, see `Views`."""
     cameras = tuple(_reduced_camera(camera) for camera in rig)
     size = (max(c.height for c in cameras), max(c.width for c in cameras))
     slopes = np.zeros((len(cameras), *size, 2), np.float32)
@@ -151,10 +150,10 @@ def _prepared(rig: CameraRig) -> tuple[Plan, Array, Array]:
 
 
 def _slopes(camera: Camera) -> FloatArray:
-    """How far each pixel's ray (H, W, 2) travels along x and y while it sinks by 1."""
+    """Return (H, W, 2): how far each pixel's ray travels along x and y while it descends by 1."""
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2))
-    # A ray that does not sink meets no table; a slope beyond all dice stands for it.
+    # A ray that does not descend misses the table; it gets a slope beyond all dice.
     sink = np.maximum(-np.nan_to_num(rays[:, 2], nan=0.0), 1e-3)
     slopes: FloatArray = np.nan_to_num(rays[:, :2] / sink[:, None], nan=1e3)
     return slopes.reshape(camera.height, camera.width, 2)
@@ -168,13 +167,13 @@ def _reduced(image: Image, camera: Camera) -> Image:
 
 
 def _reduced_camera(camera: Camera) -> Camera:
-    """The camera of images reduced by a whole factor so that their shorter side comes nearest to SIZE."""
+    """Return the camera of images reduced by the integer factor that brings their shorter side near SIZE."""
     factor = max(1, round(min(camera.width, camera.height) / SIZE))
     return camera.resized(camera.width // factor, camera.height // factor)
 
 
 class Search:
-    """One search in the evidence of all views."""
+    """One search for dice in the evidence of all views."""
 
     def __init__(self, rig: CameraRig, masks: Sequence[Array | None], images: Sequence[Array | None]) -> None:
         self._plan, slopes, lenses = _prepared(rig)
@@ -193,12 +192,12 @@ class Search:
         self._known = int((known != UNKNOWN).any(axis=(1, 2)).sum())
 
     def run(self) -> tuple[FloatArray, FloatArray]:
-        """Dice (N, 4) as (x, y, foot, yaw) [m, rad], and what each gains (N,); the greatest gain first."""
+        """Return dice (N, 4) as (x, y, foot, yaw) [m, rad], and their gains (N,), in descending order."""
         if not (self.views.masks == DICE).any():
             return np.empty((0, 4)), np.empty(0)
         starts = self._starts()
         dice = self._improve(starts[0], rounds=3)
-        # The height of the table in the cameras' world, by the dice on it: calibrations may be off.
+        # Estimate the height of the table in the world from the dice on it, as calibrations may be off.
         feet = dice[self._gains(dice) > TABLE_SURE, 2]
         feet = feet[np.abs(feet) < DIE_WIDTH / 2]
         table = float(np.median(feet)) if len(feet) else 0.0
@@ -239,7 +238,7 @@ class Search:
         return np.array([self._gain(dice, k) for k in range(len(dice))], dtype=np.float64)
 
     def _improve(self, dice: FloatArray, rounds: int, stale: Array | None = None) -> FloatArray:
-        """Let dice settle, drop those that explain too little, add what is unexplained, `rounds` times."""
+        """Settle dice, drop those that explain too little, propose for unexplained pixels, `rounds` times."""
         dice = dice.copy()
         stale = np.ones(len(dice), dtype=bool) if stale is None else stale
         gains = np.full(len(dice), np.inf)
@@ -258,7 +257,7 @@ class Search:
         return dice
 
     def _sweep(self, dice: FloatArray, gains: FloatArray, stale: Array, steps: FloatArray) -> Array:
-        """Let the stale dice settle, in place; returns those next to which another has moved since."""
+        """Settle the stale dice, in place; return (N,) bool: dice near which another has moved since."""
         after = np.zeros(len(dice), dtype=bool)
         for k in np.flatnonzero(stale):
             before = dice[k].copy()
@@ -271,7 +270,7 @@ class Search:
     def _prune(
         self, dice: FloatArray, gains: FloatArray, stale: Array
     ) -> tuple[FloatArray, FloatArray, Array]:
-        """Without the dice whose gain does not pay their price, the worst first."""
+        """Drop dice with a negative gain, the worst first; return dice, gains and which are stale."""
         while len(dice):
             worst = int(np.argmin(gains))
             if gains[worst] >= 0:
@@ -290,14 +289,14 @@ class Search:
             part = c, slice(camera.height), slice(camera.width)
             mask = self.views.masks[part]
             rest = ((mask == DICE) & (self._canvas.classes[part] == 0)).astype(np.uint8)
-            # No dice; dice that are explained; unknown.
+            # Ratings of NOTHING, of explained DICE, of UNKNOWN.
             rated = np.array([-0.5, -0.1, 0.0], np.float32)[mask]
             rated[cv2.medianBlur(rest, 3) > 0] = 1
             left.append(rated)
         return self._plan.propose(self._plan.project(left, self._known), 0, BIRTHS, BIRTH_FIT)
 
     def _with(self, dice: FloatArray, proposal: FloatArray) -> FloatArray | None:
-        """Dice with a proposal in the place of up to two; None if it is among them, or needs more room."""
+        """Replace up to two dice by a proposal; None if it is already there or would replace more."""
         away = np.hypot(dice[:, 0] - proposal[0], dice[:, 1] - proposal[1])
         apart = np.abs(dice[:, 2] - proposal[2])
         turn = np.abs((dice[:, 3] - proposal[3] + np.pi / 4) % (np.pi / 2) - np.pi / 4)
@@ -316,5 +315,5 @@ class Search:
 
 
 def _near(dice: FloatArray, die: FloatArray) -> Array:
-    """(N,) whether each of the dice may touch or hide a die, or the other way round."""
+    """Return (N,) bool: whether each of the dice may touch or hide a die, or be hidden by it."""
     return np.asarray(np.hypot(dice[:, 0] - die[0], dice[:, 1] - die[1]) < NEAR)

@@ -1,11 +1,11 @@
-"""Goals of the dice task, 25 places in the arena, one for each die; and their files: JSON, or patterns.
+"""Goals of the dice task, 25 places in the arena, and their files: JSON or patterns.
 
-A pattern draws a goal with characters: 17 rows of 17 cells, as the platform's pattern files have them. The
-first row holds the cells of the smallest x, a row's first character that of the smallest y:
+A pattern draws a goal with characters in 17 rows of 17 cells, like the platform's pattern files. The first
+row has the cells with the smallest x; the first character of a row is the cell with the smallest y:
     #  outside the arena
     .  inside, empty
     X  inside, a die belongs here
-After the rows the text ends, or goes on after an empty line or one of dashes and means nothing.
+Text after the rows is ignored if it follows an empty line or starts with a line of dashes.
 """
 
 from __future__ import annotations
@@ -31,53 +31,53 @@ NUM_DICE = 25
 """Number of dice, and of places in a goal."""
 
 DIE_WIDTH = 0.022
-"""Edge of a die [m]."""
+"""Edge length of a die [m]."""
 
 TOLERANCE = 0.004
-"""By how much the box in which a die counts as placed is wider than a die [m]."""
+"""Excess width, over a die, of the box in which a die counts as placed [m]."""
 
 ARENA_RADIUS = 0.19
-"""Places of dice lie within this distance of the arena's centre [m]."""
+"""Radius around the arena's centre within which all corners of placed dice must be [m]."""
 
 CELLS_PER_ROW = 17
-"""Cells, each as wide as a die, along each side of the grid."""
+"""Number of cells, each as wide as a die, along each side of the grid."""
 
 SLACK = 1e-9
-"""Overlap of a place with the arena's border or floor that is due to rounding [m]."""
+"""Tolerance for rounding errors at the arena's border and floor [m]."""
 
 
 def cell_centers() -> FloatArray:
-    """Centres (17, 17, 3) [m] of all cells of the grid: first axis along the world's x, second along y."""
+    """Return the centres (17, 17, 3) [m] of all cells: first axis along the world's x, second along y."""
     steps = (np.arange(CELLS_PER_ROW) - (CELLS_PER_ROW - 1) / 2) * DIE_WIDTH
     x, y = np.meshgrid(steps, steps, indexing="ij")
     return np.stack([x, y, np.full_like(x, DIE_WIDTH / 2)], axis=-1)
 
 
 def in_arena(positions: Array) -> Array:
-    """Which of the dice whose centres (..., 3) [m] are given lie, axis-aligned, inside the arena: bool."""
+    """Return (...) bool: whether axis-aligned dice with centres (..., 3) [m] lie inside the arena."""
     return reach(positions) <= ARENA_RADIUS + SLACK
 
 
 def reach(positions: Array) -> FloatArray:
-    """Distance [m] of the outermost corner of axis-aligned dice at (..., 3) [m] from the arena's axis."""
+    """Return the distance [m] from the arena's axis to the farthest corner of axis-aligned dice (..., 3)."""
     corner = np.abs(positions[..., :2]) + DIE_WIDTH / 2
     return np.asarray(np.hypot(corner[..., 0], corner[..., 1]), dtype=np.float64)
 
 
 def cells() -> FloatArray:
-    """Centres (N, 3) [m] of the cells that lie inside the arena, ordered by x, then by y."""
+    """Return the centres (N, 3) [m] of the cells inside the arena, ordered by x, then by y."""
     centers = cell_centers().reshape(-1, 3)
     return centers[in_arena(centers)]
 
 
 def sample_goal(rng: int | np.random.Generator) -> FloatArray:
-    """A random goal (25, 3) [m]: different cells, all equally likely.
+    """Return a random goal (25, 3) [m]: different cells, all equally likely.
 
     Args:
-        rng: a generator, or the seed of one.
+        rng: a generator, or a seed for one.
 
     Raises:
-        TaskError: it is neither.
+        TaskError: `rng` is neither.
     """
     if not isinstance(rng, np.random.Generator) and not (is_whole(rng) and rng >= 0):
         valid = "a whole number from 0 or a numpy.random.Generator"
@@ -86,12 +86,12 @@ def sample_goal(rng: int | np.random.Generator) -> FloatArray:
 
 
 def validate_goal(goal: npt.ArrayLike) -> FloatArray:
-    """The goal as an array (25, 3) [m] of its own.
+    """Return the goal as a new array (25, 3) [m].
 
     As on the platform, places may overlap and be above the floor.
 
     Raises:
-        TaskError: it is not 25 positions, or one of them is outside the arena or below its floor.
+        TaskError: the goal is not 25 positions, or one is outside the arena or below its floor.
     """
     places = finite_positions(goal, "goal")
     if len(places) != NUM_DICE:
@@ -108,7 +108,7 @@ def validate_goal(goal: npt.ArrayLike) -> FloatArray:
 
 
 def finite_positions(value: npt.ArrayLike, what: str) -> FloatArray:
-    """Positions (N, 3) [m], perhaps none, as an array of its own; TaskError where `what` is none."""
+    """Return positions (N, 3) [m], N ≥ 0, as a new array; TaskError, which names `what`, if malformed."""
     places = numbers(what, value, finite=True)
     if places.size == 0 and places.ndim in (1, 2):
         return np.empty((0, 3))
@@ -118,29 +118,29 @@ def finite_positions(value: npt.ArrayLike, what: str) -> FloatArray:
 
 
 def as_text(position: Array) -> str:
-    """A position in a message."""
+    """Format a position for a message."""
     return f"({', '.join(f'{value:g}' for value in position)})"
 
 
 OUTSIDE, EMPTY, GOAL = "#.X"
 
 ON_CELL = 1e-6
-"""How far from a cell's centre a goal may be that is drawn in it [m]."""
+"""Largest distance of a goal from the centre of the cell in which a pattern shows it [m]."""
 
 MAX_FILE_SIZE = 1_000_000
-"""Largest file [bytes] that is parsed; goals have 2 kB."""
+"""Largest file that is parsed [bytes]; goals have 2 kB."""
 
 _JSON, _PATTERN = ".json", ".txt"
 
 
 def read_goal(path: str | os.PathLike[str]) -> FloatArray:
-    """The goal (25, 3) [m] in a file.
+    """Read a goal (25, 3) [m] from a file.
 
     A file that starts with `[` or `{` is JSON: a list of 25 positions `[x, y, z]` [m], or an object with
-    such a list as `goal`, whose other keys are ignored. Any other file is a pattern, see `parse_pattern`.
+    such a list as `goal`; other keys are ignored. Any other file is a pattern, see `parse_pattern`.
 
     Raises:
-        TaskError: the file cannot be read or holds no valid goal; the message names it and what is wrong.
+        TaskError: the file cannot be read or has no valid goal; the message names the file and the reason.
     """
     data = read_stored(path)
     with naming(Path(path), TaskError):
@@ -155,9 +155,9 @@ def read_goal(path: str | os.PathLike[str]) -> FloatArray:
 
 
 def read_stored(path: str | os.PathLike[str]) -> Any:
-    """The value of a file of JSON, a list or an object, or the text of another; TaskError, which names it.
+    """Return the list or object in a JSON file, or the text of any other file.
 
-    In JSON no key may be there twice, and all numbers are finite.
+    TaskError names a file that cannot be read. In JSON, keys must be unique and numbers finite.
     """
     path = path_of(path, "goal", TaskError)
     with told_of(path, TaskError):
@@ -175,7 +175,7 @@ def read_stored(path: str | os.PathLike[str]) -> Any:
             raise TaskError(f"found byte {error.start}, which is no UTF-8, {valid}") from error
         except RecursionError as error:
             raise TaskError("nested too deeply, expected a goal") from error
-        except ValueError as error:  # also a whole number of thousands of digits
+        except ValueError as error:  # also for an integer with thousands of digits
             raise TaskError(f"not JSON: {error}") from error
 
 
@@ -191,7 +191,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def places_of(data: Any) -> FloatArray:
-    """The goal (25, 3) [m] in a value of JSON, a list of positions; TaskError where it is none."""
+    """Return the goal (25, 3) [m] in a JSON value, a list of positions; TaskError if malformed."""
     if not isinstance(data, list):
         raise TaskError(f"goal: found {shown(data)}, expected a list of 25 positions [x, y, z]")
     for index, place in enumerate(data):
@@ -206,9 +206,9 @@ def places_of(data: Any) -> FloatArray:
 
 
 def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
-    """Write a goal (25, 3) [m], whole or not at all: as JSON (.json) or as a pattern (.txt).
+    """Write a goal (25, 3) [m] atomically, as JSON (.json) or as a pattern (.txt).
 
-    `read_goal` returns the same positions: from JSON the same bits, from a pattern in the cells' order.
+    `read_goal` returns the same positions: from JSON bit by bit, from a pattern in the cells' order.
 
     Raises:
         TaskError: the goal is not valid, a pattern cannot show it, or the file cannot be written.
@@ -223,10 +223,10 @@ def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
 
 
 def parse_pattern(text: str) -> FloatArray:
-    """The goal (25, 3) [m] of a pattern, in the order of the text.
+    """Return the goal (25, 3) [m] of a pattern, in the order of the text.
 
     Raises:
-        TaskError: the text is no pattern; rows and columns in the message count from 1.
+        TaskError: the text is not a pattern; rows and columns in the message count from 1.
     """
     lines = re.split(r"\r\n|\r|\n", of_kind(text, str, "pattern", TaskError))
     filled_lines = list(takewhile(bool, (line.rstrip(" \t") for line in lines)))
@@ -257,7 +257,7 @@ def parse_pattern(text: str) -> FloatArray:
 
 
 def pattern(goal: npt.ArrayLike) -> str:
-    """The pattern of a goal (25, 3) [m] whose places are cells.
+    """Return the pattern of a goal (25, 3) [m] whose places are cells.
 
     Raises:
         TaskError: the goal is not valid, a place is not the centre of a cell, or two are in one cell.
@@ -278,7 +278,7 @@ def pattern(goal: npt.ArrayLike) -> str:
 
 
 def empty_pattern() -> str:
-    """The pattern in which no cell is a goal, to be filled in."""
+    """Return the pattern without goals, to be filled in."""
     return _text(np.zeros((CELLS_PER_ROW, CELLS_PER_ROW), np.bool_))
 
 

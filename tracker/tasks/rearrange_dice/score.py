@@ -1,4 +1,4 @@
-"""The task's score: pixels that show dice where there should be none; and which die belongs where."""
+"""The task's error, counted in pixels that show dice outside the goal; assignment of dice to places."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, TOLERANCE, finite_positions
 
 TARGET_WIDTH = DIE_WIDTH + TOLERANCE
-"""Edge of the boxes, with faces along the world's axes, in which dice count as placed [m]."""
+"""Edge length of the axis-aligned boxes in which dice count as placed [m]."""
 
 NO_DIE = -1
-"""Index of the die at a place that gets none."""
+"""Index of the die at a place without one."""
 
 _BOX = cuboid.corners(np.full(3, TARGET_WIDTH))
-_FARTHEST_PX = 2**15  # OpenCV's polygons overflow farther out
+_FARTHEST_PX = 2**15  # coordinates of OpenCV's polygons overflow beyond
 
 
 def goal_masks(rig: Iterable[Camera], goal: npt.ArrayLike, *, exact: bool = False) -> list[Image]:
-    """Where each camera of a rig may see dice: the boxes around the goal's positions, nothing hidden.
+    """Draw where each camera of a rig may see dice: the boxes around the goal's positions, without occlusion.
 
     Args:
         rig: the cameras.
         goal: (N, 3) [m] positions in the world; on the platform, N is 25.
-        exact: by default, corners are cut to whole pixels and the faces between them filled as the
-            platform does it, so that errors can be compared with published ones; the boxes then reach
-            on average a pixel too far to the left and up. With `exact`, a pixel is set
-            where the ray of its centre, bent by the lens, meets a box.
+        exact: whether to set the pixels whose centre's ray, with lens distortion, meets a box. By default,
+            corners are truncated to whole pixels and the faces between them filled as on the platform, so
+            that errors can be compared with published ones; the boxes then reach on average a pixel too
+            far to the left and up.
 
     Returns:
         Masks (H, W) of the cameras, 255 where dice may be, else 0.
@@ -53,26 +53,26 @@ def goal_masks(rig: Iterable[Camera], goal: npt.ArrayLike, *, exact: bool = Fals
 
 
 def error(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: Sequence[npt.ArrayLike] | Array) -> int:
-    """Number of pixels, over all cameras, that show dice outside the goal; see `error_per_camera`."""
+    """Return the number of pixels of all cameras that show dice outside the goal; see `error_per_camera`."""
     return sum(error_per_camera(goal_masks, dice_masks))
 
 
 def reward(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: Sequence[npt.ArrayLike] | Array) -> int:
-    """The task's reward for one set of images: the negative error."""
+    """Return the task's reward for one set of images: the negative error."""
     return -error(goal_masks, dice_masks)
 
 
 def error_per_camera(
     goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: Sequence[npt.ArrayLike] | Array
 ) -> tuple[int, ...]:
-    """Number of pixels of each camera that show dice outside the goal.
+    """Return the number of pixels of each camera that show dice outside the goal.
 
     Args:
-        goal_masks: (H, W) of each camera, 0 and 1, 0 and 255, or bool; one stacked array will do.
-        dice_masks: the same for the pixels that show dice.
+        goal_masks: (H, W) of each camera, 0 and 1, 0 and 255, or bool; may be one stacked array.
+        dice_masks: likewise, for the pixels that show dice.
 
     Raises:
-        TaskError: there is no mask, the two do not belong together, or one is not two-valued.
+        TaskError: there is no mask, number or shapes of the two differ, or a mask is not two-valued.
     """
     for what, given in (("goal masks", goal_masks), ("dice masks", dice_masks)):
         check_sequence(given, what, TaskError)
@@ -88,13 +88,13 @@ def error_per_camera(
             raise TaskError(
                 f"dice mask {index}: found shape {seen.shape}, expected the goal's {target.shape}"
             )
-        # 1 and 255 have a bit in common, so masks of either kind go together.
+        # 1 and 255 have a bit in common, so both kinds of masks can be mixed.
         errors.append(cv2.countNonZero(seen) - cv2.countNonZero(cv2.bitwise_and(seen, target)))
     return tuple(errors)
 
 
 def _box_pixels(camera: Camera, centers: FloatArray) -> FloatArray:
-    """Pixels (N, 8, 2) of the corners of the boxes at `centers` (N, 3) [m]; NaN out of view."""
+    """Return pixels (N, 8, 2) of the corners of boxes at `centers` (N, 3) [m]; NaN out of view."""
     corners = (centers[:, None] + _BOX).reshape(-1, 3)
     return camera.project_in_view(corners).reshape(-1, 8, 2)
 
@@ -113,14 +113,14 @@ def _exact_mask(camera: Camera, centers: FloatArray) -> Image:
     pixels = _box_pixels(camera, centers)
     near = np.ones_like(mask)
     if (np.abs(pixels) < _FARTHEST_PX).all():
-        # The lens bends the edges outwards between the corners.
+        # Distortion bends the edges outwards between the corners.
         margin = 2 + int(0.1 * np.ptp(pixels, axis=1).max(initial=0))
         near = np.asarray(cv2.dilate(_filled_mask(camera, centers), np.ones((2 * margin + 1,) * 2)), np.uint8)
     rows, columns = np.nonzero(near)
     with np.errstate(divide="ignore"):  # a ray along a face has an infinite inverse
         inverse = 1 / np.ascontiguousarray(camera.rays(np.stack([columns, rows], axis=1)).T)
     for center in centers - camera.position:
-        # A ray is inside the box where it is between each of the three pairs of parallel planes.
+        # Slab test: a ray is inside the box where it is between all three pairs of parallel planes.
         low, high = ((center + offset)[:, None] * inverse for offset in (-TARGET_WIDTH / 2, TARGET_WIDTH / 2))
         enters = np.fmax.reduce(np.fmin(low, high), axis=0)
         leaves = np.fmin.reduce(np.fmax(low, high), axis=0)
@@ -130,7 +130,7 @@ def _exact_mask(camera: Camera, centers: FloatArray) -> Image:
 
 
 def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None) -> Image:
-    """The mask (H, W), of 0 and 1, 0 and 255, or bool, as uint8; TaskError where `what` is none."""
+    """Return a mask (H, W) of 0 and 1, 0 and 255, or bool as uint8; TaskError names `what` if malformed."""
     mask = np.ascontiguousarray(value)
     if mask.dtype == np.bool_:
         mask = mask.view(np.uint8)
@@ -152,7 +152,7 @@ def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None
 
 
 def masks_of(rig: CameraRig, masks: Sequence[npt.ArrayLike | None], what: str) -> list[Image | None]:
-    """The masks of a rig's cameras as `as_mask` has them, or None; TaskError where there are others."""
+    """Return the masks of a rig's cameras as by `as_mask`, or None; TaskError if they do not fit the rig."""
     check_sequence(masks, f"{what} masks", TaskError)
     if len(masks) != len(rig):
         names = ", ".join(rig.names)
@@ -168,9 +168,9 @@ class Assignment:
     """Pairs of places and dice with the smallest sum of distances; arrays are read-only."""
 
     die: Array
-    """(N,) index of the die for each of the goal's places, NO_DIE where there are not enough dice."""
+    """(N,) index of the die for each of the goal's places, NO_DIE if it has none."""
     distance: FloatArray
-    """(N,) distance [m] between place and die; NaN where there is no die."""
+    """(N,) distance between place and die [m]; NaN without a die."""
 
     def __post_init__(self) -> None:
         freeze(self, "die", np.array(self.die, dtype=np.int64))
@@ -178,7 +178,7 @@ class Assignment:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """(place, die) of every pair."""
+        """Indices (place, die) of every pair."""
         return [(place, int(die)) for place, die in enumerate(self.die) if die != NO_DIE]
 
     @property
@@ -187,21 +187,21 @@ class Assignment:
         return float(np.nansum(self.distance))
 
     def count_within(self, distance: float = TOLERANCE) -> int:
-        """Number of places with a die at most `distance` [m] away."""
+        """Return the number of places with a die at most `distance` [m] away."""
         return int(np.count_nonzero(self.distance <= distance))
 
 
 def assign(goal: npt.ArrayLike, positions: npt.ArrayLike) -> Assignment:
     """Pair the places of a goal with dice so that the sum of their distances is smallest.
 
-    With fewer dice than places, or more, as many pairs as there can be. Deterministic.
+    There are min(N, M) pairs. The result is deterministic.
 
     Args:
         goal: (N, 3) [m] places in the world.
-        positions: (M, 3) [m] centres of dice in the world; none will do.
+        positions: (M, 3) [m] centres of dice in the world; M may be 0.
 
     Raises:
-        TaskError: goal or positions are of another shape or not finite.
+        TaskError: goal or positions have the wrong shape or are not finite.
     """
     places, dice = finite_positions(goal, "goal"), finite_positions(positions, "dice")
     distances = np.linalg.norm(places[:, None] - dice, axis=-1)

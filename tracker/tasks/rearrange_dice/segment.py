@@ -1,9 +1,9 @@
-"""Which pixels of an image show dice.
+"""Segment the pixels of an image that show dice.
 
-A colour table finds the inside of the faces for certain. What is blue but nowhere as bright as a die, like
-paint on the table, is dropped. From there the mask grows to the edge, where the ratio of blue to red has
-fallen by a fixed share of what it is inside: that follows the blue into shade, and stops in the blur between
-dice and whatever else. White pips are closed.
+A colour table gives pixels that are certainly inside a face. Blue regions that are nowhere as bright as a
+die, like paint on the table, are dropped. From the rest the mask grows until the log ratio of blue to red is
+below a fixed share of its value inside. This follows the blue into shade, and stops in the blur between dice
+and their surroundings. White pips are closed.
 """
 
 from __future__ import annotations
@@ -19,40 +19,40 @@ from tracker.segmentation.light import TARGET_GREY, evened, find_light
 from tracker.segmentation.sensor import calmed
 
 CERTAIN = 32
-"""Log odds, in 1/16, from which a pixel is taken for the inside of a face."""
+"""Smallest log odds, in 1/16, of a pixel inside a face."""
 
 MIN_INSIDE = 12
-"""Pixels of the inside within a window, at the reference size, without which a pixel is a speck."""
+"""Smallest number of inside pixels in the window around one that is no speck [px² at the reference size]."""
 
 EDGE = 0.42
-"""Share of the inside's log ratio of blue to red that a pixel at the edge must have: 0.5 would be the middle
-of the blur; people who draw masks by hand are a little more generous."""
+"""Smallest log ratio of blue to red in the mask, as a share of the inside's: 0.5 would be the middle of the
+blur; masks drawn by hand are a little more generous."""
 
 RIM = 0.03
 """Weight of the inside's outermost pixels in the mean of their surroundings."""
 
 OFFSET = 20.0
-"""Added to both levels before their ratio is taken: noise in the dark must not look like colour."""
+"""Level added to both channels before taking their ratio, so that dark noise does not look coloured."""
 
 BRIGHT, BRIGHTEST = 0.6, 0.9
-"""Level of blue, over this quantile of it inside, that tops of dice reach, and paint on tables does not."""
+"""Smallest level of blue on tops of dice, unlike paint on tables, relative to this quantile of it inside."""
 
 LEAST_BRIGHT = 0.9
-"""The same over the level of the scene's greys, where there are no dice to compare with."""
+"""Lower bound of that level relative to the scene's greys, in case there are no dice to compare with."""
 
 WIDE = 9
-"""Width [px at the reference size] that the sides of dice have, and lines of paint do not."""
+"""Smallest width of the sides of dice, unlike lines of paint [px at the reference size]."""
 
 STEPS = 2
-"""Steps of 3 px at the reference size from where it is bright or wide to the die's other pixels."""
+"""Number of steps of 3 px at the reference size from bright or wide pixels to the die's others."""
 
 PALE = 0.8
-"""Level of green, over that inside the face, from which a gap in the blue is a pip."""
+"""Smallest level of green, relative to that inside the face, of a gap in the blue that is a pip."""
 
 
 @compiled
 def read_levels(image, channels, table, ratios, gain, certain, inside, ratio, blue):  # type: ignore[no-untyped-def]
-    """Per pixel: whether the table is certain, the log ratio of blue to red, and the level of blue."""
+    """Fill (H, W) inside (the table is certain), ratio (log of blue over red) and blue (its level)."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
@@ -64,7 +64,7 @@ def read_levels(image, channels, table, ratios, gain, certain, inside, ratio, bl
 
 @compiled
 def weigh_inside(image, inside, core, ratio, least, out):  # type: ignore[no-untyped-def]
-    """Out (H, W, 3) = weight, weight · ratio, weight · green of the inside; `least` for its rim."""
+    """Fill out (H, W, 3): weight, weight · ratio, weight · green of the inside; weight `least` at its rim."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
             weight = np.float32(0.0)
@@ -77,7 +77,7 @@ def weigh_inside(image, inside, core, ratio, least, out):  # type: ignore[no-unt
 
 @compiled
 def grow_mask(image, near, sums, ratio, edge, pale, mask, light):  # type: ignore[no-untyped-def]
-    """Mask: 255 where the ratio is at least `edge` of the inside's; light: 255 where a pip may be."""
+    """Fill mask: 255 where the ratio is at least `edge` of the inside's; light: 255 where a pip may be."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
             weight = sums[j, i, 0]
@@ -91,17 +91,17 @@ def grow_mask(image, near, sums, ratio, edge, pale, mask, light):  # type: ignor
 
 
 def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
-    """The dice in an image: (H, W) uint8, 255 where a pixel shows one, else 0.
+    """Return the mask of dice in an image: (H, W) uint8, 255 where a pixel shows one, else 0.
 
     Pips, shaded sides and the dice's edges are included; fingers in front of the dice are not.
 
     Args:
-        image: (H, W, 3) uint8 BGR, 270 or 540 px high; lengths scale with the height.
-        colors: a colour model, in any of whose face colours the dice are; by default `dice`.
+        image: (H, W, 3) uint8 BGR, 270 or 540 px high; lengths scale with its shorter side.
+        colors: a colour model, all of whose face colours count as dice; by default `dice`.
 
     Raises:
-        ImageError: the image is of another shape or type.
-        ColorModelError: the colours are anything but a colour model.
+        ImageError: the image has the wrong shape or type.
+        ColorModelError: `colors` is not a colour model.
     """
     image = check_image(image)
     colors = load_colors("dice") if colors is None else check_colors(colors)
@@ -121,7 +121,7 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     mask: Image = np.zeros(image.shape[:2], np.uint8)
     left, top, width, height = cv2.boundingRect(inside)
     if width:
-        margin = _odd(7 * scale)  # what may grow from the inside
+        margin = _odd(7 * scale)  # the mask grows by less
         rows = slice(max(top - margin, 0), top + height + margin)
         part = rows, slice(max(left - margin, 0), left + width + margin)
         own = np.ascontiguousarray
@@ -130,7 +130,7 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
 
 
 def _mask(image: Image, inside: Image, blue: Image, ratio: Array, scale: float) -> Image:
-    """The mask (0, 255) that grows from the inside."""
+    """Return the mask (0, 255) grown from the inside."""
     window = _odd(7 * scale)
     count = cv2.boxFilter(inside, cv2.CV_16U, (window, window), normalize=False)
     inside &= (count >= MIN_INSIDE * scale * scale).view(np.uint8)
@@ -146,7 +146,7 @@ def _mask(image: Image, inside: Image, blue: Image, ratio: Array, scale: float) 
 
 
 def _reached(inside: Image, blue: Image, scale: float) -> Image:
-    """The inside's pixels that a path within it joins to bright ones nearby, or to where it is wide."""
+    """Return the inside's pixels that are connected, within a few steps, to bright or wide parts of it."""
     levels = cv2.calcHist([blue], [0], inside, [256], [0, 256])
     brightest = int(np.searchsorted(np.cumsum(levels), BRIGHTEST * levels.sum()))
     bright = (blue >= max(BRIGHT * brightest, LEAST_BRIGHT * TARGET_GREY)).astype(np.uint8)

@@ -1,15 +1,15 @@
-"""Compiled: dice that lie flat, drawn into the views along each pixel's ray, and how well they explain these.
+"""Compiled rendering of dice that lie flat, by ray casting into the views, and the score of a set of dice.
 
-A pixel's ray is described by how far it travels sideways while it sinks: at the height z it passes
-(x, y) = camera (x, y) + (camera z - z) · slope. Across a die that lies flat it therefore goes along a
-straight segment of the plane, from where it passes the height of the top to where it passes that of the foot;
-the die is hit on its top where the segment starts within the die's square, and on a side where it enters it.
+A pixel's ray is described by how far it travels sideways while it descends: at height z it passes
+(x, y) = camera (x, y) + (camera z - z) · slope. Seen from above, it therefore follows a straight segment
+between the heights of a die's top and foot. It hits the top if the segment starts within the die's square,
+and a side where the segment enters the square.
 
-A die is a row (x, y, foot, yaw): its centre and the height of its lower face [m], its rotation about z [rad].
+A die is a row (x, y, foot, yaw): centre and height of the lower face [m], rotation about z [rad].
 
-The score of a set is the sum, over the pixels in which it shows dice, of what that explains. What a view
-has against a die (pixels in which it should be seen and is not) counts with a limit, since a finger may hide
-it there. Dice that reach into each other, or hang between the levels of a stack, lose.
+The score of a set is the sum of the pixels' scores over all pixels in which it shows dice. A view's evidence
+against a die (pixels in which it should be seen and is not) is limited, since a finger may hide it there.
+Dice that overlap, or hover between the levels of a stack, are penalised.
 """
 
 from __future__ import annotations
@@ -25,66 +25,66 @@ from tracker.geometry.lens import project
 from tracker.tasks.rearrange_dice.goals import ARENA_RADIUS, DIE_WIDTH
 
 NONE, SIDE, SIDE_RIM, TOP, TOP_RIM = range(5)
-"""What a pixel shows of the dice; the rim of a face is where it has no pips."""
+"""What a pixel shows of the dice; the rim of a face is the part without pips."""
 
 PIPS = 0.62
-"""Half the edge of the square that holds a face's pips, over half the edge of the face: on the real dice pips
-of 3.4 mm stand up to 4.4 mm from the middle of a face of 22 mm; the rest is for blur."""
+"""Half the edge of the square that contains a face's pips, over half the edge of the face: on the real dice,
+pips of 3.4 mm are up to 4.4 mm from the middle of a face of 22 mm; the rest is for blur."""
 
 
 class Views(NamedTuple):
-    """What all cameras see, of one size; a camera's image may fill only a part of it."""
+    """Evidence of all cameras in arrays of one size; a camera's image may fill only a part of it."""
 
     slopes: Array
-    """(C, H, W, 2) float32: how far a pixel's ray travels along x and y while it sinks by 1."""
+    """(C, H, W, 2) float32: how far a pixel's ray travels along x and y while it descends by 1."""
     lenses: Array
     """(C,) of tracker.geometry.lens.LENS."""
     scores: Array
-    """(C, 5, H, W) float32: what is gained where a pixel is explained by NONE … TOP_RIM."""
+    """(C, 5, H, W) float32: score of a pixel if NONE … TOP_RIM explains it."""
     masks: Image
     """(C, H, W): 1 where dice are seen, 2 where nothing is known, else 0."""
 
 
-# Weights of the score, whose unit is a pixel that shows dice and is explained.
+# Weights of the score, whose unit is one pixel that shows dice and is explained.
 
 HIDDEN = 50.0
-"""Limit of what a view may have against a die."""
+"""Limit of a view's evidence against a die."""
 
 PRICE = 60.0
-"""Of every die: what it must explain to be one."""
+"""Penalty on every die: what it must explain at least."""
 
 PUSH = 4e4
-"""Loss per metre that two dice reach into each other, beyond TOUCH."""
+"""Penalty per metre of overlap of two dice beyond TOUCH [1/m]."""
 
 LEVEL = 40.0
-"""Loss of a die that lies on another, for its level squared."""
+"""Penalty on a die on others, times its level squared."""
 
 HOVERING = 5e5
-"""Loss of a die for its distance from its level, squared [1/m²]."""
+"""Penalty on a die's squared distance from its level [1/m²]."""
 
 TOUCH = 0.0005
-"""Overlap of neighbours that is for nothing: they touch [m]."""
+"""Overlap of touching neighbours without penalty [m]."""
 
 MARGIN = 8
-"""Around a die's pixels, for its moves [px]."""
+"""Margin around a die's pixels that allows for its moves [px]."""
 
 
 class Canvas(NamedTuple):
-    """Room for drawing, so that nothing is allocated in loops; of the views' size."""
+    """Buffers of the views' size for drawing, so that loops do not allocate memory."""
 
     heights: np.ndarray
-    """(C, H, W) float32: where a pixel's ray first meets a die [m]."""
+    """(C, H, W) float32: height at which a pixel's ray first meets a die [m]."""
     classes: np.ndarray
-    """(C, H, W) int8: what it meets of that."""
+    """(C, H, W) int8: the part of the die that it meets."""
     owners: np.ndarray
-    """(C, H, W) int16: which."""
+    """(C, H, W) int16: index of that die."""
 
 
 @compiled(inline="always")
 def look(sx, sy, above, ux, uy, cos, sin):  # type: ignore[no-untyped-def]
-    """What a ray of slope (sx, sy) meets of a die, and how high above the die's foot [m].
+    """Return what a ray of slope (sx, sy) meets of a die, and how high above the die's foot [m].
 
-    above: height of the camera over the die's top; (ux, uy): its place in the die's frame [m].
+    above: height of the camera above the die's top; (ux, uy): the camera in the die's frame [m].
     """
     half = 0.5 * DIE_WIDTH
     ax, ay = cos * sx + sin * sy, cos * sy - sin * sx
@@ -111,7 +111,7 @@ def look(sx, sy, above, ux, uy, cos, sin):  # type: ignore[no-untyped-def]
 
 @compiled
 def bounds(lenses, c, die, margin, out):  # type: ignore[no-untyped-def]
-    """Out (4,) = left, top, right, bottom of the pixels of camera c in which the die may be seen."""
+    """Fill out (4,) with left, top, right, bottom of the pixels of camera c that may show the die."""
     left, top, right, bottom = 1e9, 1e9, -1e9, -1e9
     cos, sin, half = math.cos(die[3]), math.sin(die[3]), 0.5 * DIE_WIDTH
     for k in range(8):
@@ -128,7 +128,7 @@ def bounds(lenses, c, die, margin, out):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always")
 def frame(lenses, c, die):  # type: ignore[no-untyped-def]
-    """Of camera c and a die: above, ux, uy, cos, sin as `look` takes them."""
+    """Return above, ux, uy, cos, sin of `look` for camera c and a die."""
     cos, sin = math.cos(die[3]), math.sin(die[3])
     cx, cy = lenses[c].position[0] - die[0], lenses[c].position[1] - die[1]
     return lenses[c].position[2] - die[2] - DIE_WIDTH, cos * cx + sin * cy, cos * cy - sin * cx, cos, sin
@@ -136,7 +136,7 @@ def frame(lenses, c, die):  # type: ignore[no-untyped-def]
 
 @compiled
 def draw(views, c, dice, skip, window, canvas):  # type: ignore[no-untyped-def]
-    """Draw all dice but number `skip` into the window (4,) of camera c."""
+    """Draw all dice except number `skip` into the window (4,) of camera c."""
     heights, classes, owners = canvas.heights[c], canvas.classes[c], canvas.owners[c]
     for j in range(window[1], window[3]):
         for i in range(window[0], window[2]):
@@ -157,7 +157,7 @@ def draw(views, c, dice, skip, window, canvas):  # type: ignore[no-untyped-def]
 
 @compiled
 def overlap(a, b):  # type: ignore[no-untyped-def]
-    """How far two dice reach into each other, by the least push that parts them [m]; 0 where they do not."""
+    """Return the overlap of two dice: the smallest shift that separates them [m]; 0 without overlap."""
     lift = DIE_WIDTH - abs(a[2] - b[2])
     dx, dy = b[0] - a[0], b[1] - a[1]
     if lift <= 0.0 or dx * dx + dy * dy >= 2.0 * DIE_WIDTH * DIE_WIDTH:
@@ -173,7 +173,7 @@ def overlap(a, b):  # type: ignore[no-untyped-def]
 
 @compiled
 def own_loss(die, table):  # type: ignore[no-untyped-def]
-    """What a die loses by itself; the table has this height in the cameras' world [m]."""
+    """Return the penalty on a die by itself; table: height of the table in the world [m]."""
     level = round((die[2] - table) / DIE_WIDTH)
     off = die[2] - table - level * DIE_WIDTH
     return PRICE + LEVEL * level * level + HOVERING * off * off
@@ -181,7 +181,7 @@ def own_loss(die, table):  # type: ignore[no-untyped-def]
 
 @compiled
 def total(views, dice, table, canvas):  # type: ignore[no-untyped-def]
-    """The score of a set of dice (N, 4)."""
+    """Return the score of a set of dice (N, 4), and draw it into the canvas."""
     score = 0.0
     window = np.zeros(4, np.int64)
     against = np.empty(len(dice))
@@ -209,7 +209,7 @@ def total(views, dice, table, canvas):  # type: ignore[no-untyped-def]
 
 @compiled
 def _gain(views, dice, skip, die, table, canvas):  # type: ignore[no-untyped-def]
-    """What a die adds to the score of the others, which are drawn in the canvas around it."""
+    """Return what a die adds to the score of the others, which are drawn in the canvas around it."""
     window = np.empty(4, np.int64)
     score = -own_loss(die, table)
     for c in range(len(views.lenses)):
@@ -236,9 +236,9 @@ def _gain(views, dice, skip, die, table, canvas):  # type: ignore[no-untyped-def
 
 @compiled
 def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def]
-    """Move die k (in place) to where it gains most, by steps (S,) [m]; returns what it then gains.
+    """Move die k, in place, to where it gains most, by steps (S,) [m]; return its gain there.
 
-    No step takes its centre farther than ARENA_RADIUS from the arena's.
+    No step moves its centre farther than ARENA_RADIUS from the arena's.
     """
     window = np.empty(4, np.int64)
     for c in range(len(views.lenses)):
@@ -250,7 +250,7 @@ def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def
         for _ in range(6):
             before = best
             for axis in range(4):
-                # A turn moves the corners as far as the step; heights are known best.
+                # Rotations move the corners by the step; heights are known best and move by half of it.
                 size = step if axis < 2 else 0.5 * step if axis == 2 else step / (0.7 * DIE_WIDTH)
                 for sign in (-1.0, 1.0):
                     for i in range(4):
