@@ -103,7 +103,7 @@ def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generato
 
 
 def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bool = True) -> Histograms:
-    """Return histograms of the classes in one image; background is taken away from the labels only."""
+    """Return histograms of the classes in one image; background pixels keep a margin to the labels."""
     rng = np.random.default_rng([options.seed, *labelled.name.encode()])
     image = labelled.image
     if normalise:

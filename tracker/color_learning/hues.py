@@ -25,7 +25,7 @@ NAMED_HUES: FloatArray = np.array([np.nan, 12.0, 100.0, 212.0, 178.0, 312.0, 52.
 """(7,) hue expected of each label's name [degrees]; label 0 has none."""
 
 MAX_OFF = 45.0
-"""Largest deviation of a hue from that of its name [degrees]."""
+"""Largest accepted deviation of a hue from that of its name [degrees]."""
 
 MAX_GAIN = 30.0
 """Reduction of the summed deviations by permuting names above which names count as wrong [degrees]."""

@@ -51,7 +51,7 @@ class Arena:
 
     @property
     def ground(self) -> float:
-        """Zero of heights, as z in the world [m]: the table's, or 0 without a table."""
+        """World z from which heights are measured [m]: the table's, or 0 without a table."""
         return 0.0 if self.table is None else self.table
 
     @property

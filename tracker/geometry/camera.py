@@ -238,9 +238,9 @@ class Camera:
         return dataclasses.replace(self, width=width, height=height, matrix=matrix)
 
     def with_halved_principal_point_corrected(self) -> Camera:
-        """Correct the principal point of files made by halving K[:2]: `*_cropped_and_downsampled.yml`.
+        """Return the camera with its principal point corrected, for files made by halving K[:2].
 
-        Halving an image moves the principal point to c/2 - ¼, but these files of the platform have c/2.
+        Halving an image moves it to c/2 - ¼; the platform's `*_cropped_and_downsampled.yml` have c/2.
         """
         matrix = self.matrix.copy()
         matrix[:2, 2] -= 0.25

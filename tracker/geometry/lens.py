@@ -103,7 +103,7 @@ def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-unty
 
 @compiled
 def rotate(rotation, vector, out):  # type: ignore[no-untyped-def]
-    """Out (3,) = rotation (3, 3) · vector (3,)."""
+    """Set out (3,) = rotation (3, 3) · vector (3,)."""
     for i in range(3):
         out[i] = rotation[i, 0] * vector[0] + rotation[i, 1] * vector[1] + rotation[i, 2] * vector[2]
 

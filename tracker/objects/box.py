@@ -1,4 +1,4 @@
-"""The object's geometry as compiled functions take it."""
+"""The object's geometry in a form for compiled functions."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ CLIPPED = 250
 """Level from which a channel may be clipped."""
 
 BRIGHTNESS_RANK = 0.7
-"""Quantile of the grey pixels' brightness that is scaled: the wall's, even if table and robot are dark."""
+"""Quantile of the greys' brightness scaled to TARGET_GREY: the wall's, even if table and robot are dark."""
 
 MIN_GREYS = 20
 """Smallest number of grey samples; with fewer, no grey is found."""

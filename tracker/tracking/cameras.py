@@ -1,4 +1,4 @@
-"""The state of the cameras between frames: are their images new, when to measure light, do they agree."""
+"""State of the cameras between frames: changes of their images, measurements of light, their agreement."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BLACK = 12
 """Level that the brightest pixel of an image must reach, or the image counts as black."""
 
 SHARE = 0.2
-"""Weight of a new check in the running mean: images of an object at rest hardly differ from each other."""
+"""Weight of a new check in the running mean: small, as successive images of an object at rest are alike."""
 
 LOOKS = 5
 """Number of checks before a contradiction counts as lasting."""
@@ -145,7 +145,7 @@ class Agreement(NamedTuple):
 
 
 def still(state: MotionState) -> bool:
-    """Whether an object moves so slowly that different exposure times of the cameras do not matter."""
+    """Whether an object is so slow that the cameras' different moments of exposure do not matter."""
     return all(
         float(np.linalg.norm(part)) < limit
         for part, limit in zip((state.velocity[:3], state.velocity[3:]), STILL, strict=True)

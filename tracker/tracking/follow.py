@@ -22,12 +22,12 @@ from tracker.tracking.cameras import EVERY, Agreement, CameraMemory, after, look
 from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
-"""Smallest log odds of a fit near the prediction at which no search everywhere follows: if several cameras
-see the object, and if only one does, to which wrong poses look better."""
+"""Smallest log odds at which a fit near the prediction is kept without a search everywhere: if several
+cameras see the object, and if only one does, to which wrong poses look better."""
 
 MORE_EXTRA = 0.08
-"""Largest growth of the share of object-coloured pixels outside the outline since the last search everywhere
-at which no new search follows: a fit that slid along an edge looks good, but leaves such pixels uncovered."""
+"""Largest increase, since the last search everywhere, of the share of object-coloured pixels outside the
+outline at which a fit is kept: one that slid along an edge looks good, too, but leaves them uncovered."""
 
 MOSTLY = 0.8
 """Share of these pixels above which a single camera shows most of them."""
@@ -202,12 +202,12 @@ class Follower:
 
 
 def extra(counts: Sequence[dict[str, float]]) -> float:
-    """Object-coloured pixels outside the outline, relative to those predicted, over the given cameras."""
+    """Return the object-coloured pixels outside the outline in some cameras, relative to those predicted."""
     return float(sum(one["extra"] for one in counts) / max(sum(one["predicted"] for one in counts), 1))
 
 
 def lasting(fit: Fit) -> float:
-    """`extra`, of more than two cameras without one that has most of it: it may see the object itself."""
+    """Return `extra`; of more than two cameras, leave out one that has most of it: it may see the object."""
     most = MOSTLY * fit.total("extra")
     counts = [one for one in fit.counts if one["predicted"] > 0]
     if len(counts) > ENOUGH:

@@ -72,7 +72,7 @@ def _shade(image: Image, seen: Image, inner: Image) -> Array:
 
 
 def _paleness(image: Image, inner: Image) -> Array:
-    """Return from 0, blue, to 1, a pip; 0 at the mask's edge, where the blue mixes with its surroundings."""
+    """Return paleness from 0, blue, to 1, a pip; 0 at the mask's edge, where blue mixes with surroundings."""
     ratio = (image[..., 2] + np.float32(5)) / (image[..., 0] + np.float32(5))
     usual = np.float32(np.median(ratio[inner > 0]))
     return np.where(inner > 0, np.clip((ratio - usual) / np.float32(PALENESS), 0, 1), np.float32(0))

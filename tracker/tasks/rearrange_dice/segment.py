@@ -19,7 +19,7 @@ from tracker.segmentation.light import TARGET_GREY, evened, find_light
 from tracker.segmentation.sensor import calmed
 
 CERTAIN = 32
-"""Smallest log odds, in 1/16, of a pixel inside a face."""
+"""Smallest log odds, in 1/16, at which a pixel is certainly inside a face."""
 
 MIN_INSIDE = 12
 """Smallest number of inside pixels in the window around one that is no speck [px² at the reference size]."""
@@ -35,7 +35,7 @@ OFFSET = 20.0
 """Level added to both channels before taking their ratio, so that dark noise does not look coloured."""
 
 BRIGHT, BRIGHTEST = 0.6, 0.9
-"""Smallest level of blue on tops of dice, unlike paint on tables, relative to this quantile of it inside."""
+"""Share, of this quantile of the inside's blue, that tops of dice reach and paint on tables does not."""
 
 LEAST_BRIGHT = 0.9
 """Lower bound of that level relative to the scene's greys, in case there are no dice to compare with."""

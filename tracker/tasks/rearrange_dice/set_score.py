@@ -57,7 +57,7 @@ PUSH = 4e4
 """Penalty per metre of overlap of two dice beyond TOUCH [1/m]."""
 
 LEVEL = 40.0
-"""Penalty on a die on others, times its level squared."""
+"""Penalty on a die that lies on others, to be multiplied by its level squared."""
 
 HOVERING = 5e5
 """Penalty on a die's squared distance from its level [1/m²]."""
