@@ -1,6 +1,6 @@
-"""Finds the pose of a coloured object in the images of calibrated cameras, with a confidence.
+"""Estimates the pose of a coloured object from images of calibrated cameras, with a confidence.
 
-A name is loaded when it is first used, so that `tracker --help` and the like answer at once.
+Each name is imported on first use, so that quick commands such as `tracker --help` start at once.
 """
 
 from importlib import import_module
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from tracker.tracking.belief import TrackingOptions as TrackingOptions
 
     __version__: str
-else:  # not seen by type checkers, which would take any name for one that exists
+else:  # hidden from type checkers, which would otherwise accept any attribute name
     _HOMES = {
         "Arena": "geometry.arena",
         "Camera": "geometry.camera",
@@ -77,7 +77,7 @@ else:  # not seen by type checkers, which would take any name for one that exist
             return value
         if name.startswith("_") or find_spec(f"tracker.{name}") is None:
             raise AttributeError(f"module 'tracker' has no attribute {name!r}")
-        # What is in a package, too, such as `tracker.geometry.so3`: there once any name is.
+        # Load all public names, so that submodules such as `tracker.geometry.so3` are available, too.
         for home in _HOMES.values():
             import_module(f"tracker.{home}")
         return import_module(f"tracker.{name}")

@@ -1,4 +1,4 @@
-"""Checks of arguments by kind: numbers, arrays of them, paths, stamps; and of what is installed."""
+"""Checks of arguments (numbers, arrays, paths, timestamps) and of optional packages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Kind = TypeVar("Kind")
 
 
 def optional(package: str, extra: str, what: str, fault: type[TrackerError] = TrackerError) -> Any:
-    """A package of an extra, or a part of one; `fault` says `what` needs it where it is missing."""
+    """Import a package (or submodule) of an extra; if it is missing, raise `fault`: `what` needs it."""
     try:
         return import_module(package)
     except ImportError as error:
@@ -32,9 +32,9 @@ def optional(package: str, extra: str, what: str, fault: type[TrackerError] = Tr
 def naming(
     where: object, fault: type[TrackerError], *caught: type[Exception], sep: str = ": "
 ) -> Iterator[None]:
-    """What is raised within, a `fault` or what is `caught` instead, is a `fault` that begins with `where`.
+    """Turn errors raised in the `with` block into a `fault` whose message begins with `where`.
 
-    Its message is one line, whatever the message of what is caught is.
+    `caught` lists the error types to convert, by default `fault` alone. The message is always one line.
     """
     kinds = caught or (fault,)
     try:
@@ -44,7 +44,7 @@ def naming(
 
 
 def of_kind(given: object, kind: type[Kind], what: str, fault: type[TrackerError], how: str = "") -> Kind:
-    """The value itself if it is of a kind; `fault`, which names `what` and says `how` to get one, if not."""
+    """Return the value if it is a `kind`; else raise `fault`, which names `what` and `how` to get one."""
     if not isinstance(given, kind):
         hint = f", as {how} gives" if how else ""
         raise fault(f"{what}: found {shown(given)}, expected {kind.__name__}{hint}")
@@ -52,7 +52,7 @@ def of_kind(given: object, kind: type[Kind], what: str, fault: type[TrackerError
 
 
 def check_sequence(given: object, what: str, fault: type[TrackerError], valid: str = "a sequence") -> None:
-    """Refuse what has no items, and texts, whose items nobody means, by a `fault` that names `what`."""
+    """Raise `fault`, which names `what`, unless `given` is a sequence. Strings and bytes are refused, too."""
     if isinstance(given, np.ndarray) and given.ndim:
         return
     if isinstance(given, str | bytes) or not isinstance(given, Sequence):
@@ -60,7 +60,7 @@ def check_sequence(given: object, what: str, fault: type[TrackerError], valid: s
 
 
 def path_of(given: object, what: str, fault: type[TrackerError], valid: str = "a path") -> Path:
-    """A path; `fault`, which names `what`, where it is none or has a null byte in it."""
+    """Return `given` as a Path; raise `fault`, which names `what`, if it is no path or has a null byte."""
     text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
     if not isinstance(text, str):
         raise fault(f"{what}: found {shown(given)}, expected {valid}")
@@ -70,33 +70,33 @@ def path_of(given: object, what: str, fault: type[TrackerError], valid: str = "a
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Whether it is a whole number of any kind; truth values and spans of time are none."""
+    """Whether the value is an integer of any type; bool and timedelta64 do not count."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
 
 
 def is_number(value: object) -> bool:
-    """Whether it is one finite real number of any kind; truth values and spans of time are none."""
+    """Whether the value is one finite real number of any type; bool and timedelta64 do not count."""
     if isinstance(value, bool | np.timedelta64) or not isinstance(value, numbers.Real):
         return False
     try:
         return math.isfinite(value)
-    except OverflowError:  # a whole number beyond the greatest float
+    except OverflowError:  # an integer above the largest float
         return False
 
 
 def freeze(instance: object, name: str, array: Array) -> None:
-    """Make an array read-only, and the value of a field of a frozen dataclass."""
+    """Make an array read-only and assign it to the field `name` of a frozen dataclass."""
     array.flags.writeable = False
     object.__setattr__(instance, name, array)
 
 
 def described(array: Any) -> str:
-    """Type and shape of an array, or of what has them as one, for messages."""
+    """Return dtype and shape of an array, or of anything that has both, for messages."""
     return f"{array.dtype} of shape {array.shape}"
 
 
 def _array(given: object) -> Array:
-    """An array of what makes one; of a ragged sequence, one without numbers."""
+    """Convert to an array; a ragged sequence gives one of dtype object."""
     try:
         return np.asarray(given)
     except (TypeError, ValueError):
@@ -104,7 +104,7 @@ def _array(given: object) -> Array:
 
 
 def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) -> FloatArray:
-    """Rows (N, width) in double precision; `fault`, which names `what`, where the numbers make none."""
+    """Return float64 rows (N, width); raise `fault`, which names `what`, if the input does not fit."""
     array = _array(given)
     if array.dtype.kind not in "iuf" or array.size % width:
         raise fault(f"{what}: found {shown(given)}, expected numbers of shape (N, {width})")
@@ -114,7 +114,7 @@ def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) 
 def float_array(
     given: object, shape: tuple[int, ...], what: str, fault: type[TrackerError], *, finite: bool = True
 ) -> FloatArray:
-    """A read-only copy in double precision; `fault`, which names `what`, where it is none of that shape."""
+    """Return a read-only float64 copy; raise `fault`, which names `what`, if the shape or type is wrong."""
     array = _array(given)
     numeric = array.dtype.kind in "iuf"
     if not numeric or array.shape != shape:
@@ -129,13 +129,13 @@ def float_array(
 
 
 LATEST = 1e11
-"""Greatest stamp [s], more than three thousand years: a greater one counts nanoseconds or the like."""
+"""Largest valid timestamp [s], over three thousand years: anything larger is in nanoseconds or the like."""
 
 
 def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) -> FloatArray:
-    """Numbers as stamps [s], in their shape; `fault`, which names `what`, where they are none.
+    """Return timestamps [s] as float64 of the same shape; raise `fault`, which names `what`, for non-numbers.
 
-    Texts and datetime64 are none: neither says its unit.
+    Strings and datetime64 are refused, since neither states its unit.
     """
     stamps = _array(given)
     if stamps.dtype.kind not in "iuf":
@@ -148,7 +148,7 @@ def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) 
 
 
 def one_stamp(given: object, what: str, fault: type[TrackerError] = TrackerError) -> float:
-    """One stamp [s]; `fault`, which names `what`, where it is none or out of range."""
+    """Return one timestamp [s]; raise `fault`, which names `what`, if it is not one or out of range."""
     stamp = seconds(given, what, fault)
     if stamp.ndim:
         raise fault(f"{what}: found {shown(given)}, expected one finite number of seconds")
@@ -156,7 +156,7 @@ def one_stamp(given: object, what: str, fault: type[TrackerError] = TrackerError
 
 
 def in_range(stamps: FloatArray, what: str, fault: type[TrackerError] = TrackerError) -> FloatArray:
-    """The stamps [s]; `fault`, which names `what`, where one is not finite or cannot be in seconds."""
+    """Return the timestamps [s]; raise `fault`, which names `what`, if one is not finite or above LATEST."""
     found = shown(tuple(stamps.tolist()) if stamps.ndim else stamps.item())
     if not np.isfinite(stamps).all():
         raise fault(f"{what}: found {found}, expected finite numbers of seconds")

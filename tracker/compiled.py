@@ -1,7 +1,7 @@
-"""Compiled functions: one decorator for all, and machine code on disk that is as new as its sources.
+"""The decorator of all compiled functions, and a cache of their machine code that is never out of date.
 
-Numba notices a change in the file of a function, not in the files of what that calls. Machine code is
-therefore kept in folders named after the content of all files that a package's compiled functions come from.
+Numba notices changes in a function's own file, but not in the files of functions that it calls. Machine code
+is therefore kept in folders named after a hash of all source files of a package's compiled functions.
 """
 
 from __future__ import annotations
@@ -26,34 +26,34 @@ _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 _FOLDER = "kernels-"
 _OTHERS = 1
-"""Folders of other sources that stay, so that two versions that take turns do not compile each time."""
+"""Number of cache folders of other source versions to keep, so that alternating versions do not recompile."""
 _OTHERS_SHARED = 8
-"""The same below NUMBA_CACHE_DIR, where all copies of a package keep theirs."""
+"""The same below NUMBA_CACHE_DIR, which all copies of a package share."""
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compile a function on its first call and keep the result on disk; `options` are those of numba.njit.
 
-    A division by zero gives what NumPy gives: to check for it would cost time, and more of it to compile. So
-    does an assignment of one array to another, whose error message is compiled as well: loops do without.
-    Where no folder can be written and none has it from before, each process compiles the function again.
+    Division by zero gives what NumPy gives: a check would cost time, above all when compiling. Assigning one
+    array to another is slow to compile, too, as its error message is compiled as well: use loops instead.
+    If no folder is writable and none holds the machine code already, each process compiles it again.
     """
     if function is None:
         return lambda function: compiled(function, **options)
-    # Nobody takes kernels as functions of C, whose wrappers cost as much again as those of Python.
+    # Kernels are never called from C; wrappers for C would cost as much again as those for Python.
     usual = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-    # Here, what has a private name is called by kernels alone.
+    # In this package, only kernels call functions with private names.
     usual["no_cpython_wrapper"] = function.__module__.startswith("tracker.") and function.__name__[0] == "_"
     dispatcher = numba.njit(**{**usual, **options})(function)
     _have_called_as_part(dispatcher)
-    # Without a place for its cache numba raises RuntimeError.
+    # Numba raises RuntimeError if it finds no place for its cache.
     with contextlib.suppress(RuntimeError, OSError):
         dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
     return dispatcher
 
 
 class _Part(JITCodeLibrary):
-    """A function for others to link: it is optimised in each of them, and has no machine code of its own."""
+    """A function to be linked into its callers: it is optimised there, without machine code of its own."""
 
     def finalize(self) -> None:
         for library in dict.fromkeys(self._linking_libraries):
@@ -63,11 +63,11 @@ class _Part(JITCodeLibrary):
 
 
 def _have_called_as_part(dispatcher: Any) -> None:
-    """Have kernels that call a kernel compile it as a part of themselves; nothing of it is kept on disk.
+    """Make kernels that call this kernel compile it as part of themselves; it is not cached separately.
 
-    Numba would optimise a kernel that is called, make machine code of it, link what it has optimised into
-    the caller and optimise it there again, which takes half as long again and inlines less. Numbers that a
-    caller writes out count as any of their type, so that none is compiled for.
+    By default numba optimises the called kernel, generates its machine code, links the optimised code into
+    the caller and optimises it there again. This takes half as long again and inlines less. Literal
+    arguments count as their type, so that no version is compiled for a single literal value.
     """
     parts: dict[tuple[types.Type, ...], Any] = {}
 
@@ -90,7 +90,7 @@ def _have_called_as_part(dispatcher: Any) -> None:
 
 
 def _compiled_as_part(dispatcher: Any, arguments: tuple[types.Type, ...]) -> Any:
-    """What numba knows of a kernel with arguments of some types, compiled for others to link."""
+    """Compile a kernel for given argument types, to be linked into its callers; return numba's result."""
     description = dispatcher.targetdescr
     flags: Any = compiler.Flags()  # type: ignore[no-untyped-call]
     description.options.parse_as_flags(flags, dispatcher.targetoptions)
@@ -105,7 +105,7 @@ def _compiled_as_part(dispatcher: Any, arguments: tuple[types.Type, ...]) -> Any
 
 
 def is_cached(function: Any) -> bool:
-    """Whether the machine code of a compiled function lies on disk, so that it starts at once."""
+    """Whether the machine code of a compiled function is on disk, so that its first call is quick."""
     folder = getattr(function.stats, "cache_path", None)
     stem, version = Path(function.py_func.__code__.co_filename).stem, "py{}{}".format(*sys.version_info)
     name = f"{stem}.{function.py_func.__qualname__}-*.{version}*.nbi"
@@ -114,10 +114,10 @@ def is_cached(function: Any) -> bool:
 
 @functools.cache
 def fingerprint(package: str) -> str:
-    """Hash of numba's version and of all sources that can matter to a package's compiled functions.
+    """Return a hash of numba's version and of all sources that can affect a package's compiled functions.
 
-    These are the files that hold such functions, and those of the package and of this one that they import,
-    directly or not: constants are compiled in.
+    These are the files that hold such functions, and all files of the package and of this one that they
+    import, directly or indirectly, since constants are compiled in.
 
     Raises:
         OSError: there are no such files, or they cannot be read.
@@ -142,7 +142,7 @@ def fingerprint(package: str) -> str:
 
 
 def _imported(text: str, own: dict[str, Path]) -> Iterator[Path]:
-    """Files, which need not exist, that a source's imports from some packages (their folders) may mean."""
+    """Files that a source may import from the packages `own` (name: folder); they need not exist."""
     for module, names in _IMPORT.findall(text):
         first, *rest = module.split(".")
         if first not in own:
@@ -155,23 +155,23 @@ def _imported(text: str, own: dict[str, Path]) -> Iterator[Path]:
 
 
 def _shared() -> Path:
-    """NUMBA_CACHE_DIR; `Path()` where it is not set."""
+    """Return NUMBA_CACHE_DIR, or `Path()` if it is not set."""
     return Path(config.CACHE_DIR)  # type: ignore[attr-defined]
 
 
 def _base(found: Any, function: Callable[..., Any]) -> Path:
-    """The folder that numba has found; below NUMBA_CACHE_DIR the same for all copies of a package."""
+    """Return the folder that numba chose; below NUMBA_CACHE_DIR all copies of a package share it."""
     if isinstance(found, CompileResultCacheImpl._locator_classes[0]):
         return _shared() / function.__module__.rpartition(".")[0]
     return Path(found.get_cache_path())
 
 
 def _place(base: Path, name: str) -> Path:
-    """The folder `name` in `base`. Where it has to be made, those of older sources are removed."""
+    """Return the folder `name` in `base`. If it is new, create it and remove folders of older sources."""
     folder = base / name
     if not folder.is_dir():
         folder.mkdir(parents=True, exist_ok=True)
-        # Another process may do the same, or still use what is removed: it compiles for itself then.
+        # Another process may do the same, or still use a removed folder: it then compiles for itself.
         with contextlib.suppress(OSError):
             others = [other for other in base.glob(f"{_FOLDER}*") if other != folder]
             others.sort(key=lambda other: other.stat().st_mtime)
@@ -182,14 +182,14 @@ def _place(base: Path, name: str) -> Path:
 
 
 class _Locator(_CacheLocator):
-    """Where numba keeps a function: a folder of the present sources where it would keep it anyway."""
+    """Where numba caches a function: a folder for the current sources, inside numba's own choice."""
 
     def __init__(self, found: Any, function: Callable[..., Any]) -> None:
         package = function.__module__.partition(".")[0]
         alone = not hasattr(sys.modules[package], "__path__")
         self._found = found
         if alone:
-            # What a script compiles may be made of this package's kernels.
+            # Functions compiled in a script may contain this package's kernels.
             self._stamp = f"{found.get_source_stamp()} {fingerprint(__name__.partition('.')[0])}"
             self._folder = str(found.get_cache_path())
         else:
@@ -207,9 +207,9 @@ class _Locator(_CacheLocator):
 
 
 def _left_by_others(kind: Any) -> Any:
-    """A place of numba's that need not be writable where it holds machine code of the present sources.
+    """Make a numba locator that accepts a read-only folder if it holds code of the current sources.
 
-    A container's image may have it: there nothing can be kept, but what was made with the image be read.
+    In a container, the folder may be part of the image: nothing can be written, but its code can be used.
     """
 
     class Left(kind):  # type: ignore[misc]
@@ -217,7 +217,7 @@ def _left_by_others(kind: Any) -> Any:
         def from_function(cls, function: Callable[..., Any], file: str) -> Any:
             found, package = cls(function, file), function.__module__.partition(".")[0]
             folder = _base(found, function)
-            # Without NUMBA_CACHE_DIR the place of this name is relative, and in nobody's hands.
+            # If NUMBA_CACHE_DIR is not set, its locator gives a relative path, where anyone may write.
             if not folder.is_absolute() or not hasattr(sys.modules[package], "__path__"):
                 return None
             return found if (folder / f"{_FOLDER}{fingerprint(package)}").is_dir() else None
@@ -248,7 +248,7 @@ class _Cache(FunctionCache):
     _impl_class = _Implementation
 
     def load_overload(self, *arguments: Any) -> Any:
-        # What is damaged may raise whatever it likes: it counts as nothing, and is forgotten.
+        # Damaged files may raise any error: they count as missing, and the index is cleared.
         try:
             return super().load_overload(*arguments)  # type: ignore[no-untyped-call]
         except Exception:
@@ -257,6 +257,6 @@ class _Cache(FunctionCache):
             return None
 
     def save_overload(self, *arguments: Any) -> None:
-        # To keep machine code is a convenience: a full disk or a folder that is gone must stop nobody.
+        # The cache is a convenience: a full disk or a missing folder must not stop the program.
         with contextlib.suppress(OSError):
             super().save_overload(*arguments)  # type: ignore[no-untyped-call]

@@ -1,10 +1,10 @@
-"""Errors: all that a caller can fix derive from TrackerError."""
+"""Errors. All errors that a caller can fix derive from TrackerError."""
 
 from __future__ import annotations
 
 
 class TrackerError(Exception):
-    """Base of all errors of this package. The message says what is wrong, and what would be valid."""
+    """Base of all errors of this package. The message states what is wrong and what would be valid."""
 
 
 class CalibrationError(TrackerError):
@@ -40,27 +40,27 @@ class LiveError(TrackerError):
 
 
 def install(extra: str) -> str:
-    """The command that installs an extra, in one line; no index has this package.
+    """Return the command that installs an extra, on one line. No package index has this package.
 
-    In place (-e): a copy would be compiled again, and would lack `synthetic` and `benchmarks`.
+    It installs in place (-e): a copy would be compiled again, and would lack `synthetic` and `benchmarks`.
     """
     return f"python3 -m pip install -e '.[{extra}]' in a clone of the tracker"
 
 
 def shown(value: object) -> str:
-    """A short description of a value of any type, whatever its size."""
+    """Return a short description of a value of any type and size."""
     if isinstance(value, (dict, list)):
         return f"a {'mapping' if isinstance(value, dict) else 'list'} of {len(value)}"
     if isinstance(value, int) and abs(value) > 10**18:
-        return "a whole number above 10^18"  # Python refuses to print very large ones
+        return "a whole number above 10^18"  # Python refuses to print very large integers
     try:
         return " ".join(repr(value).split())[:60]
-    except ValueError:  # of such a number inside
+    except ValueError:  # the value contains such an integer
         return f"a {type(value).__name__}"
 
 
 def reason(error: Exception) -> str:
-    """What an error says, in one line."""
+    """Return an error's message on one line."""
     text = str(error)
     if isinstance(error, OSError):
         text = f"{error.filename or 'output'}: {error.strerror or error}"

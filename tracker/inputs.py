@@ -1,4 +1,4 @@
-"""What a caller gives, checked where it comes in: names and paths, images and stamps of each camera."""
+"""Checks of the caller's input: object, rig and colours, and the images and timestamps of each camera."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ from tracker.segmentation.labels import check_image
 PathLike: TypeAlias = str | os.PathLike[str]
 
 Images: TypeAlias = Sequence[Array | None] | Mapping[str, Array | None]
-"""One (H, W, 3) uint8 BGR image for each camera, in the rig's order or by the cameras' names; None where
-there is none."""
+"""One (H, W, 3) uint8 BGR image per camera, in the rig's order or by camera name; None for a missing one."""
 
 Stamp: TypeAlias = float | Sequence[float] | Mapping[str, float] | FloatArray
-"""One stamp [s] for all cameras; or one for each, in the rig's order or by the cameras' names."""
+"""One timestamp [s] for all cameras, or one per camera, in the rig's order or by camera name."""
 
 
 def object_of(model: CuboidModel | PathLike) -> CuboidModel:
-    """An object, or that of a name or TOML file; TrackerError where it is neither."""
+    """Return an object, given itself, its name or its TOML file; TrackerError for anything else."""
     if isinstance(model, CuboidModel):
         return model
     valid = "a CuboidModel (tracker.load_object gives one), or its name or TOML file"
@@ -36,7 +35,7 @@ def object_of(model: CuboidModel | PathLike) -> CuboidModel:
 
 
 def rig_of(rig: CameraRig | PathLike | Iterable[PathLike]) -> CameraRig:
-    """A rig, or that of a folder of calibration files, or of files; TrackerError where it is neither."""
+    """Return a rig, given itself, its calibration files or their folder; TrackerError for anything else."""
     if isinstance(rig, CameraRig):
         return rig
     valid = "a CameraRig (tracker.CameraRig.load gives one), or the folder of its calibration files"
@@ -44,7 +43,7 @@ def rig_of(rig: CameraRig | PathLike | Iterable[PathLike]) -> CameraRig:
 
 
 def colors_of(colors: ColorModel | PathLike | None, model: CuboidModel) -> ColorModel:
-    """A colour model, or that of a name or file; None: the object's. TrackerError where it is neither."""
+    """Return a colour model, given itself, its name or file, or None for the object's; else TrackerError."""
     if isinstance(colors, ColorModel):
         return colors
     if colors is None:
@@ -54,10 +53,10 @@ def colors_of(colors: ColorModel | PathLike | None, model: CuboidModel) -> Color
 
 
 def check_images(images: Images, rig: CameraRig, least: int = 1) -> list[Image | None]:
-    """The images in the rig's order, contiguous and writeable, at least `least` of them.
+    """Return the images in the rig's order, contiguous and writeable; None where one is missing.
 
     Raises:
-        ImageError: the wrong count, names, type, shape or size.
+        ImageError: wrong number, names, type, shape or size; or, unless `least` is 0, all are None.
     """
     given = _of_each_camera("images", images, rig.names, "an image (H, W, 3) or None")
     checked = [
@@ -80,15 +79,15 @@ def _checked(image: object, camera: Camera) -> Image:
             f"{camera.width}×{camera.height}; CameraRig.resized makes one for another size"
         )
     checked = np.ascontiguousarray(checked)
-    # Compiled code for arrays that cannot be written would be compiled once more.
+    # Numba would compile its functions once more for read-only arrays.
     return checked if checked.flags.writeable else checked.copy()
 
 
 def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | None:
-    """Masks of hidden pixels in the rig's order, contiguous; None where there is none.
+    """Return the masks of hidden pixels in the rig's order, contiguous; None for a missing or empty mask.
 
     Raises:
-        ImageError: the wrong count, names, type, shape or size.
+        ImageError: wrong number, names, type, shape or size.
     """
     if hidden is None:
         return None
@@ -104,7 +103,7 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
 
 
 def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> list[Any]:
-    """What is given in the rig's order; ImageError where it is not `one` for each camera."""
+    """Return the given values in the rig's order; ImageError unless there is one (`one`) per camera."""
     by_name, valid = isinstance(given, Mapping), f"{one} for each camera: {', '.join(names)}"
     ones: Sequence[Any] = _by_camera(what, given, names, ImageError) if by_name else given
     check_sequence(ones, what, ImageError, valid)
@@ -117,7 +116,7 @@ def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> li
 def _by_camera(
     what: str, values: Mapping[str, Any], names: Sequence[str], error: type[TrackerError]
 ) -> list[Any]:
-    """The values in the rig's order; an error names the cameras that are unknown or missing."""
+    """Return the values in the rig's order; the error lists cameras that are unknown or missing."""
     unknown = ", ".join(repr(name) for name in values if name not in names)
     missing = ", ".join(name for name in names if name not in values)
     found = [f"unknown {unknown}"] if unknown else []
@@ -131,13 +130,13 @@ def _by_camera(
 
 
 def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) -> tuple[float, FloatArray]:
-    """The stamp of the latest image [s], and how much older those of each camera are (C,) [s].
+    """Return the timestamp of the latest image [s], and by how much each camera's image is older (C,) [s].
 
-    timestamp: one for all or one for each; given: who gave an image, the others' delay is zero; names: of
-    the cameras.
+    timestamp: one for all cameras or one per camera; given: whether each camera gave an image (if not, its
+    delay is zero); names: the cameras' names.
 
     Raises:
-        TrackerError: they are not numbers, not one for each camera, or not finite where there is an image.
+        TrackerError: not numbers, not one per camera, or not finite for a camera that gave an image.
     """
     if isinstance(timestamp, Mapping):
         timestamp = _by_camera("timestamp", timestamp, names, TrackerError)

@@ -1,4 +1,4 @@
-"""ObjectTracker: images in, poses out. It joins segmentation, estimation and tracking."""
+"""ObjectTracker: images in, poses out. It combines segmentation, pose estimation and tracking."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ class ObjectTracker:
         rig: the cameras, in the order of the images; or their calibration files, or the folder of these.
         colors: a colour model, or its name or file; None: the object's own.
         tracking: the limits of `update`; None: those for the platform.
-        table_prior: whether to assume that an object often stands on the table (`rig.arena` says where that
-            is, and how well it is known).
+        table_prior: whether to assume that the object often stands on the table (`rig.arena` gives the
+            table's height and how well it is known).
 
     Raises:
         TrackerError: an argument has the wrong type, a name is unknown, or a file is malformed.
@@ -74,13 +74,12 @@ class ObjectTracker:
         return f"ObjectTracker({self.model!r},\n    {self.rig!r},\n    {self.colors!r}{memory})"
 
     def detect(self, images: Images, hidden: Images | None = None) -> Observation:
-        """The object's pose in one set of images, without memory. The same images give the same bits.
+        """Estimate the object's pose from one set of images, without memory; bitwise reproducible.
 
         Args:
             images: one (H, W, 3) uint8 BGR image for each camera of the rig, in its order or as
                 `{camera name: image}`; None for a missing image.
-            hidden: likewise for each camera a bool (H, W) mask of pixels known to show a finger, or None.
-                These pixels are ignored.
+            hidden: for each camera a bool (H, W) mask of pixels to ignore, known to show a finger, or None.
 
         Raises:
             ImageError: wrong number, names, type, shape or size, or no image at all.
@@ -97,7 +96,7 @@ class ObjectTracker:
         return Observation(pose, None, Status.FOUND, timing, reason, after(uses, fit))
 
     def reset(self) -> None:
-        """Forget everything before: the next images start another recording.
+        """Forget all previous images: the next ones start a new recording.
 
         Raises:
             TrackerError: `update` is running in another thread.
@@ -106,49 +105,49 @@ class ObjectTracker:
             self._memory = Memory.empty(len(self.rig), self._memory.belief.options)
 
     def predict(self, timestamp: float) -> Forecast | None:
-        """The pose expected at a later time, from all images so far; changes nothing.
+        """Predict the pose at a later time from all images so far; the tracker does not change.
 
-        Images are late: ask for the pose at the time at which you act. `kinds` lists the possible motions (at
-        rest, carried or pushed, thrown) with their poses and probabilities. Pose and covariance are those of
-        the mixture of the likely ones (95 %). Predictions never put the object inside the table. The result
-        is None if the object is lost, or was last seen more than `TrackingOptions.coast_seconds` before.
+        Images arrive late: predict the pose for the time at which you act. `kinds` lists the possible motions
+        (at rest, carried or pushed, thrown) with their poses and probabilities. Pose and covariance are those
+        of the mixture of the likely ones (95 %). Predictions never put the object inside the table. The
+        result is None if the object is lost, or was last seen over `TrackingOptions.coast_seconds` earlier.
 
         Args:
-            timestamp: on the clock of `update`'s stamps [s], not before the last of them.
+            timestamp: on the clock of `update`'s timestamps [s], not earlier than the last one.
 
         Raises:
-            TrackerError: the stamp is not in seconds, or before that of the last images.
+            TrackerError: the timestamp is not in seconds, or earlier than that of the last images.
         """
         return self.forecast()(timestamp)
 
     def forecast(self) -> Callable[[float], Forecast | None]:
-        """`predict` as of now: a function that gives the same answers while `update` continues."""
+        """Return `predict` for the images so far: a function that later calls of `update` do not change."""
         belief, box, table = self._memory.belief, self._estimator.box, self.rig.arena.table
         ground = -math.inf if table is None else table
         return lambda timestamp: belief.forecast(one_stamp(timestamp, "timestamp"), box, ground)
 
     def update(self, images: Images, timestamp: Stamp, hidden: Images | None = None) -> Observation:
-        """The object's pose in the next set of images, with the memory of those before.
+        """Estimate the object's pose from the next set of images and the memory of the previous ones.
 
-        The search starts where the motion predicts the object, and continues everywhere. Measurements are
-        fused over time: the filtered pose is smoother, has a velocity, and is predicted for a while
-        (`TrackingOptions.coast_seconds`) if the object is not seen. A pose that jumps counts if it is
+        The search starts at the predicted pose, and continues everywhere. Measurements are fused over time:
+        the filtered pose is smoother, has a velocity, and is predicted for a while
+        (`TrackingOptions.coast_seconds`) if the object is not seen. A pose that jumps is accepted if it is
         certain, or if the next images confirm it.
 
-        The same stamp again gives the same answer. An image that is black, or frozen while others change,
-        counts as missing.
+        The same timestamp again gives the same answer. A black image, or one that is frozen while others
+        change, counts as missing.
 
         Args:
             images: as for `detect`, but all may be None.
-            timestamp: when they were taken [s], not earlier than before. If they were not taken at once, one
-                stamp per camera, in order or by name: the pose is that of the latest image, and the motion in
-                between is solved for. Stamps of missing images do not count.
+            timestamp: when the images were taken [s], not earlier than the last. If they were not taken at
+                the same time, one per camera, in order or by name: the pose is that of the latest image, and
+                the motion in between is estimated, too. Timestamps of missing images are ignored.
             hidden: as for `detect`.
 
         Raises:
             ImageError: wrong number, names, type, shape or size.
-            TrackerError: the wrong number of stamps, one that is not in seconds, or all earlier than before;
-                or `update` or `reset` is running in another thread. A call that raises has changed nothing.
+            TrackerError: wrong number of timestamps, one that is not in seconds, all too early, or
+                `update` or `reset` is running in another thread. A call that raises changes nothing.
         """
         with self._gate:
             start, before = time.perf_counter(), self._memory
@@ -162,13 +161,13 @@ class ObjectTracker:
             return answer
 
     def fit(self, images: Images, timing: dict[str, float] | None = None) -> Fit | Status:
-        """As `detect`, with the evidence for the pose; `timing` gets the milliseconds of each stage."""
+        """Like `detect`, but with the evidence for the pose; `timing` gets each stage's duration [ms]."""
         return self._search(images, {} if timing is None else timing)[0]
 
     def _search(
         self, images: Images, timing: dict[str, float], hidden: Images | None = None
     ) -> tuple[Fit | Status, tuple[CameraUse, ...]]:
-        """The object anywhere, without memory, and what the pictures themselves are good for."""
+        """Search everywhere, without memory; also return how each camera's image can be used."""
         nothing = [CameraMemory()] * len(self.rig)
         _, given, uses = usable(nothing, check_images(images, self.rig))
         return self._estimator.find(given, timing, hidden=check_hidden(hidden, self.rig)), uses

@@ -1,4 +1,4 @@
-"""Other processes of this Python: they import what this one imports, and see its variables."""
+"""Child Python processes with the same import path as this one, and changes of environment variables."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 
 
 def python_command(program: str, *arguments: str) -> list[str]:
-    """The command that runs a program as `python -c` does, with arguments for its `sys.argv`.
+    """Return the command that runs a program as `python -c` does, with arguments for its `sys.argv`.
 
-    By itself Python looks for modules in the present folder first, where a user may have a file that is
-    called as one of them. Here it looks where this process does.
+    By default Python searches the current folder first, where a user's file may have the name of a module.
+    The command makes it search where this process does.
     """
     paths = [os.fspath(path) for path in sys.path]
     return [sys.executable, "-c", f"import sys; sys.path[:] = {paths}; {program}", *arguments]
@@ -20,7 +20,7 @@ def python_command(program: str, *arguments: str) -> list[str]:
 
 @contextlib.contextmanager
 def environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Variables of the environment that have these values within the `with` block."""
+    """Set environment variables within the `with` block, and restore them after it."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

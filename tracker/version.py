@@ -4,8 +4,8 @@ from __future__ import annotations
 
 
 def version() -> str:
-    """As its metadata say, or `(not installed)` where it runs from a checkout."""
-    from importlib import metadata  # takes longer to load than most commands take to fail
+    """Return the version from the package's metadata, or `(not installed)` if it runs from a checkout."""
+    from importlib import metadata  # slow to import: most commands fail in less time
 
     try:
         return metadata.version("trifinger-object-tracker")

@@ -1,7 +1,7 @@
-"""Compile what detection and tracking need, once per machine.
+"""Compile the kernels that detection and tracking need, once per machine.
 
-Half of the kernels are compiled by a process of their own, so that two cores take half the time. Of several
-processes that begin at once one compiles, and the others wait for it.
+A second process compiles half of the kernels, so that two cores need half the time. If several processes
+start at once, one compiles and the others wait for it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from tracker.tracking.motion import MotionFilter
 
 try:
     import fcntl
-except ImportError:  # not on this operating system: every process compiles for itself
+except ImportError:  # not available on this operating system: each process compiles for itself
     fcntl = None  # type: ignore[assignment]
 
 _LOG = logging.getLogger(__name__)
@@ -47,27 +47,27 @@ _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
 KERNELS = 17
-"""Machine codes that come of it."""
+"""Number of machine code files that compilation produces."""
 _THRESHOLDS = (100_000, 50, 100)
-"""Of Python's garbage collection; without any, each process would need 200 MB more."""
+"""Thresholds of Python's garbage collection; without it, each process would need 200 MB more."""
 
 
 def kernels_are_cached() -> bool:
-    """Whether compiled kernels lie on disk, so that the first detection starts at once (best effort)."""
+    """Whether compiled kernels are on disk, so that the first detection starts at once (best effort)."""
     return is_cached(refine)
 
 
 def _folder() -> str | None:
-    """Where compiled kernels are kept; None where there is no place for them."""
+    """Return the cache folder of compiled kernels, or None if there is none."""
     path: str | None = getattr(refine.stats, "cache_path", None)
     return path
 
 
 def warm_up() -> None:
-    """Compile the kernels unless they lie on disk, and say so before; later calls return at once."""
+    """Compile the kernels unless they are on disk, after a warning; later calls return at once."""
     if kernels_are_cached():
         return
-    # A warning reaches standard error without any set-up of logging.
+    # Warnings reach standard error even if logging is not configured.
     often = "once per machine" if _folder() else "which no folder can keep, see `tracker doctor`"
     _LOG.warning("compiling kernels, %s (about half a minute) ...", often)
     with _alone(), quickly(), _counted():
@@ -83,7 +83,7 @@ def warm_up() -> None:
 
 @functools.cache
 def load() -> None:
-    """Load what is compiled into this process, so that its first images take no longer than later ones."""
+    """Load all kernels into this process, so that its first images take no longer than later ones."""
     warm_up()
     for part in PARTS.values():
         part()
@@ -91,7 +91,7 @@ def load() -> None:
 
 @contextlib.contextmanager
 def _alone() -> Iterator[None]:
-    """Wait until no other process is here; nothing is waited for where there is no place for machine code."""
+    """Let one process at a time into the `with` block; without a cache folder, do not wait."""
     folder = _folder()
     with contextlib.ExitStack() as stack:
         if folder is not None and fcntl is not None:
@@ -104,14 +104,14 @@ def _alone() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _counted() -> Iterator[None]:
-    """Show on a terminal how many kernels lie on disk, those of the other process among them."""
+    """Show on a terminal how many kernels are on disk, including those of the other process."""
     folder = _folder()
     if folder is None or sys.stderr is None or not sys.stderr.isatty():
         yield
         return
     from tqdm import tqdm
 
-    tqdm.monitor_interval = 0  # without a thread that looks after bars
+    tqdm.monitor_interval = 0  # no monitor thread
     done = threading.Event()
     form = "compiled {n_fmt} of {total_fmt} kernels |{bar}| {elapsed}"
     with tqdm(total=KERNELS, bar_format=form, leave=False, file=sys.stderr) as bar:
@@ -131,7 +131,7 @@ def _counted() -> Iterator[None]:
 
 
 def _kept(folder: Path) -> int:
-    """Machine codes of the present sources: beside each package, or together below NUMBA_CACHE_DIR."""
+    """Count machine code files of the current sources, beside each package or below NUMBA_CACHE_DIR."""
     beside = folder.parents[2].glob(f"*/{folder.parent.name}/{folder.name}/*.nbc")
     together = folder.parents[1].glob(f"*/{folder.name}/*.nbc")
     return len({*beside, *together})
@@ -139,11 +139,11 @@ def _kept(folder: Path) -> int:
 
 @contextlib.contextmanager
 def quickly() -> Iterator[None]:
-    """Compile in four fifths of the time.
+    """Reduce compilation within the `with` block to four fifths of its time.
 
-    Cycles of garbage are seldom looked for: a compiler makes much that stays, and each look goes through it.
-    What types an operator returns for some operands is found once; numba tries dozens of signatures wherever
-    it stands.
+    The garbage collector runs seldom: a compiler keeps most of its objects, and each run goes through them.
+    The signature of an operator for given operand types is resolved once; numba would try dozens of
+    signatures at each use.
     """
     before, resolve = gc.get_threshold(), BaseFunction.get_call_type
     known: dict[Any, Any] = {}
@@ -167,7 +167,7 @@ def quickly() -> Iterator[None]:
 
 
 def _begin(part: str) -> subprocess.Popen[bytes] | None:
-    """A process that compiles a part; None where it cannot be had, or could not hand on what it made."""
+    """Start a process that compiles a part; None if it cannot start, or has no folder for its results."""
     if _folder() is None or not sys.executable:
         return None
     run = f"from tracker.warm_up import PARTS, quickly\nwith quickly(): PARTS[{part!r}]()"
@@ -181,7 +181,7 @@ def _begin(part: str) -> subprocess.Popen[bytes] | None:
 
 @functools.cache
 def _estimator() -> PoseEstimator:
-    """An estimator of one camera, the same for every part that asks for one."""
+    """Return an estimator with one camera, shared by all parts."""
     transform = np.eye(4)
     transform[:3, :3] = np.diag([1.0, -1.0, -1.0])
     transform[2, 3] = 0.5
@@ -192,7 +192,7 @@ def _estimator() -> PoseEstimator:
 
 
 def _sight() -> Sight:
-    """Labels at random to look at; to make them, nothing is compiled that reads pictures."""
+    """Return a view of random labels, made without compiling the kernels that read pictures."""
     estimator, image = _estimator(), np.zeros((_SIZE, _SIZE, 3), np.uint8)
     labels = np.random.default_rng(0).integers(0, 7, estimator.reader.shape).astype(np.uint8)
     pictures = np.zeros(1, PICTURE)
@@ -239,4 +239,4 @@ def _filter() -> None:
 PARTS: dict[str, Callable[[], None]] = {
     "read": _read, "search": _search, "judge": _judge, "filter": _filter, "refine": _refine,
 }  # fmt: skip
-"""What needs compiled code, by name: "refine" takes about as long to compile as the others together."""
+"""Functions that compile kernels, by name; "refine" takes about as long as the others together."""
