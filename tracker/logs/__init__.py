@@ -1,4 +1,4 @@
-"""Recordings of the platform's cameras, read frame by frame, and written; the robot's states beside them."""
+"""Reads and writes recordings of the platform's cameras frame by frame, and reads the robot's logs."""
 
 from tracker.logs.frame import LogFrame as LogFrame
 from tracker.logs.frame import RecordedPose as RecordedPose

@@ -1,6 +1,6 @@
-"""Image data sets of trifinger_rl_datasets, `NAME.zarr/data.mdb`: their images, and their control steps.
+"""Image data sets of trifinger_rl_datasets, `NAME.zarr/data.mdb`: their images and control steps.
 
-`observations` (steps, n) is a nested dictionary, flattened in the order of sorted keys; n tells which.
+`observations` (steps, n) is a nested dictionary, flattened in the order of sorted keys; n tells the task.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from tracker.logs.opening import STORE_FILE
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
 
 CAMERA_RATE = 10.0
-"""Of the cameras [Hz]."""
+"""Frame rate of the cameras [Hz]."""
 
 CONTROL_RATE = 50.0
-"""Of the steps of a policy [Hz], which `obs_to_image_index` counts."""
+"""Rate of the policy's control steps [Hz], the rows of `obs_to_image_index`."""
 
 _MAX_CAMERAS = 16
 
 TASKS = {97: "push", 139: "lift"}
-"""Task by the numbers in an observation: goals are a position (3) in push, keypoints (24) in lift."""
+"""Task by the length of an observation: a goal is a position (3) in push, and keypoints (24) in lift."""
 
 _NORM_TOLERANCE = 0.01
 _GOAL = {"push": 3, "lift": 24}
@@ -43,7 +43,7 @@ _IN_ROBOT = {"joints": (21, 30), "robot": (30, 31)}
 class DatasetSource(Source):
     """The images of all episodes, one after the other.
 
-    A frame's stamp is that of the first control step that was given it. The store holds no other time.
+    A frame's timestamp is that of the first control step that saw it: the store has no other times.
     """
 
     gaps = True
@@ -80,7 +80,7 @@ class DatasetSource(Source):
             return
         self._stamps = steps / CONTROL_RATE
         ends = StoredArray.find(self.store, "episode_ends", str(self.path))
-        if ends is not None:  # the last steps of episodes
+        if ends is not None:  # last step of each episode
             after = np.searchsorted(steps, ends.numbers(), side="right")
             self.episode_starts = tuple(sorted({0, *(int(start) for start in after if start < self.count)}))
 
@@ -115,9 +115,9 @@ class DatasetSource(Source):
         )
 
     def _first_steps(self, cameras: int) -> FloatArray | None:
-        """(count,) number of the first control step that saw each frame; None where that is not stored.
+        """Return (count,) the first control step that saw each frame; None if that is not stored.
 
-        Frames that no step saw lie evenly between those that were seen.
+        Frames that no step saw are interpolated evenly between those that were seen.
         """
         shown = StoredArray.find(self.store, "obs_to_image_index", str(self.path))
         if shown is None:
@@ -145,40 +145,40 @@ class DatasetSource(Source):
 
 
 class Episode(NamedTuple):
-    """A part of a store that one robot recorded without a break."""
+    """A part of a store that one robot recorded without interruption."""
 
     number: int
-    """From 0."""
+    """Number of the episode, from 0."""
     robot: int | None
-    """Number of the robot; None where the store does not tell."""
+    """Number of the robot; None if the store does not have it."""
     steps: range
-    """Its control steps."""
+    """Control steps of the episode."""
     frames: range
-    """The sets of images that these saw; none where an earlier episode saw them, too."""
+    """Sets of images that the steps saw, without those that an earlier episode saw, too."""
 
 
 @dataclass(frozen=True, eq=False)
 class StoreSteps:
-    """What is known of each control step."""
+    """The control steps of a store."""
 
     where: str
-    """The store, for errors."""
+    """Name of the store in errors."""
     frame: Array
-    """(n,) int64: number of the set of images that the step saw."""
+    """(n,) int64: number of the set of images that each step saw."""
     ends: Array
     """(e,) int64: last step of each episode."""
     frames: int
     """Number of sets of images in the store."""
     task: str | None
-    """`push` or `lift`; None where the observations are others, or none."""
+    """`push` or `lift`; None if there are no observations, or those of another task."""
     observed: dict[str, FloatArray]
-    """By name (n, k): `robot`, `joints` [rad], and of the stored pose `position` [m], `orientation` (x, y, z,
-    w), `confidence` and `delay` [s]; empty without a task."""
+    """Columns (n, k) by name: `robot`, `joints` [rad], and those of the stored pose: `position` [m],
+    `orientation` (x, y, z, w), `confidence` and `delay` [s]; empty without a task."""
 
     def episodes(self) -> list[Episode]:
-        """All episodes; LogError where one has several robots, or a number that cannot be a robot's.
+        """Return all episodes; LogError if one has several robots, or an invalid robot number.
 
-        A set of images that two of them saw belongs to the first.
+        A set of images that two episodes saw belongs to the first.
         """
         found: list[Episode] = []
         for number, last in enumerate(self.ends.tolist()):
@@ -189,10 +189,10 @@ class StoreSteps:
         return found
 
     def stored_with(self, frames: Array) -> tuple[Array, dict[str, Array] | None]:
-        """Of sets of images the first step that saw each, or a later set, and the pose stored with it.
+        """Return the first step that saw each set of images or a later one, and the pose stored with it.
 
-        The columns are those of `PoseColumns`, None where the store has no poses. Rows that cannot be a pose,
-        or of images that no step saw, are NaN.
+        The columns are those of `PoseColumns`; None if the store has no poses. Rows without a valid pose, and
+        those of images that no step saw, are NaN.
         """
         steps = np.minimum(np.searchsorted(self.frame, frames), len(self.frame) - 1)
         if self.task is None:
@@ -221,13 +221,13 @@ class StoreSteps:
 
 
 def is_store(path: Path) -> bool:
-    """Whether this is an image store, or its file."""
+    """Whether the path is an image store, or the file in it."""
     return path.name == STORE_FILE or (path / STORE_FILE).is_file()
 
 
 def read_steps(path: Path) -> StoreSteps:
-    """The control steps of a store; LogError where it is none, damaged, or its numbers contradict."""
-    # The source compares the numbers of images with each other.
+    """Return the control steps of a store; LogError if it is no store, damaged or inconsistent."""
+    # DatasetSource checks the stored numbers of images for consistency.
     with closing(DatasetSource(path.parent if path.name == STORE_FILE else path)) as source:
         frame, ends = (
             StoredArray(source.store, name, str(path)).numbers().astype(np.int64)
@@ -244,7 +244,7 @@ def read_steps(path: Path) -> StoreSteps:
 
 
 def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict[str, FloatArray]]:
-    """The task, and the columns of `StoreSteps.observed`."""
+    """Return the task and the columns of `StoreSteps.observed`."""
     array = StoredArray.find(store, "observations", str(path))
     task = TASKS.get(array.shape[-1]) if array is not None else None
     if array is None or task is None:

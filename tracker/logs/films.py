@@ -1,4 +1,4 @@
-"""Films, one of each camera: their pictures by number, each at the time that the film states."""
+"""Films, one per camera: pictures by number, with their presentation times."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tracker.files import on_error, open_regular, told_of
 from tracker.logs.log import check_same_size, check_sides
 
 SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
-"""Of films."""
+"""File name suffixes of films."""
 
 _MAX_PICTURES = 10_000_000
 
 _CONTAINERS = {"format_whitelist": "mov,matroska,avi", "protocol_whitelist": "file"}
-"""Others are not opened, whatever the content says: playlists would read the files that they name."""
+"""The only containers and protocols that FFmpeg may open: playlists would read the files that they name."""
 
 _BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
 _MATROSKA = b"\x1aE\xdf\xa3"
-"""First bytes of the containers; of MP4 and MOV after the length of their first box."""
+"""Magic bytes of the containers; those of MP4 and MOV follow the length of the first box."""
 
 
 def check_container(path: Path) -> None:
-    """For libraries that cannot be limited to containers; LogError where the file is none of them."""
+    """Raise LogError unless the file is a known container; for libraries that open any format."""
     with told_of(path), open_regular(path) as file:
         head = file.read(12)
     avi = head[:4] == b"RIFF" and head[8:] == b"AVI "
@@ -36,10 +36,10 @@ def check_container(path: Path) -> None:
 
 
 class FilmFile:
-    """A film whose pictures are decoded when they are asked for.
+    """A film whose pictures are decoded on access.
 
     Raises:
-        LogError: the file is no film, damaged, or holds no picture or absurd ones.
+        LogError: the file is no film, is damaged, has no picture, or ones of an invalid size.
         TrackerError: the optional package `av` is missing.
     """
 
@@ -57,9 +57,9 @@ class FilmFile:
         """(width, height) [px] of the pictures."""
         first, unit = self._times[0], self._stream.time_base
         self.stamps: tuple[float, ...] = tuple(float((time - first) * unit) for time in self._times)
-        """When each picture is shown [s], from the first one on."""
-        self._next: Any = None  # decodes on from where the last picture was
-        self._ahead: int | None = None  # time of the picture decoded last
+        """Presentation time of each picture, relative to the first [s]."""
+        self._next: Any = None  # decoder, positioned after the last decoded picture
+        self._ahead: int | None = None  # time of the last decoded picture
 
     def _video(self) -> Any:
         if not self._film.streams.video:
@@ -68,12 +68,12 @@ class FilmFile:
         if stream.codec_context is None:
             raise LogError(f"{self.path}: found pictures in an unknown code, expected a film")
         check_sides(stream.width, stream.height, f"{self.path}: ")
-        stream.thread_type = "NONE"  # cores are shared by recordings
-        stream.codec_context.options = {"err_detect": "explode"}  # else what is damaged is made up
+        stream.thread_type = "NONE"  # recordings are decoded in parallel instead
+        stream.codec_context.options = {"err_detect": "explode"}  # else the decoder conceals damage
         return stream
 
     def _read_times(self) -> list[int]:
-        """When each picture is shown, in the stream's own units, without decoding any."""
+        """Return the sorted presentation times in the stream's time base, without decoding pictures."""
         times: list[int] = []
         with naming(f"{self.path}: damaged", LogError, *self._faults):
             for packet in self._film.demux(self._stream):
@@ -88,12 +88,12 @@ class FilmFile:
         return sorted(times)
 
     def picture(self, number: int) -> Image:
-        """The picture (H, W, 3) BGR of a number; LogError if it is damaged."""
+        """Return the picture (H, W, 3) BGR with this number; LogError if it is damaged."""
         sought = self._times[number]
         try:
             before = self._times[number - 1] if number else None
             if self._next is None or self._ahead != before:
-                self._film.seek(sought, stream=self._stream, backward=True)  # to a key picture before it
+                self._film.seek(sought, stream=self._stream, backward=True)  # to a keyframe before it
                 self._next, self._ahead = self._film.decode(self._stream), None
             for frame in self._next:
                 self._ahead = frame.pts if frame.pts is not None else frame.dts

@@ -1,4 +1,4 @@
-"""Folders of PNG or JPEG pictures, or of films, read frame by frame; and recordings written as such."""
+"""Reads folders of PNG or JPEG pictures or of films frame by frame, and writes folders of pictures."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, c
 from tracker.logs.pictures import decode, head_of
 
 TRUTH_FILE = "ground_truth.json"
-"""What `python -m synthetic dataset` writes beside the pictures; stamps are taken from it."""
+"""File that `python -m synthetic dataset` writes beside the pictures; timestamps are read from it."""
 
-_PAUSE = 8  # frames; dropped pictures of a sequence are single ones, between motions there are 10 or more
+_PAUSE = 8  # frames; sequences drop only single pictures, while pauses between motions have 10 frames or more
 
-_MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # more bytes than the largest picture, uncompressed
+_MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # bytes; more than the largest picture uncompressed
 _MAX_TRUTH = 1 << 28  # bytes; a frame has about 1000
 
 
@@ -75,7 +75,7 @@ class FolderSource(Source):
             film.close()
 
     def _read_truth(self, file: Path) -> None:
-        """Take the stamps from there, NaN where a frame has none."""
+        """Read the frames' timestamps from the ground truth, NaN for frames that it does not have."""
         text = _content(file, _MAX_TRUTH)
         faults = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
         with naming(f"{file}: found no stamps of frames", LogError, *faults):
@@ -86,13 +86,13 @@ class FolderSource(Source):
         self.format += ", synthetic"
         stamps = np.array([truth.get(name, np.nan) for name in self._layout.names])
         self._stamps = np.where(np.isnan(self._stamps), np.nan, stamps[:, None])
-        # The synthetic robot starts again with each single scene, and after a pause in a sequence.
+        # An episode starts with each single scene, and after a pause in a sequence.
         pause = _PAUSE / rate if settings["sequence"] else 0.0
         self.episode_starts = (0, *(int(k) for k in np.flatnonzero(np.diff(stamps) > pause) + 1))
 
 
 def _picture(file: Picture, size: tuple[int, int]) -> Image:
-    """A picture, of the same size as the camera's first."""
+    """Read a picture; LogError if its size differs from that of the camera's first."""
     if isinstance(file, FilmPicture):
         return file.film.picture(file.number)
     with naming(file, LogError):
@@ -102,7 +102,7 @@ def _picture(file: Picture, size: tuple[int, int]) -> Image:
 
 
 def _first_size(files: Iterable[Picture | None]) -> tuple[int, int]:
-    """(width, height) [px] of the first of a camera's pictures that states it; zeros if none does."""
+    """Return (width, height) [px] of the camera's first picture with a readable size; zeros without one."""
     for file in files:
         if isinstance(file, FilmPicture):
             return file.film.size
@@ -120,9 +120,9 @@ def _content(file: Path, largest: int = _MAX_FILE) -> bytes:
 
 
 def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
-    """Write frames as a folder of PNG files for each camera, named by their stamps, with the calibration.
+    """Write frames as one folder of PNG files per camera, named by their timestamps, with the calibration.
 
-    The folder appears when all is written. A picture that a recorder repeated is there once.
+    The folder appears once everything is written. A picture that the recorder repeated is written once.
     """
     with told_as(LogError, path), whole_file(path) as folder:
         for name in rig.names:

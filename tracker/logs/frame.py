@@ -1,4 +1,4 @@
-"""One frame of a recording: its stamps, and the object's pose as the recorder saw it."""
+"""One frame of a recording: its timestamps, and the object's pose as recorded."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 
 MAX_DISTANCE = 10.0
-"""Farthest recorded position [m] that is believed; the arena's radius is 0.2 m."""
+"""Largest valid coordinate of a recorded position [m]; the arena's radius is 0.2 m."""
 
 MAX_CONFIDENCE = 2.0
-"""Largest recorded confidence that is believed: nominally 1, but a sum weighted by hand may exceed it."""
+"""Largest valid recorded confidence: nominally 1, but a sum with hand-tuned weights may exceed it."""
 
 MAX_GAP = 3600.0
-"""Longest time [s] between two frames of one recording; a job of the platform lasts minutes."""
+"""Longest valid time between two frames of one recording [s]; a job on the platform lasts minutes."""
 
 EARLIEST = -MAX_GAP
-"""Least stamp [s] that is believed: a simulated clock may begin before its zero, while a time since the epoch
-whose sign is damaged is far below."""
+"""Smallest valid timestamp [s]: a simulated clock may start below zero, but a time since the epoch with a
+damaged sign is far below."""
 
-_APART = 1e-3  # s between frames without a stamp at the beginning and the end of a recording
-_ZERO_NORM = 1e-6  # an orientation that was never set, in memory that held zeros or nearly so
+_APART = 1e-3  # [s] between frames without a timestamp at the beginning or end of a recording
+_ZERO_NORM = 1e-6  # quaternions shorter than this were never set: their memory held about zero
 _NORM_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedPose:
-    """A pose that the recorder's tracker found. Arrays are read-only."""
+    """A pose estimated by the recorder's tracker. Arrays are read-only."""
 
     position: FloatArray
     """(3,) the object's centre in the world [m]."""
     orientation: FloatArray
     """(4,) unit quaternion x, y, z, w of world_from_object."""
     confidence: float
-    """What the recorder's tracker thought of it, nominally 0 to 1; not a probability."""
+    """Confidence of the recorder's tracker, nominally 0 to 1; not a probability."""
 
     def __post_init__(self) -> None:
         freeze(self, "position", np.array(self.position, dtype=np.float64).reshape(3))
@@ -48,24 +48,24 @@ class RecordedPose:
 
 @dataclass(frozen=True, eq=False)
 class LogFrame:
-    """What the cameras gave at one moment."""
+    """The images of all cameras at one moment."""
 
     index: int
     """Number of the frame in its recording, from 0."""
     timestamp: float
-    """Stamp of the frame [s]; since the epoch in recordings of the platform. Of a frame that a driver's error
-    left empty: between its neighbours', or NaN where these were not looked at."""
+    """Timestamp of the frame [s], since the epoch in recordings of the platform. If a driver's error left the
+    frame empty: between its neighbours' timestamps, or NaN if the frame was read alone."""
     camera_timestamps: FloatArray
-    """(C,) stamps of the cameras' images [s]; NaN where a camera gave none."""
+    """(C,) timestamps of the cameras' images [s]; NaN for a missing image."""
     images: tuple[Image | None, ...]
-    """(H, W, 3) uint8 BGR of each camera in order, or None where a camera gave none."""
+    """(H, W, 3) uint8 BGR image of each camera in order; None for a missing image."""
     recorded_pose: RecordedPose | None
     """The object's pose as the recorder's tracker measured it, or None."""
     recorded_filtered_pose: RecordedPose | None
     """The same after its filter, or None."""
     raw: tuple[Image, ...] | None = None
-    """(H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns; None where the recording
-    holds colours."""
+    """(H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns; None if the recording has
+    colour images."""
 
 
 def recorded_frame(
@@ -78,11 +78,11 @@ def recorded_frame(
     *,
     where: str,
 ) -> LogFrame:
-    """A frame as the platform's recorder writes it; LogError, which names it by `where`, if it is impossible.
+    """Make a frame from values of the platform's recorder; LogError, naming `where`, if they are invalid.
 
-    Without images where it is what the recorder appends after a driver's error, before it goes on; its stamp
-    is NaN then. `camera_stamps` (C,) [s], `stamp` [ms] of the frame or None; the measured pose and the
-    filtered one are records (8,), as far as there are some.
+    After a driver's error the recorder appends an empty frame: it has no images, and its timestamp is NaN.
+    `camera_stamps`: (C,) [s]; `stamp`: the frame's [ms], or None; `poses`: records (8,), up to two: the
+    measured and the filtered pose.
     """
     for number, value in enumerate(camera_stamps, start=1):
         checked_stamp(value, what=f"{where}, camera number {number}")
@@ -98,13 +98,13 @@ def recorded_frame(
 
 
 def _pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
-    """The pose of a record (8,), or None where the recorder had none; LogError where it cannot be one.
+    """Return the pose of a record (8,), or None if the recorder had none; LogError if it is invalid.
 
-    The recorder says "none" in several ways: confidence 0, an orientation of zeros, or NaN. The numbers are
-    position [m], quaternion x, y, z, w, confidence.
+    The record is position [m], quaternion x, y, z, w, confidence. Confidence 0, an all-zero quaternion or
+    any NaN mean that there is no pose.
     """
     position, orientation, confidence = values[:3], values[3:7], float(values[7])
-    # All values must be non-NaN: where the rotation was zero, the predecessor divided by its angle.
+    # Any value may be NaN: for a rotation of zero, the predecessor of this tracker divided by its angle.
     if not confidence > 0 or np.isnan(values).any():
         return None
     with np.errstate(over="ignore"):
@@ -122,7 +122,7 @@ def _pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
 
 
 def checked_stamp(value: object, *, what: str) -> float:
-    """A stamp [s] that can be one; LogError otherwise."""
+    """Return a valid timestamp [s]; LogError otherwise."""
     stamp = one_stamp(value, f"{what}: stamp", LogError)
     if stamp < EARLIEST:
         raise LogError(f"{what}: found the stamp {stamp:.6g} s, expected at least {EARLIEST:g} s")
@@ -130,19 +130,19 @@ def checked_stamp(value: object, *, what: str) -> float:
 
 
 class StampOrder:
-    """Checks that stamps do not go backwards, nor jump by hours, from one frame to the next.
+    """Checks that timestamps neither go backwards nor jump by hours from one frame to the next.
 
-    Equal stamps are fine: a recorder that is faster than the cameras repeats observations.
+    Equal timestamps are valid: a recorder that is faster than the cameras repeats observations.
     """
 
     def __init__(self, *, gaps: bool) -> None:
-        """Args: gaps: whether time may have passed between frames as it likes."""
+        """Args: gaps: whether any time may pass between frames."""
         self._gap = np.inf if gaps else MAX_GAP
         self._last: FloatArray | None = None
         self._index = 0
 
     def check(self, frame: LogFrame, *, what: str) -> None:
-        """Compare with the frame before; LogError tells what is wrong, and forgets this frame."""
+        """Compare with the previous frame; a frame that raises LogError is not remembered."""
         stamps = np.array([frame.timestamp, *frame.camera_timestamps])
         if self._last is not None:
             steps = np.where(np.isnan(stamps), 0.0, stamps - self._last)
@@ -155,13 +155,13 @@ class StampOrder:
                     f"expected 0 to {self._gap:g} s"
                 )
             stamps = np.where(np.isnan(stamps), self._last, stamps)
-        # A camera without an image yet: any stamp may follow.
+        # NaN stays for a camera without any image yet, so that any timestamp may follow.
         self._last = stamps
         self._index = frame.index
 
 
 def with_stamps(frames: Iterable[LogFrame]) -> Iterator[LogFrame]:
-    """The frames, those without a stamp with one that lies between their neighbours'."""
+    """Yield the frames, with interpolated timestamps for those that have none."""
     waiting: list[LogFrame] = []
     last: float | None = None
     for frame in frames:

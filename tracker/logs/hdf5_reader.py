@@ -1,11 +1,11 @@
-"""The platform's HDF5 camera logs, versions 1 and 2, with poses or without.
+"""The platform's HDF5 camera logs, versions 1 and 2, with or without poses.
 
     images                      (n, C, H, W) uint8, raw Bayer pixels
     timestamps, object_pose/…   (n, k) numbers of each frame
-    camera_names                (C,) texts
-    camera_info/NAME/settings   (k,) uint8: what a camera was set to, the text of a JSON object
+    camera_names                (C,) strings
+    camera_info/NAME/settings   (k,) uint8: a camera's settings, the text of a JSON object
 
-Settings are bytes rather than a text, since the library does not survive damaged texts.
+Settings are stored as bytes, not as strings, since the HDF5 library crashes on damaged strings.
 """
 
 from __future__ import annotations
@@ -34,30 +34,30 @@ from tracker.logs.log import MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
 
 POSE = {"position": 3, "orientation": 4, "confidence": 1}
-"""Fields of a pose, and how many numbers each has."""
+"""Fields of a pose and their lengths."""
 
 MAGIC = 0x3CDA7A00
 VERSIONS = (1, 2)
 
 FLUSHED = "frames_flushed"
-"""Attribute of a log of this project that is still written, or whose writer was killed: how many frames were
-handed over as a whole. What comes after them is left out."""
+"""Attribute of a log of this project that is still being written, or whose writer was killed: the number of
+frames that were completely flushed. Later frames are ignored."""
 
 MAX_CAMERAS = 16
 
-_MAX_SETTINGS = 1 << 16  # bytes of one camera
+_MAX_SETTINGS = 1 << 16  # bytes per camera
 _MAX_NAME = 400  # bytes: 100 letters
 _MAX_HEAP = 1 << 20
-_REFERENCE = struct.Struct("<IQI")  # length, address of the heap, number in it
+_REFERENCE = struct.Struct("<IQI")  # length, address of the heap, object number in it
 _HEAP_HEAD = struct.Struct("<4sB3xQ")
 _OBJECT_HEAD = struct.Struct("<HH4xQ")
 
 
 class StoredImages:
-    """The field `images`, (n, C, H, W) uint8; the frames that are packed together are in memory."""
+    """The field `images`, (n, C, H, W) uint8; keeps the frames of one compressed block in memory."""
 
     def __init__(self, field: h5py.Dataset) -> None:
-        """LogError if the field cannot be images."""
+        """Raise LogError if the field cannot be images."""
         shape: tuple[int, ...] = field.shape or ()
         sides = len(shape) == 4 and all(MIN_SIDE <= side <= MAX_SIDE for side in shape[2:])
         if not sides or not 1 <= shape[1] <= MAX_CAMERAS or field.dtype != np.uint8:
@@ -68,14 +68,14 @@ class StoredImages:
         self._field = field
         self.count, self.cameras, self.rows, self.columns = (int(side) for side in shape)
         stored = int(field.chunks[0]) if field.chunks else 1
-        # Frames that are packed together are unpacked together, else each would unpack them all again.
+        # Unpack all frames of a block at once: each frame by itself would unpack the whole block again.
         few = 1 < stored <= self.count and stored * math.prod(shape[1:]) <= hdf5.MAX_CHUNK
         self._together = stored if few else 1
         self._start = 0
         self._frames: Image = np.empty((0, 0, 0, 0), np.uint8)
 
     def read(self, index: int) -> Image:
-        """(C, H, W) raw pixels of a frame; LogError where they are damaged or were never written."""
+        """Return (C, H, W) raw pixels of a frame; LogError if they are damaged or were never written."""
         if not self._start <= index < self._start + len(self._frames):
             start = index - index % self._together
             self._frames, self._start = self._read(start, min(start + self._together, self.count)), start
@@ -83,7 +83,7 @@ class StoredImages:
         return result
 
     def _read(self, start: int, stop: int) -> Image:
-        """Frames of the same blocks, each looked at: the library would make up those that are missing."""
+        """Read frames of the same blocks, checking each block: the library would fill in missing ones."""
         field = self._field
         frames: Image = np.empty((stop - start, *field.shape[1:]), np.uint8)
         if field.chunks:
@@ -95,16 +95,16 @@ class StoredImages:
                 inside = block.reshape(field.chunks)[start - first :][tuple(map(slice, part.shape))]
                 part[tuple(map(slice, inside.shape))] = inside
         if not field.chunks or h5py.h5z.FILTER_FLETCHER32 in hdf5.filters_of(field):
-            frames = field[start:stop]  # the library compares the checksums
+            frames = field[start:stop]  # the library verifies the checksums
         return frames
 
 
 def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
-    """The names in the field `camera_names`; LogError if they are not `count` different ones.
+    """Return the names in the field `camera_names`; LogError unless there are `count` different ones.
 
-    Strings of variable length lie in a heap of the file, and in a damaged heap the HDF5 library reads
-    beyond its memory, which ends the process, or searches without end: so it does, in version 2.0 still,
-    with 39 of the 1,664 bits of a heap of three names flipped. Therefore these few bytes are read here.
+    Strings of variable length are in a heap of the file. If it is damaged, the HDF5 library reads beyond its
+    memory, which ends the process, or searches forever. Even in version 2.0, 39 of the 1,664 bits of a heap
+    of three names do this when flipped. Therefore this function reads the heap itself.
     """
     offset, variable = field.id.get_offset(), field.dtype.kind == "O"
     size = _REFERENCE.size if variable else int(field.dtype.itemsize)
@@ -139,24 +139,24 @@ def _from_heap(file: BufferedReader, reference: bytes) -> bytes:
         at += _OBJECT_HEAD.size
         if number == sought and number and length <= stored:
             return heap[at : at + length]
-        if number == 0:  # what is free
+        if number == 0:  # free space
             break
         at += -(-stored // 8) * 8
     raise LogError("a name that the heap does not hold")
 
 
 class Hdf5Source(Source):
-    """An HDF5 log; of the images a block at a time is in memory."""
+    """An HDF5 log; keeps one block of the images in memory."""
 
     def __init__(self, path: Path, *, recover: bool) -> None:
         super().__init__(path)
         self.opening_fault = check_stated_end(path)
         with faults_as_log_errors(str(path)):
             self._file = open_file(path)
-        # Every property of a damaged field may raise.
+        # In a damaged file any property of a field may raise.
         with on_error(self.close), faults_as_log_errors(str(path)):
             self._flushed = self._attribute(FLUSHED)
-            # A killed writer leaves it so, if it is a writer's.
+            # A killed writer leaves such an end, but then there is the attribute FLUSHED.
             if self.opening_fault and self._flushed is None and not recover:
                 raise LogError(self.opening_fault)
             self._open(recover)
@@ -236,11 +236,11 @@ class Hdf5Source(Source):
 
     def close(self) -> None:
         """See Source."""
-        with suppress(RuntimeError, OSError, ValueError):  # a damaged file was only read
+        with suppress(RuntimeError, OSError, ValueError):  # nothing is lost: the file was only read
             self._file.close()
 
     def _rows(self, name: str, width: int) -> FloatArray | None:
-        """(n, width) numbers of the frames, or None where there is no such field."""
+        """Return (n, width) numbers of the frames, or None if there is no such field."""
         field = find(self._file, name, "")
         if field is None:
             return None
@@ -248,17 +248,17 @@ class Hdf5Source(Source):
         if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):
             raise LogError(f"{name}: found {described(field)}, expected {width} numbers for each frame")
         with faults_as_log_errors(f"{self.path}: {name}"):
-            # What comes after those that were flushed may be half written.
+            # Rows after the flushed ones may be half written.
             return hdf5.values(field, self._flushed).astype(np.float64).reshape(-1, width)
 
     def _attribute(self, name: str) -> int | None:
-        """A whole number among the file's attributes, or None where there is none of this name."""
+        """Return an integer attribute of the file, or None if there is none of this name."""
         return int(hdf5.attribute(self._file, name, "iu")) if name in self._file.attrs else None
 
     def _check_head(self) -> None:
-        # Written from a C++ int, or from Python as int64.
+        # Any integer type: writers in C++ store an int, those in Python an int64.
         magic = self._attribute("magic")
-        if magic is None and (stated := text_of(self.path, "format")):  # as files of poses do
+        if magic is None and (stated := text_of(self.path, "format")):  # such as a file of poses
             raise LogError(f"found a file of {stated!r:.60}, expected a camera log in HDF5")
         if magic != MAGIC:
             found = "none" if magic is None else f"{magic:#x}"

@@ -1,4 +1,4 @@
-"""Writes the platform's HDF5 camera logs, version 2.1: frame by frame, or a recording in this format."""
+"""Writes the platform's HDF5 camera logs, version 2.1: frame by frame, or a whole recording."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from tracker.logs.log import Log, Progress, Settings
 from tracker.logs.pictures import to_bayer
 
 VERSION = (2, 1)
-"""Attributes `format_version` and `format_version_minor`."""
+"""Values of the attributes `format_version` and `format_version_minor`."""
 
-_ROWS = 256  # rows of a small field that are stored together
-_GZIP = 1  # raw pixels are mostly noise: higher levels save one per cent and take several times as long
+_ROWS = 256  # rows per chunk of a small field
+_GZIP = 1  # level; raw pixels are mostly noise: higher ones save one per cent and take several times as long
 
 
 class Hdf5LogWriter:
     """A log that grows by one frame at a time; a context manager.
 
-    Frames that have been flushed can be read even if the process is killed afterwards: the attribute
-    FLUSHED says how many they are, as long as the file is not finished.
+    Flushed frames can be read even if the process is killed afterwards: until the file is finished, its
+    attribute FLUSHED holds their number.
 
     Args:
         path: a file that does not exist yet.
         rig: the cameras, in the order of the images; their sizes are those of the images.
-        frame_rate: of the cameras [Hz], if it is known.
+        frame_rate: frame rate of the cameras [Hz], if it is known.
         poses: whether the object's poses are recorded.
-        flush_every: frames after which what is there is handed to the operating system; 0: at the end only.
-        name: what the file is called in errors; None: its path.
-        settings: of each camera, what it was set to, as exposure and gain; empty: unknown.
+        flush_every: number of frames between flushes to the operating system; 0: only at the end.
+        name: name of the file in errors; None: its path.
+        settings: settings of each camera, such as exposure and gain; empty: unknown.
 
     Raises:
-        LogError: there is a file of this name, it cannot be written, or the cameras differ in size.
+        LogError: the file exists already or cannot be written, or the cameras' images differ in size.
     """
 
     def __init__(
@@ -99,16 +99,16 @@ class Hdf5LogWriter:
         """Add a frame.
 
         Args:
-            images: one for each camera: raw Bayer pixels (H, W), red at even rows and columns, or BGR
-                (H, W, 3), of which each pixel keeps the colour that such a sensor measures there. A camera
-                that gave none (None) is recorded as black.
-            timestamp: of the frame [s].
-            camera_timestamps: (C,) of the images [s]; None, or NaN for one of them: the frame's.
-            pose: the object's, with `position`, `orientation` and `confidence`, or None; only recorded if
-                the log was begun with poses.
+            images: one per camera: raw Bayer pixels (H, W), red at even rows and columns, or BGR (H, W, 3),
+                of which each pixel keeps the colour that such a sensor measures there. None, a missing
+                image, is recorded as black.
+            timestamp: timestamp of the frame [s].
+            camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's.
+            pose: the object's pose, with `position`, `orientation` and `confidence`, or None; recorded only
+                if the log was opened with `poses`.
 
         Raises:
-            LogError: images or stamps do not fit the log, or it cannot be written; the log is as before.
+            LogError: images or timestamps do not fit the log, or writing fails; the log is unchanged.
         """
         where = f"{self._path}: frame {self._count}"
         raw = self._raw(images, where)
@@ -143,10 +143,10 @@ class Hdf5LogWriter:
         self._count += 1
 
     def flush(self) -> None:
-        """Hand all frames so far to the operating system.
+        """Write all frames so far to the operating system.
 
         Raises:
-            LogError: it cannot take them.
+            LogError: they cannot be written.
         """
         self._flush(self._count)
         self._check_disk()
@@ -174,7 +174,7 @@ class Hdf5LogWriter:
 
     def _begin(self, frame_rate: float | None, poses: bool, settings: Sequence[Settings]) -> None:
         file, count, (width, height) = self._file, len(self._rig), self._size
-        # As the platform's C++ writes them.
+        # The same types as in the platform's C++ code.
         for name, value in (
             ("magic", MAGIC), ("format_version", VERSION[0]), ("format_version_minor", VERSION[1]),
             ("num_cameras", count), ("image_width", width), ("image_height", height),
@@ -201,7 +201,7 @@ class Hdf5LogWriter:
             if frame_rate is not None:
                 group.attrs["frame_rate_fps"] = float(frame_rate)
             known = {key: one for key, one in values.items() if isinstance(one, str) or math.isfinite(one)}
-            if known:  # of a camera of which nothing is known there is no field
+            if known:
                 group["settings"] = np.frombuffer(json.dumps(known, allow_nan=False).encode(), np.uint8)
 
     def _rows(self, name: str, shape: tuple[int, ...] = (), dtype: Any = np.float64) -> None:
@@ -210,7 +210,7 @@ class Hdf5LogWriter:
         )
 
     def _raw(self, images: Sequence[Image | None], where: str) -> Array:
-        """(C, H, W) raw pixels."""
+        """Return (C, H, W) raw pixels."""
         (width, height), cameras = self._size, self._rig.names
         if len(images) != len(cameras):
             raise LogError(f"{where}: found {len(images)} images, expected {len(cameras)}")
@@ -228,7 +228,7 @@ class Hdf5LogWriter:
 
 
 def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
-    """Write frames as one of the platform's HDF5 logs, whole or not at all; what is raw stays so."""
+    """Write frames as a platform HDF5 log, whole or not at all; raw pixels are copied unchanged."""
     has_poses = any(frame.recorded_pose is not None for frame in log)
     with (
         told_as(LogError, path),

@@ -1,26 +1,26 @@
-"""Which pictures and films of a folder belong together.
+"""Finds out which pictures and films of a folder belong together.
 
     ROOT/camera60.png, camera180.png …              one frame
     ROOT/camera60/000000.png, camera180/000000.png  a folder for each camera
     ROOT/000000/camera60.png, camera180.png …       a folder for each frame
-    ROOT/camera60.mp4, camera180.mp4 …              a film of each camera
-    ROOT/recording.toml                             which says so
-Folders of cameras and films may have other names, where the pictures' are numbers; a folder of nothing but
-numbers is one camera. Pictures of one moment have the same name in the cameras' folders, or names that are
-stamps close together.
+    ROOT/camera60.mp4, camera180.mp4 …              a film for each camera
+    ROOT/recording.toml                             a file that assigns the pictures to cameras
+Films may have other names, and so may folders of cameras if their pictures' names are numbers. A folder with
+nothing but numbered pictures is one camera. Pictures of one moment have the same name in all cameras'
+folders, or names that are timestamps close together.
 
-Where names do not tell what is whose, `recording.toml` does, and `stamps.csv` beside it:
+If the names do not show which picture is whose, `recording.toml` does, with `stamps.csv` beside it:
 
-    rate = 30.0                    # frames per second [Hz] where neither names nor films tell the time
+    rate = 30.0                    # frame rate [Hz], if neither names nor films give the time
 
-    [cameras]                      # of each camera its pictures, or its film
+    [cameras]                      # pictures or film of each camera
     camera60 = "left/*.png"
     camera180 = "right_*.jpg"
     camera300 = "above.mp4"
 
-Patterns are relative to the folder. Pictures of one moment agree in what `*` stands for; where no two cameras
-agree in any, they are counted. `stamps.csv` has a line for each frame, with its time [s], or with one of
-each camera, in the order of [cameras].
+Patterns are relative to the folder. Pictures of one moment have the same text in place of `*`; if all these
+texts differ, pictures are matched by their order. `stamps.csv` has one line per frame, with its time [s] or
+with one time per camera in the order of [cameras].
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ from tracker.logs import films
 from tracker.logs.films import FilmFile, FilmPicture
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
-"""Of pictures."""
+"""File name suffixes of pictures."""
 
 RECORDING_FILE, STAMPS_FILE = "recording.toml", "stamps.csv"
-"""What a folder says of the recording in it."""
+"""Files in a folder that describe its recording."""
 
 _MAX_STAMPS = 100_000_000  # bytes
 _MAX_CAMERAS = 16
@@ -60,24 +60,24 @@ _CAMERA = re.compile(r"camera\w*")
 _NUMBER = re.compile(r"\d{1,20}(\.\d{1,12})?")
 
 Picture = Path | FilmPicture
-"""A file, or a picture of a film."""
+"""A picture file, or a picture of a film."""
 
 _Streams = dict[str, Mapping[str, Picture]]
-"""Of each camera its pictures by name."""
+"""Pictures of each camera, by name."""
 
 
 def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Sorting key: runs of digits by their value, the rest as text."""
+    """Return a sorting key that orders runs of digits by value and the rest as text."""
     parts = re.findall(r"\d{1,300}|\D+", name)
     return tuple((0, int(part), "") if part[0].isdecimal() else (1, 0, part) for part in parts)
 
 
 def stamps_of_names(names: Sequence[str]) -> list[float] | None:
-    """Stamps [s] that the names (without suffix) are; None where they are none.
+    """Return the timestamps [s] in file names without suffix, or None if the names are not all timestamps.
 
-    A stamp is a number with a decimal point [s], or a whole number that is a time in this century in
-    seconds, milliseconds, microseconds or nanoseconds since the epoch. Text before it is passed over, but for
-    a minus that begins the name, as of clocks that begin before their zero.
+    A timestamp is a number with a decimal point [s], or an integer that is a time in this century in seconds,
+    milliseconds, microseconds or nanoseconds since the epoch. Text before it is ignored, except for a minus
+    at the start of the name, from a clock that starts below zero.
     """
     matches = [_NAME.fullmatch(name) for name in names]
     if not names or not all(matches):
@@ -95,7 +95,7 @@ def stamps_of_names(names: Sequence[str]) -> list[float] | None:
 
 
 def _counted_stamps(names: Sequence[str], rate: float) -> list[float]:
-    """Stamps [s] at `rate` [Hz]: by the numbers in the names, so that missing ones are gaps, or in order."""
+    """Return timestamps [s] at `rate` [Hz] by numbers in the names (missing ones are gaps), or by order."""
     matches = [_NAME.fullmatch(name) for name in names]
     numbers = [int(m["whole"]) for m in matches if m and not m["fraction"] and len(m["whole"]) < 12]
     counted = len(numbers) == len(names) and len(set(numbers)) == len(names)
@@ -109,17 +109,17 @@ class Layout:
     cameras: tuple[str, ...]
     """Names of the cameras."""
     names: list[str]
-    """Of each frame the name of its folder, or of its first file without suffix."""
+    """Name of each frame: that of its folder, or of its first file without suffix."""
     files: list[tuple[Picture | None, ...]]
-    """Of each frame the picture of each camera, None where it has none."""
+    """Pictures of each frame, one per camera; None for a missing one."""
     stamps: FloatArray
-    """(n, C) stamp of each picture [s], NaN where there is none."""
+    """(n, C) timestamps of the pictures [s]; NaN for a missing one."""
 
 
 def find_layout(root: Path, rate: float) -> Layout:
-    """What belongs together in a folder, or in one camera's film; LogError if there is no frame.
+    """Find the frames in a folder, or in one camera's film; LogError if there is no frame.
 
-    rate: frames per second [Hz] where names are not stamps.
+    rate: frame rate [Hz] where names are not timestamps.
     """
     if root.is_file():
         return _of_streams({_name_of_lone_camera(root.stem): _film(root)}, rate)
@@ -130,7 +130,7 @@ def find_layout(root: Path, rate: float) -> Layout:
     if streams:
         return _of_streams(streams, rate)
     frames = {folder.name: _of_cameras(folder) for folder in folders}
-    if not any(frames.values()):  # a loose picture beside folders of them is for instance an overlay
+    if not any(frames.values()):  # with folders, a loose picture does not count: it may be an overlay
         frames = {root.name: _of_cameras(root)}
     if any(frames.values()):
         cameras = sorted({name for files in frames.values() for name in files}, key=_natural)
@@ -153,14 +153,14 @@ def _visible(folder: Path) -> Iterator[Path]:
 
 
 def _pictures(folder: Path) -> list[tuple[str, Path]]:
-    """The pictures in a folder and their names without suffix, in order."""
+    """Return the pictures in a folder with their names without suffix, in natural order."""
     files = (item for item in _visible(folder) if item.suffix.lower() in SUFFIXES)
     ordered = sorted(files, key=lambda file: (_natural(file.stem), file.name))
     return [(file.stem, file) for file in ordered]
 
 
 def _by_name(named: Iterable[tuple[str, Path]], what: str = "name") -> dict[str, Path]:
-    """Files by their names, of which there is one each."""
+    """Return the files by name; LogError if two have the same one."""
     result: dict[str, Path] = {}
     for name, file in named:
         other = result.setdefault(name, file)
@@ -170,32 +170,32 @@ def _by_name(named: Iterable[tuple[str, Path]], what: str = "name") -> dict[str,
 
 
 def _of_folders(folders: Iterable[Path]) -> _Streams:
-    """The pictures in each folder that has some."""
+    """Return the pictures of each folder that has any."""
     found = {folder.name: _by_name(_pictures(folder)) for folder in folders}
     return {name: files for name, files in found.items() if files}
 
 
 def _of_cameras(folder: Path) -> dict[str, Path]:
-    """The pictures in a frame's folder that are named after cameras."""
+    """Return the pictures in a frame's folder that are named after cameras."""
     return _by_name((one for one in _pictures(folder) if _CAMERA.fullmatch(one[0])), "camera")
 
 
 def _films(root: Path) -> _Streams:
-    """The films in a folder; those that are named after cameras, if there are any."""
+    """Return the films in a folder: those named after cameras if there are any, else all."""
     found = {file.stem: file for file in sorted(_visible(root)) if file.suffix.lower() in films.SUFFIXES}
     named = {name: file for name, file in found.items() if _CAMERA.fullmatch(name)}
     return {name: _film(file) for name, file in (named or found).items()}
 
 
 def _film(file: Path, *, counted: bool = False) -> dict[str, Picture]:
-    """Pictures of a film by their stamps, or by their numbers."""
+    """Return the pictures of a film by timestamp or, if `counted`, by number."""
     film = FilmFile(file)
     names = [f"{k:06d}" if counted else f"{stamp:.9f}" for k, stamp in enumerate(film.stamps)]
     return {name: FilmPicture(film, k) for k, name in enumerate(names)}
 
 
 def _without_names(root: Path, folders: list[Path]) -> _Streams:
-    """Folders of cameras with other names, or one camera's folder: nothing but numbers are its pictures."""
+    """Find numbered pictures: directly in `root` for a single camera, or in folders with any names."""
     here = _pictures(root)
     if here and all(_NUMBER.fullmatch(name) for name, _ in here):
         return {_name_of_lone_camera(root.resolve().name): _by_name(here)}
@@ -207,19 +207,19 @@ def _without_names(root: Path, folders: list[Path]) -> _Streams:
 
 
 def _name_of_lone_camera(name: str) -> str:
-    """What the only camera is called: as its file or folder, which may be called anything."""
+    """Name a single camera after its file or folder, or `camera` if that name is not valid."""
     return name if may_be_name(name) else "camera"
 
 
 def check_rate(value: Any, what: str) -> float:
-    """A rate [Hz]; LogError, which names `what`, where it is none."""
+    """Return a frame rate [Hz]; LogError, which names `what`, if it is invalid."""
     if not is_number(value) or not 0 < value <= _MAX_RATE:
         raise LogError(f"{what}: found {shown(value)}, expected a number of Hz above 0")
     return float(value)
 
 
 def _of_stated(root: Path, rate: float) -> Layout:
-    """The frames of a folder that says which files are whose."""
+    """Find the frames of a folder with a RECORDING_FILE."""
     path = root / RECORDING_FILE
     values = read_toml(path, LogError, ("cameras", "rate"))
     patterns = values.get("cameras")
@@ -249,7 +249,7 @@ def _of_stated(root: Path, rate: float) -> Layout:
 
 
 def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[str, Picture]:
-    """A camera's pictures by what the pattern's `*` stands for, or those of its film."""
+    """Return a camera's pictures by the text in place of the pattern's `*`, or those of its film."""
     if not isinstance(pattern, str) or not pattern or "\0" in pattern:
         raise LogError(f"{path}: {camera}: found {pattern!r:.60}, expected a pattern such as 'left/*.png'")
     parts = Path(pattern).parts
@@ -274,7 +274,7 @@ def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[st
 
 
 def _stamps(path: Path, cameras: int) -> FloatArray | None:
-    """(frames, 1) or (frames, cameras) times [s]; None where there is no such file."""
+    """Read (frames, 1) or (frames, cameras) times [s]; None if there is no such file."""
     if not path.is_file():
         return None
     with told_of(path):
@@ -288,7 +288,7 @@ def _stamps(path: Path, cameras: int) -> FloatArray | None:
 
 
 def _numbered_as_films(streams: _Streams) -> _Streams:
-    """Pictures beside films, whose names are numbers, called as those of films are, from 000000 on."""
+    """Rename numbered pictures of cameras beside films to count from 000000, as pictures of films do."""
     named = {name: files for name, files in streams.items() if isinstance(next(iter(files.values())), Path)}
     keys = [key for files in named.values() for key in files]
     if len(named) == len(streams) or not all(key.isdecimal() for key in keys) or stamps_of_names(keys):
@@ -303,7 +303,7 @@ def _numbered_as_films(streams: _Streams) -> _Streams:
 
 
 def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Layout:
-    """Frames of pictures of the same name or, where names are stamps and not `by_name`, close together."""
+    """Group pictures into frames by name or, if names are timestamps and not `by_name`, by time."""
     names = sorted({name for files in streams.values() for name in files}, key=_natural)
     stamps = stamps_of_names(names)
     times = dict(zip(names, stamps or _counted_stamps(names, rate), strict=True))
@@ -320,7 +320,7 @@ def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Lay
 
 
 def _close_together(streams: _Streams, times: dict[str, float], rate: float) -> list[dict[str, str]]:
-    """Of each frame its pictures by camera: their stamps differ by less than half the cameras' period."""
+    """Group pictures whose timestamps lie within half the cameras' period; return names by camera."""
     steps = np.concatenate([np.diff([times[name] for name in files]) for files in streams.values()])
     period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1 / rate
     cameras = enumerate(streams.items())

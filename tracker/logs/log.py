@@ -1,4 +1,4 @@
-"""A recording: what every format offers, and its frames one after the other, or by number."""
+"""A recording: the interface of all formats, and access to frames in order or by number."""
 
 from __future__ import annotations
 
@@ -19,56 +19,56 @@ DEFAULT_NAMES = ("camera60", "camera180", "camera300")
 
 
 def default_names(count: int) -> tuple[str, ...]:
-    """What so many cameras are called where a recording does not say it."""
+    """Return the names of `count` cameras for a recording that does not state them."""
     return DEFAULT_NAMES if count == len(DEFAULT_NAMES) else tuple(f"camera{k}" for k in range(count))
 
 
 MIN_SIDE, MAX_SIDE = 8, 4096
-"""Least and largest width and height [px] of an image that is believed."""
+"""Smallest and largest valid width and height of an image [px]."""
 
 
 def check_sides(width: int, height: int, where: str = "") -> None:
-    """LogError, which begins with `where`, for images of a size that is not believed."""
+    """Raise LogError, which begins with `where`, for images of an invalid size."""
     if not (MIN_SIDE <= width <= MAX_SIDE and MIN_SIDE <= height <= MAX_SIDE):
         raise LogError(f"{where}found {width}×{height} px, expected {MIN_SIDE} to {MAX_SIDE}")
 
 
 def check_same_size(found: tuple[int, ...], size: tuple[int, int], where: str = "") -> None:
-    """LogError, which begins with `where`, for another (width, height) than the camera's first image has."""
+    """Raise LogError, which begins with `where`, if (width, height) differs from the camera's first image."""
     if found != size:
         raise LogError(f"{where}found {found[0]}×{found[1]} px, expected {size[0]}×{size[1]} as before it")
 
 
 Progress = Callable[[int], None]
-"""Takes how many more frames are done."""
+"""Callback that takes the number of frames done since the last call."""
 
 Settings = Mapping[str, str | int | float | bool]
-"""Values of exposure, gain, white balance and others, by the names that the camera's maker gives them."""
+"""Camera settings such as exposure, gain and white balance, by the manufacturer's names."""
 
 
 def evenly(count: int, most: int) -> list[int]:
-    """Up to `most` of the numbers 0 … count - 1, spread evenly."""
+    """Return up to `most` of the numbers 0 … count - 1, evenly spaced."""
     chosen = np.linspace(0, count - 1, min(most, count)).round().astype(int)
     return [int(number) for number in np.unique(chosen)]
 
 
 class Source(ABC):
-    """Reads frames of one recording. Every fault of the recording is a LogError."""
+    """Reads frames of one recording. Every fault of the recording raises a LogError."""
 
     format: str
-    """The format in words."""
+    """Description of the format."""
     camera_names: tuple[str, ...] = DEFAULT_NAMES
     """Names of the cameras, in order."""
     image_sizes: tuple[tuple[int, int], ...] = ()
-    """(width, height) [px] of each camera's images; empty where there is no frame."""
+    """(width, height) [px] of each camera's images; empty if there is no frame."""
     count: int
-    """Number of frames, as far as the file can be believed."""
+    """Number of frames that the file plausibly holds."""
     sequential: bool = False
-    """Whether a frame can be had only by reading all those before it."""
+    """Whether reading a frame requires reading all frames before it."""
     gaps: bool = False
     """Whether any time may pass between two frames."""
     episode_starts: tuple[int, ...] = (0,)
-    """Numbers of the frames at which something new starts, so that what was before tells nothing."""
+    """Numbers of the frames that start an episode, unrelated to the frames before."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -76,32 +76,32 @@ class Source(ABC):
 
     @abstractmethod
     def read(self, index: int) -> LogFrame:
-        """The frame of this number, 0 ≤ index < count; LogError where it is damaged."""
+        """Read the frame with this number, 0 ≤ index < count; LogError if it is damaged."""
 
     def check_end(self) -> None:  # noqa: B027 - most formats have no end to check
-        """Called after the last frame; LogError if what follows it is not as it should be."""
+        """Check the file after its last frame, when that has been read; LogError if it is wrong."""
 
     def rig(self) -> CameraRig | None:
-        """The cameras' calibration, or None where the recording has none; TrackerError if it is malformed."""
+        """Return the cameras' calibration, or None if there is none; TrackerError if it is malformed."""
         return rig_beside(self.path.parent, self.camera_names)
 
     def settings(self) -> dict[str, Settings]:
-        """What cameras were set to, by their names, where the recording tells it; LogError if malformed."""
+        """Return the recorded camera settings by camera name; LogError if they are malformed."""
         return {}
 
     def close(self) -> None:  # noqa: B027 - folders have nothing open
-        """Free what is open."""
+        """Close all open files."""
 
     def where(self, index: int) -> str:
-        """Names a frame in errors."""
+        """Return the name of a frame in errors."""
         return f"{self.path}: frame {index}"
 
 
 def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
-    """The calibration in the folder, camera60.yml or camera_calib_60.yml of each camera; None without any.
+    """Load the calibration in the folder, camera60.yml or camera_calib_60.yml per camera; None without any.
 
     Raises:
-        TrackerError: a file is malformed or of another camera, or only some of the cameras have one.
+        TrackerError: a file is malformed or belongs to another camera, or only some cameras have one.
     """
     files: dict[str, Path] = {}
     for name in names:
@@ -128,20 +128,20 @@ def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
 class Log:
     """Frames of a recording. A context manager; iterating starts at the first frame each time.
 
-    `log[3]` is a frame, `log[100:200]` a part of the recording, read while you iterate. One frame is in
+    `log[3]` is a frame, `log[100:200]` a part of the recording, read while you iterate. Only one frame is in
     memory at a time.
 
-    With `recover`, iterating skips damaged frames, and `fault` describes them. Without it, the first damaged
+    With `recover`, iteration skips damaged frames, and `fault` describes them. Without it, the first damaged
     frame raises a LogError.
     """
 
     def __init__(self, source: Source, *, recover: bool) -> None:
-        """LogError where the recording's cameras have names that no camera can have."""
+        """Raise LogError if a camera of the recording has an invalid name."""
         self._source, self._recover = source, recover
         for name in source.camera_names:
             check_name(name, f"{source.path}: name of a camera", LogError)
         self._indices = range(source.count)
-        # Shared by the parts of a log. The key of what is wrong with the whole file is -1.
+        # Both are shared by all parts of a log. Faults of the whole file have the key -1.
         self._faults: dict[int, str] = {}
         self._open = [True]
         if source.opening_fault:
@@ -157,7 +157,7 @@ class Log:
         self.close()
 
     def __len__(self) -> int:
-        """Number of frames, as the file states it; damaged ones count."""
+        """Number of frames that the file states, including damaged ones."""
         return len(self._indices)
 
     def __iter__(self) -> Iterator[LogFrame]:
@@ -200,13 +200,13 @@ class Log:
         return part
 
     def frame(self, number: int) -> LogFrame:
-        """One frame; negative numbers count from the end.
+        """Read one frame; negative numbers count from the end.
 
         In gzipped recordings this reads all frames before it.
 
         Raises:
-            IndexError: there is no frame of this number.
-            LogError: the frame is damaged; with `recover` too.
+            IndexError: there is no frame with this number.
+            LogError: the frame is damaged, even with `recover`.
         """
         if not -len(self) <= number < len(self):
             raise IndexError(f"frame {number}: expected -{len(self)} to {len(self) - 1}")
@@ -215,7 +215,7 @@ class Log:
 
     @property
     def format(self) -> str:
-        """The recording's format, in words."""
+        """Description of the recording's format."""
         return self._source.format
 
     @property
@@ -225,34 +225,34 @@ class Log:
 
     @property
     def image_sizes(self) -> tuple[tuple[int, int], ...]:
-        """(width, height) [px] of each camera's images; empty where the recording has no frame."""
+        """(width, height) [px] of each camera's images; empty if the recording has no frame."""
         return self._source.image_sizes
 
     @property
     def rig(self) -> CameraRig | None:
-        """The cameras' calibration from inside the recording or from files beside it; None without one.
+        """The cameras' calibration from the recording or from files beside it; None without one.
 
         It is not scaled: the images may have another size.
 
         Raises:
-            TrackerError: there is one, but it is malformed.
+            TrackerError: the calibration is malformed.
         """
         self._refuse_closed()
         return self._source.rig()
 
     @property
     def settings(self) -> dict[str, Settings]:
-        """What cameras were set to (exposure, gain, white balance …), by their names, where that is recorded.
+        """Recorded camera settings (exposure, gain, white balance …) by camera name.
 
         Raises:
-            LogError: it is malformed.
+            LogError: they are malformed.
         """
         self._refuse_closed()
         return self._source.settings()
 
     @property
     def random_access(self) -> bool:
-        """Whether `frame` and parts are quick: they need not read the frames before."""
+        """Whether `frame` and parts are quick, without reading all frames before."""
         return not self._source.sequential
 
     @property
@@ -262,7 +262,7 @@ class Log:
 
     @property
     def fault(self) -> str | None:
-        """The faults found so far in a log opened with `recover`, in one line; None if there are none."""
+        """The faults found so far in a log opened with `recover`, on one line; None without any."""
         if not self._faults:
             return None
         first = self._faults[min(self._faults)]
@@ -270,7 +270,7 @@ class Log:
         return first if not more else f"{first} (and {more} more of this recording)"
 
     def close(self) -> None:
-        """Close the files; also those of all parts."""
+        """Close the files, also for all parts of the log."""
         if self._open[0]:
             self._open[0] = False
             self._source.close()
@@ -280,14 +280,14 @@ class Log:
             raise LogError(f"{self._source.path}: the log is closed")
 
     def _note(self, index: int, error: LogError) -> None:
-        """Keep the fault where faults are left out; else raise it."""
+        """Remember the fault if the log is open with `recover`, else raise it."""
         if not (self._recover and self._open[0]):
             raise error
         self._faults.setdefault(index, str(error))
 
 
 def picked(log: Log, numbers: Sequence[int]) -> Iterator[LogFrame]:
-    """Frames of a log by ascending numbers, as quickly as its format allows; errors as of `frame`."""
+    """Yield frames by ascending numbers, as quickly as the format allows; errors as for `frame`."""
     if log.random_access:
         yield from map(log.frame, numbers)
     else:

@@ -5,9 +5,9 @@
     camera = i32 rows | i32 cols | i32 type | u8 continuous | pixels | f64 stamp [s]
     pose   = px py pz qx qy qz qw confidence, in autumn 2020 after a ninth number
 
-The oldest files have neither version nor record stamps. Nothing says which variant a file is, so every
-possible one is compared with where the camera's header of the second record is. Numbers are checked
-before anything is sized by them.
+The oldest files have neither version nor record timestamps. Files do not state their variant: the reader
+tries all variants, and takes the one where the second record has a camera's header at the right offset.
+Numbers are checked before they determine any size.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ _GZIP_MAGIC = b"\x1f\x8b"
 _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 
 _HEADER = struct.Struct("<iiiB")  # rows, columns, type, continuous
-_SAME = 12  # bytes of it that are the same in all records: all but `continuous`
-_CHANNELS = {0: 1, 16: 3}  # by OpenCV's type: Bayer pixels, or BGR
-_POSES = ((0, 0), (1, 8), (2, 8), (1, 9), (2, 9))  # how many poses, of how many numbers each
+_SAME = 12  # bytes of the header that are equal in all records: all but `continuous`
+_CHANNELS = {0: 1, 16: 3}  # channels by OpenCV's type: Bayer pixels, or BGR
+_POSES = ((0, 0), (1, 8), (2, 8), (1, 9), (2, 9))  # variants: number of poses, numbers per pose
 _STAMPS = {True: (12, 20), False: (8, 8)}
-"""Offsets of the first record and of its first camera, from whether records are stamped."""
+"""Offsets of the first record and of its first camera, by whether records have timestamps."""
 
 
 class NativeSource(Source):
-    """A native log; of a plain one each record is found by its number.
+    """A native log. If it is not gzipped, each record is found by its number.
 
-    Records are read, not mapped to memory: a mapped file that shrinks meanwhile, or whose disk fails, ends
-    the process by a signal, where reading makes an error of it; a gzipped log has no records to map; and
-    pixels that are kept are copied once either way.
+    Records are read, not memory-mapped: if a mapped file shrinks or its disk fails, a signal ends the
+    process, while reading raises an error. Gzipped logs cannot be mapped anyway, and pixels that are kept
+    are copied once either way.
     """
 
     def __init__(self, path: Path, *, recover: bool) -> None:
@@ -54,7 +54,7 @@ class NativeSource(Source):
             self._raw = open_regular(path)
             self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
         with on_error(self.close):
-            # What a gzip file states of its content is modulo 2³², and stands at its very end.
+            # A gzip file states its content's size only modulo 2³², and at its very end.
             size = os.fstat(self._raw.fileno()).st_size
             self._largest = size * _MAX_RATIO if self.sequential else size
             self._rewind()
@@ -89,9 +89,9 @@ class NativeSource(Source):
         self._end = self._start + self.count * size
 
     def read(self, index: int) -> LogFrame:
-        """See Source; LogError too if the record is not laid out as the first."""
+        """See Source; LogError also if the record's layout differs from the first."""
         where, size = self.where(index), self._record.itemsize
-        record = np.empty(1, self._record)  # of its own, so that a frame's raw pixels need no copy
+        record = np.empty(1, self._record)  # new for each frame, so that its raw pixels need no copy
         count = self._read_into(record.view(np.uint8).data, self._start + index * size)
         if count < size:
             raise LogError(f"{where}: found {count} bytes, expected a record of {size}")
@@ -103,7 +103,7 @@ class NativeSource(Source):
                 raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in record 0")
         pixels = [camera["pixels"] for camera in cameras]
         raw = pixels if all(one.ndim == 2 for one in pixels) else None
-        # A copy of colours, so that an image that is kept keeps no record.
+        # Copy colour images, so that a kept image does not keep the whole record in memory.
         images = [from_bayer(one) if one.ndim == 2 else one.copy() for one in pixels]
         stamps = np.array([camera["stamp"] for camera in cameras])
         stamp = record["stamp"][0] if self._stamped else None
@@ -115,7 +115,7 @@ class NativeSource(Source):
         return f"{self.path}: record {index}"
 
     def check_end(self) -> None:
-        """See Source; reading on to the end is also what makes gzip compare its checksum."""
+        """See Source; reading to the end also makes gzip verify its checksum."""
         if self._read_at(self._end, 1) and self.opening_fault is None:
             raise LogError(f"{self.path}: found bytes after record {self.count - 1}, expected the file's end")
 
@@ -124,7 +124,7 @@ class NativeSource(Source):
         self._raw.close()
 
     def _find_layout(self) -> int:
-        """Find where everything is in a record, from the first and the second; their stated number."""
+        """Find the layout of records from the first and second one; return the stated number of records."""
         count = self._read_head()
         start, offset = _STAMPS[self._stamped]
         first = self._read_at(offset, _SAME)
@@ -137,14 +137,14 @@ class NativeSource(Source):
         stamp = [("stamp", "<f8")] * self._stamped
         cameras = np.dtype([(f"camera {number}", _camera(header)) for number, header in enumerate(headers)])
         variants = [np.dtype([*stamp, ("cameras", cameras), ("poses", "<f8", shape)]) for shape in _POSES]
-        # One read past the first record's cameras, as far as the longest variant's next camera.
+        # Read on from the first record's cameras to the next camera's header in the longest variant.
         tail = self._read_at(offset, 8 * 18 + 8 + _HEADER.size)
         for self._record in variants:
             poses = self._record["poses"].itemsize
             after = poses + 8 * self._stamped
             if tail[after : after + _SAME] == first or (count == 1 and len(tail) == poses):
                 return count
-        for self._record in variants:  # where the second record's header is damaged
+        for self._record in variants:  # the second record's header may be damaged
             if not self.sequential and self._largest == start + count * self._record.itemsize:
                 return count
         size = "gzipped data" if self.sequential else f"{self._largest} bytes"
@@ -154,7 +154,7 @@ class NativeSource(Source):
         )
 
     def _read_head(self) -> int:
-        """Find whether records are stamped; how many are stated."""
+        """Find out whether records have timestamps; return the stated number of records."""
         head = self._read_at(0, 20 + _HEADER.size)
         for self._stamped, (_, offset) in _STAMPS.items():
             try:
@@ -173,14 +173,14 @@ class NativeSource(Source):
         )
 
     def _read_at(self, offset: int, size: int) -> bytes:
-        """Up to `size` bytes of the content, fewer only at its end; LogError where it is damaged."""
+        """Read up to `size` bytes of the content, fewer only at its end; LogError if it is damaged."""
         data = bytearray(size)
         return bytes(data[: self._read_into(memoryview(data), offset)])
 
     def _read_into(self, data: memoryview, offset: int) -> int:
-        """Fill `data` with the content from a byte on, as far as there is any; the number of bytes.
+        """Fill `data` with the content from `offset` on; return the number of bytes, fewer only at its end.
 
-        Of gzipped data what is skipped is unpacked, and reading backwards starts again.
+        In gzipped data, skipped bytes are unpacked, too, and seeking backwards starts from the beginning.
         """
         with told_of(self.path):
             try:
@@ -192,7 +192,7 @@ class NativeSource(Source):
                 raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
 
     def _rewind(self) -> None:
-        # A new reader of gzipped data: what the old one thinks after an error is not defined.
+        # Make a new gzip reader: the state of the old one after an error is undefined.
         self._raw.seek(0)
         self._file = gzip.GzipFile(fileobj=self._raw) if self.sequential else self._raw
 
@@ -202,7 +202,7 @@ _Header = tuple[int, int, int, int]
 
 
 def _header(data: bytes, what: str) -> _Header:
-    """The header at the beginning of some bytes; LogError if it cannot be one."""
+    """Parse the header at the beginning of some bytes; LogError if it is invalid."""
     if len(data) < _HEADER.size:
         raise LogError(f"{what}: found the end of the file, expected a camera's header")
     rows, columns, kind, continuous = _HEADER.unpack_from(data)

@@ -1,4 +1,4 @@
-"""What kind of recording a path is, which files it consists of, and which calibration belongs to it."""
+"""Opens recordings of any format, lists their files, and finds their calibration."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tracker.logs.layout import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.log import Log, Source
 
 DEFAULT_RATE = 10.0
-"""Frames per second [Hz] of the platform's cameras."""
+"""Frame rate of the platform's cameras [Hz]."""
 
 JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
-"""Names of a recording in a job's folder."""
+"""Possible file names of the recording in a job's folder."""
 
 STORE_FILE = "data.mdb"
-"""What an image store consists of."""
+"""The file of an image store."""
 
 _SUFFIXES = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
 _BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
@@ -39,16 +39,16 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
     """Open a recording of the platform's cameras.
 
     Formats: native logs (`camera_data.dat`, gzipped or not), HDF5 logs, a job's folder with one of these,
-    folders of images or of films, films, and image stores of trifinger_rl_datasets (`NAME.zarr`). The
-    content decides, not the name, except for films. Frames are read on access.
+    folders of images or of films, films, and image stores of trifinger_rl_datasets (`NAME.zarr`). The format
+    is recognised by content, not by name, except for films. Frames are read on access.
 
     Args:
         path: the file or folder.
         recover: skip damaged frames and describe them in `Log.fault`, instead of raising.
-        rate: frames per second [Hz] of folders of images whose names are not time stamps.
+        rate: frame rate [Hz] of folders of images whose names are not timestamps.
 
     Raises:
-        LogError: the path is missing, its format is unknown, or it is visibly damaged.
+        LogError: the path is missing, its format is unknown, or damage shows on opening.
     """
     check_rate(rate, "rate")
     root = path_of(path, "path of a recording", LogError)
@@ -59,7 +59,7 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
 
 
 def recording_files(path: Path) -> list[Path]:
-    """All files that `open_log` may read frames from, in the same order each time."""
+    """List all files that `open_log` may read frames from, in a fixed order."""
     if not path.is_dir():
         return [path]
     found = _existing(path, (*JOB_LOGS, STORE_FILE))
@@ -73,7 +73,7 @@ def recording_files(path: Path) -> list[Path]:
 
 
 def calibration_files(path: Path) -> list[Path]:
-    """The files beside the recording, or in its folder, that its own calibration may be read from."""
+    """List the files beside the recording or in its folder that may hold its calibration."""
     folders = [path.parent]
     if path.is_dir():
         folders = [path] if _existing(path, JOB_LOGS) else [path, path.parent]
@@ -90,7 +90,7 @@ def _refuse(error: OSError) -> None:
 
 @functools.lru_cache(maxsize=64)
 def _calibration_in(folder: Path, _: int) -> list[str]:
-    """Paths of the calibration files in a folder, as it was at a time: many recordings may share it."""
+    """Return the calibration files in a folder; cached by its time, as many recordings may share it."""
     names = sorted(entry.name for entry in os.scandir(folder))
     chosen = [n for n in names if n == "arena.toml" or ("camera" in n and n.endswith((".yml", ".yaml")))]
     return [os.path.join(folder, name) for name in chosen]
@@ -134,19 +134,19 @@ def fitted_to(
     correct_halved_principal_point: bool = False,
     resize: bool = False,
 ) -> CameraRig:
-    """The rig in the order of a recording's images.
+    """Return the rig with its cameras in the order of a recording's images.
 
-    Cameras are matched by their names. Only where none of the names is known are they taken in their order.
+    Cameras are matched by name, or by order if none of the names is known.
 
     Args:
-        path: names the recording in errors.
+        path: name of the recording in errors.
         log: the recording.
-        rig: the cameras; None: those whose calibration is in or beside the recording.
-        correct_halved_principal_point: whether that was halved without the quarter pixel.
-        resize: scale the calibration to images of another size, but of the same shape.
+        rig: the cameras; None: the calibration in or beside the recording.
+        correct_halved_principal_point: whether that calibration was halved without the quarter pixel.
+        resize: scale the calibration to images of another size but the same aspect ratio.
 
     Raises:
-        CalibrationError: there is no calibration, or cameras or sizes of images are others.
+        CalibrationError: there is no calibration, or its cameras or image sizes differ.
     """
     if rig is None:
         rig = log.rig
@@ -174,10 +174,10 @@ def fitted_to(
 
 
 def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool) -> Camera:
-    """The camera of images of a size (width, height) [px]; with `resize` its calibration is scaled to it.
+    """Return the camera for images of a size (width, height) [px], scaled to it with `resize`.
 
     Raises:
-        CalibrationError: the size is another one, or, with `resize`, of another shape: images were cropped.
+        CalibrationError: the size differs or, with `resize`, the aspect ratio: images were cropped.
     """
     width, height = size
     if (camera.width, camera.height) == size:

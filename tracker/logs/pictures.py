@@ -1,8 +1,8 @@
-"""Pictures as recordings hold them, and as users hand them over: raw Bayer pixels, and encoded files.
+"""Pictures of recordings and of users: raw Bayer pixels and encoded files.
 
-What a file states is looked at before memory is taken for its pixels. Pillow reads the heads. Its `verify`
-finds all damage to a PNG, but only 7 of 150 JPEGs that were cut short: of these the end is looked for. OpenCV
-fills what is missing of a damaged picture with grey and says so on stderr only.
+The stated size is checked before memory is allocated for the pixels. Pillow reads the headers. Its `verify`
+finds all damage to a PNG, but only 7 of 150 truncated JPEGs: these are checked for their end marker. OpenCV
+fills missing parts of a damaged picture with grey, and reports that on stderr only.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 RECORDED = ("PNG", "JPEG")
 READ = (*RECORDED, "BMP", "TIFF", "WebP")
-"""Formats of recordings, and of pictures that a user hands over."""
+"""Picture formats in recordings, and those accepted from users."""
 
 _READERS = {
     b"\x89PNG\r\n\x1a\n": ("PNG", "Png"),
@@ -34,17 +34,17 @@ _READERS = {
     b"MM\0*": ("TIFF", "Tiff"),
     b"RIFF": ("WebP", "WebP"),
 }
-"""First bytes, format and Pillow's name of it."""
+"""Magic bytes, format and Pillow's name of the format."""
 
 
 def from_bayer(raw: Image) -> Image:
-    """BGR image (H, W, 3) of raw pixels (H, W), red at even rows and columns."""
-    # OpenCV names the pattern after the second row's second and third pixel.
+    """Return the BGR image (H, W, 3) of raw pixels (H, W), red at even rows and columns."""
+    # OpenCV names Bayer patterns after the second and third pixel of the second row.
     return np.asarray(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR), dtype=np.uint8)
 
 
 def to_bayer(image: Image) -> Image:
-    """Raw pixels (H, W) as a sensor under the same mosaic measures them, of a BGR image (H, W, 3)."""
+    """Return raw pixels (H, W) of a BGR image (H, W, 3), as a sensor with the same mosaic measures them."""
     raw = image[:, :, 1].copy()
     raw[0::2, 0::2] = image[0::2, 0::2, 2]
     raw[1::2, 1::2] = image[1::2, 1::2, 0]
@@ -52,7 +52,7 @@ def to_bayer(image: Image) -> Image:
 
 
 def from_quadrants(quadrants: Image) -> Image:
-    """Raw Bayer pixels (H, W) of four colour planes side by side: red, green above blue, green."""
+    """Return raw Bayer pixels (H, W) of four colour planes: red and green above, blue and green below."""
     height, width = quadrants.shape
     if height % 2 or width % 2:
         raise LogError(f"found {width}×{height} px in four quadrants, expected even numbers")
@@ -66,15 +66,15 @@ def from_quadrants(quadrants: Image) -> Image:
 
 
 def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
-    """The picture with its `size` and `format` read; `Image.open` would warn of sizes that are refused.
+    """Read a picture's header; `Image.open` would also warn about sizes that are refused later anyway.
 
     Raises:
-        LogError: it is of another format, or its head is damaged.
+        LogError: the picture has another format, or its header is damaged.
     """
     for start, (name, reader) in _READERS.items():
         if name in formats and data.startswith(start):
             module = import_module(f"PIL.{reader}ImagePlugin")
-            # Whatever Pillow stumbles over.
+            # Pillow may raise any error.
             with naming(f"found a {name} whose head cannot be read", LogError, Exception):
                 picture: ImageFile = getattr(module, f"{reader}ImageFile")(BytesIO(data))
             return picture
@@ -83,12 +83,12 @@ def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
 
 
 def check_whole(picture: ImageFile, data: bytes, *, appended: bool = False) -> None:
-    """Look at a picture's integrity, as far as its format has means for it.
+    """Check a picture's integrity as far as its format allows.
 
-    A JPEG with something `appended` behind its end, as photos of telephones have, is decoded.
+    A JPEG that may have data `appended` after its end, as photos of phones do, is decoded to check it.
 
     Raises:
-        LogError: a part of a PNG does not agree with its checksum, or the end of a PNG or JPEG is missing.
+        LogError: a part of a PNG does not match its checksum, or the end of a PNG or JPEG is missing.
     """
     endless = picture.format == "JPEG" and b"\xff\xd9" not in data[-64:]  # some writers pad
     if endless and not appended:
@@ -101,11 +101,11 @@ def check_whole(picture: ImageFile, data: bytes, *, appended: bool = False) -> N
 
 
 def decode(data: bytes, *, color: bool = True) -> Image:
-    """Pixels of a PNG or JPEG: (H, W, 3) BGR, or as they are stored; LogError if it is damaged."""
+    """Decode a PNG or JPEG to (H, W, 3) BGR, or unchanged if not `color`; LogError if it is damaged."""
     picture = head_of(data)
     check_sides(*picture.size)
     check_whole(picture, data)
-    # Cameras do not turn; the marks of a photo's orientation are not for these pictures.
+    # Ignore EXIF orientation tags: they do not apply to fixed cameras.
     how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if color else cv2.IMREAD_UNCHANGED
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), how)

@@ -1,6 +1,6 @@
-"""The robot's states at the moments of the images, from the platform's robot logs.
+"""The robot's states at the times of the images, from the platform's robot logs.
 
-A log is text, a line a step under a header of names, or binary, version 2; either may be gzipped.
+A log is text, one line per step after a header of names, or binary, version 2; either may be gzipped.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from tracker.logs.frame import LogFrame
 from tracker.logs.log import Log
 
 MAX_STEPS = 4_000_000
-"""Longest log that is read, an hour at 1 kHz."""
+"""Largest number of steps in a log, over an hour at 1 kHz."""
 
 MAX_LINE = 1 << 16
-"""Longest line [bytes]; they have 3 kB."""
+"""Longest valid line [bytes]; usual lines have 3 kB."""
 
 _JOINTS = 9
-_MILLISECONDS = 1e11  # stamps above count these
+_MILLISECONDS = 1e11  # larger timestamps are in milliseconds
 _VERSION = 2
-_BLOCK = 4096  # steps that are read at once
+_BLOCK = 4096  # steps read at once
 _RECORD = np.dtype(
     [("step", "<i8"), ("timestamp", "<f8"), ("repetitions", "<u4"), ("error", "<i4"), ("message", "S64")]
     + [(name, "<f8", _JOINTS) for name in ("position", "velocity", "torque")]
@@ -43,19 +43,19 @@ _UNITS = {"position": "rad", "velocity": "rad_per_s", "torque": "nm"}
 
 @dataclass(frozen=True, eq=False)
 class RobotState:
-    """The robot at some moments, of any shape S; NaN before the log's first step and after its last."""
+    """The robot's state at times of any shape S; NaN before the log's first step and after its last."""
 
     position: FloatArray
-    """S + (J,) angles of the joints [rad], interpolated between two steps."""
+    """S + (J,) joint angles [rad], interpolated between two steps."""
     velocity: FloatArray | None
-    """S + (J,) their velocities [rad/s]."""
+    """S + (J,) joint velocities [rad/s]; None: unknown."""
     torque: FloatArray | None
-    """S + (J,) their torques [N m]."""
+    """S + (J,) joint torques [N m]; None: unknown."""
     gap: FloatArray
-    """S time between the two steps [s]; infinite where the log has none on one side."""
+    """S time between the two steps [s]; infinite outside the log."""
 
     def columns(self) -> dict[str, Array]:
-        """Of n moments (n,) columns for tables, e.g. `robot_position_0_rad`, and `robot_gap_s`."""
+        """Return columns (n,) of n states for tables: `robot_position_0_rad` and others, `robot_gap_s`."""
         found: dict[str, Array] = {}
         for name, unit in _UNITS.items():
             values: FloatArray | None = getattr(self, name)
@@ -69,18 +69,18 @@ class RobotLog:
     """The robot's states at all steps. Arrays are copied and read-only.
 
     Raises:
-        LogError: an array is of the wrong shape or not finite, there are fewer than two steps, or stamps go
-            backwards.
+        LogError: an array has the wrong shape or is not finite, there are fewer than two steps, or
+            timestamps go backwards.
     """
 
     timestamp: FloatArray
     """(n,) time of each step, on the cameras' clock [s]."""
     position: FloatArray
-    """(n, J) angles of the joints [rad]."""
+    """(n, J) joint angles [rad]."""
     velocity: FloatArray | None = None
-    """(n, J) their velocities [rad/s]; None: unknown."""
+    """(n, J) joint velocities [rad/s]; None: unknown."""
     torque: FloatArray | None = None
-    """(n, J) their torques [N m]; None: unknown."""
+    """(n, J) joint torques [N m]; None: unknown."""
 
     def __post_init__(self) -> None:
         times = in_range(np.array(seconds(self.timestamp, "timestamp", LogError)), "timestamp", LogError)
@@ -100,7 +100,7 @@ class RobotLog:
                 freeze(self, field.name, float_array(given, (len(times), shape[1]), field.name, LogError))
 
     def at(self, stamps: float | FloatArray) -> RobotState:
-        """The states at moments of any shape [s]; LogError where they are no times in seconds."""
+        """Return the states at times of any shape [s]; LogError if these are not numbers of seconds."""
         times = seconds(stamps, "stamps", LogError)
         places = np.interp(times, self.timestamp, np.arange(len(self.timestamp)), left=np.nan, right=np.nan)
         outside = np.isnan(places)
@@ -118,18 +118,18 @@ class RobotLog:
 
 
 class Paired(NamedTuple):
-    """A set of images, and the robot at its stamp."""
+    """A set of images, and the robot's state at its timestamp."""
 
     frame: LogFrame
     robot: RobotState
 
 
 def paired(log: Log, robot_log: RobotLog | str | os.PathLike[str]) -> Iterator[Paired]:
-    """Each set of images of a recording with the robot's state at its stamp.
+    """Yield each set of images of a recording with the robot's state at its timestamp.
 
     Args:
-        log: the recording, as `open_log` gives it; or a part of one.
-        robot_log: the platform's robot log, or its states, see `read_robot_log`.
+        log: the recording from `open_log`, or a part of it.
+        robot_log: path of the platform's robot log, or its states from `read_robot_log`.
 
     Raises:
         LogError: one of them is malformed or damaged.
@@ -142,7 +142,7 @@ def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
     """Read `robot_data.dat` or `.csv` of the platform, gzipped or not.
 
     Raises:
-        LogError: there is none, it is damaged, or too long.
+        LogError: there is no such file, or it is damaged or too long.
     """
     where = path_of(path, "path of a robot log", LogError)
     with told_of(where), naming(where, LogError, LogError, EOFError, zlib.error), open_regular(where) as raw:
@@ -159,7 +159,7 @@ def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
 
 
 def _records(file: BinaryIO) -> tuple[list[str], Array]:
-    """Names of the fields, and a row (1 + 9 each) a step, of a binary log after its version."""
+    """Read a binary log after its version: names of the fields, and one row (1 + 9 per field) per step."""
     head = file.read(8)
     count = int.from_bytes(head, "little")
     if len(head) < 8 or count > MAX_STEPS:
@@ -180,7 +180,7 @@ def _records(file: BinaryIO) -> tuple[list[str], Array]:
 
 
 def _lines(file: BinaryIO, head: bytes) -> tuple[list[str], Array]:
-    """The same of a log in lines, of which the first begins with `head`."""
+    """Read the same from a text log, whose first line begins with `head`."""
     header = head + file.readline(MAX_LINE)
     if not header.startswith(b"#"):
         found = f"{header[:20]!r} at its beginning"
