@@ -1,4 +1,4 @@
-"""Bounded reads, atomic writes, by one process at a time."""
+"""Bounded reads, and atomic writes by one process at a time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tracker.errors import LogError
 
 @contextlib.contextmanager
 def on_error(undo: Callable[[], object]) -> Iterator[None]:
-    """Whatever is raised, `undo` is called before it goes on, for instance to close what is half open."""
+    """Call `undo` if the `with` block raises, for instance to close a half-opened file; then raise on."""
     try:
         yield
     except BaseException:
@@ -28,7 +28,7 @@ def on_error(undo: Callable[[], object]) -> Iterator[None]:
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
-    """A regular file, open for reading; nothing is waited for, as a pipe without a writer would.
+    """Open a regular file for reading, without blocking, as opening a pipe without a writer would.
 
     Raises:
         OSError: the file cannot be opened, or is a folder, a pipe or a device.
@@ -44,7 +44,7 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
 
 
 def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
-    """The content of a regular file of at most `largest` bytes; no more are read of one that has more.
+    """Return the content of a regular file of at most `largest` bytes, without reading larger ones whole.
 
     Raises:
         OSError: the file cannot be read, is no regular file, or is larger.
@@ -58,7 +58,7 @@ def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
 
 @contextlib.contextmanager
 def told_of(path: str | os.PathLike[str], fault: Callable[[str], Exception] = LogError) -> Iterator[None]:
-    """What the operating system refuses while a file is read is raised as `fault`, in one line."""
+    """Turn an OSError raised while a file is read into a `fault` with a one-line message."""
     try:
         yield
     except OSError as error:
@@ -66,22 +66,22 @@ def told_of(path: str | os.PathLike[str], fault: Callable[[str], Exception] = Lo
 
 
 def check_suffix(path: Path, suffixes: Sequence[str], what: str, fault: type[Exception]) -> None:
-    """`fault`, which names `what`, for a file whose name says that it is of none of these kinds."""
+    """Raise `fault`, which names `what`, if a file name has none of these suffixes."""
     if path.suffix.lower() not in suffixes:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
         raise fault(f"{what} {path}: found {found}, expected {' or '.join(suffixes)}")
 
 
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EROFS)
-"""What file systems say that have no locks, as some network drives."""
+"""Errors of file systems without locks, such as some network drives."""
 
 _MOST_BYTES = 200
-"""Of a name, in one that is made from it."""
+"""Largest part of a file name that is kept in a name derived from it [bytes]."""
 
 
 @contextlib.contextmanager
 def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> Iterator[None]:
-    """What the operating system refuses while `what` is written is raised as `fault`, in one line."""
+    """Turn an error raised while `what` is written into a `fault` with a one-line message."""
     try:
         yield
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
@@ -93,7 +93,7 @@ def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> 
 
 
 def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table as CSV; cells of None are empty."""
+    """Return a table as CSV text; None gives an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -102,24 +102,24 @@ def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 
 
 def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
-    """Write a file, text as UTF-8, under a temporary name, then rename it; errors as for `whole_file`."""
+    """Write a file (text as UTF-8) under a temporary name, then rename it; errors as for `whole_file`."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
 
 @contextlib.contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path; the file or new folder that is there when the `with` block ends well takes the name.
+    """Yield a temporary path; the file or new folder there is renamed to `path` if the block does not raise.
 
-    It is on the disk before it has its name, so that a power cut leaves the old or the new one. A symbolic
-    link stays one: what it points to is replaced.
+    It is synced to disk before it is renamed, so that a power cut leaves either the old or the new file. A
+    symbolic link is kept: its target is replaced.
 
     Raises:
-        OSError: the file cannot be written; what was there before is untouched.
-        ValueError: the path is none, for instance because of a null byte.
+        OSError: the file cannot be written; the old one is unchanged.
+        ValueError: the path is invalid, for instance because of a null byte.
     """
     target = Path(os.path.realpath(path))
-    # A folder of its own, so that the file gets the permissions that it would get without us.
+    # Use a temporary folder, not a temporary file, so that the file gets its usual permissions.
     prefix = f".{_beginning(target.name)}."
     try:
         with tempfile.TemporaryDirectory(".tmp", prefix, target.parent, ignore_cleanup_errors=True) as folder:
@@ -134,13 +134,13 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Nobody else who asks may write this file until the `with` block ends, however it or the process ends.
+    """Lock a file for writing until the `with` block or the process ends; other callers get an error.
 
-    The claim is a lock on a hidden file beside it, gone at the end. On file systems that have no locks
-    there is none. (filelock would be one more dependency of the core, for forty lines.)
+    The lock is on a hidden file beside it, which is removed at the end. File systems without locks give no
+    protection. (filelock would be one more dependency of the core, for forty lines.)
 
     Raises:
-        BlockingIOError: another run has claimed it.
+        BlockingIOError: another run has locked the file.
         OSError: the folder is missing or cannot be written.
     """
     lock = lock_of(path)
@@ -153,25 +153,25 @@ def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     finally:
-        # While it is still locked: another process that has it open sees that it has gone.
+        # Remove it while it is locked: a process that has it open already then sees that it is gone.
         lock.unlink(missing_ok=True)
         os.close(descriptor)
 
 
 def lock_of(path: str | os.PathLike[str]) -> Path:
-    """The hidden file beside a file, which exists while a process has claimed that file."""
+    """Return the hidden lock file beside a file; it exists while a process has `claimed` that file."""
     target = Path(os.path.realpath(path))
     return target.with_name(f".{_beginning(target.name)}.lock")
 
 
 def _beginning(name: str) -> str:
-    """So much of a name that something can be added: file systems count bytes, and allow for 255."""
+    """Shorten a name so that a suffix still fits: file systems allow 255 bytes."""
     encoded = os.fsencode(name)
     return name if len(encoded) <= _MOST_BYTES else encoded[:_MOST_BYTES].decode("utf-8", "ignore")
 
 
 def _locked(lock: Path) -> int:
-    """Descriptor of the lock's file, which is locked and has this name."""
+    """Create and lock the lock file; return its descriptor once the locked file still has this name."""
     while True:
         with contextlib.ExitStack() as undo:
             descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
@@ -190,21 +190,21 @@ def _locked(lock: Path) -> int:
 def _to_disk(path: Path) -> None:
     try:
         descriptor = os.open(path, os.O_RDONLY)
-    except PermissionError:  # a folder that may be written but not read
+    except PermissionError:  # a folder that is writable but not readable
         if path.is_dir():
             return
         raise
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, *_NO_LOCKS):  # some file systems cannot for folders
+        if error.errno not in (errno.EINVAL, *_NO_LOCKS):  # some file systems cannot sync folders
             raise
     finally:
         os.close(descriptor)
 
 
 def _about(error: OSError, path: str | os.PathLike[str]) -> OSError:
-    """The error with the name of the file that was asked for, where it names a temporary one or none."""
+    """Return the error with the requested path in place of a temporary or missing file name."""
     name = os.fspath(error.filename) if isinstance(error.filename, (str, os.PathLike)) else None
     if error.errno is None or (
         name is not None and not name.endswith((".tmp", ".lock")) and ".tmp/" not in name

@@ -1,13 +1,13 @@
-"""Access to HDF5 files in which nothing is believed without a look, and a file to write them to.
+"""Reads HDF5 files without trusting them, and writes them safely.
 
-Only data that are in the file itself are read, unpacked with filters that come with the HDF5 library: no
-links to other files, no external or virtual storage, no plug-ins, no objects. Type, shape and the bytes
-that are stored are compared before anything is read. Texts are of fixed length: those of variable length
-lie in a heap without a checksum, and damage to it can make the library search without end.
+Only data in the file itself are read, with the filters that come with the HDF5 library: no links to other
+files, no external or virtual storage, no plug-ins, no objects. Type, shape and the number of stored bytes
+are checked before anything is read. Strings have fixed length: those of variable length are in a heap
+without a checksum, and a damaged heap can make the library search forever.
 
-When the disk is full while a file is written, the library loses track of what it has open, and ends the
-process at the latest when that is closed. `Disk` keeps in memory what the disk does not take, so that the
-library can finish, and the fault can be reported.
+If the disk is full while a file is written, the library loses track of its open objects, and ends the
+process when they are closed or earlier. `Disk` keeps in memory what the disk refuses, so that the library
+can finish and the fault can be reported.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tracker.errors import LogError, TrackerError
 from tracker.files import open_regular, told_of
 
 MAX_CHUNK = 1 << 28
-"""Largest block [bytes] that a field may be stored in."""
+"""Largest valid chunk of a dataset [bytes]."""
 
 TYPES = {
     "f": "floating-point numbers",
@@ -41,7 +41,7 @@ TYPES = {
     "b": "bool",
     "S": "texts of fixed length",
 }
-"""NumPy's letters of types, and what they are in messages."""
+"""NumPy's type letters, and their names in messages."""
 
 _FILTERS = {
     h5py.h5z.FILTER_DEFLATE: "gzip",
@@ -50,41 +50,41 @@ _FILTERS = {
 }
 _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 _MAX_ATTRIBUTE = 1 << 20  # bytes
-_SMALL = 1 << 20  # bytes that may be taken for a field that has none stored
+_SMALL = 1 << 20  # bytes; a dataset up to this size may have nothing stored
 _END_OFFSET = {0: 40, 1: 44, 2: 28, 3: 28}
-"""Where the file's length stands, by the version of the file's head."""
+"""Offset of the file's stated length, by the version of the superblock."""
 
 
 @contextlib.contextmanager
 def faults_as_log_errors(what: str) -> Iterator[None]:
-    """Turn what is raised when damaged files are read into a LogError that starts with `what`."""
+    """Turn errors raised when damaged files are read into a LogError that starts with `what`."""
     try:
         yield
     except TrackerError as error:
         if isinstance(error, LogError) and str(error).startswith(what):
             raise
         raise LogError(f"{what}: {error}") from error
-    # h5py passes on whatever stage of the library's work fails, each with a Python type of its own.
+    # The type of h5py's error depends on which stage of the library's work fails.
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError) as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise LogError(f"{what}: cannot be read, expected a whole HDF5 file: {reason}") from error
 
 
 def open_file(path: str | os.PathLike[str]) -> h5py.File:
-    """The regular file, for reading; OSError or what else h5py raises where it is none."""
+    """Open a regular file for reading; OSError or any error of h5py if it is no HDF5 file."""
     open_regular(path).close()  # the library would wait for a pipe's writer
-    # No lock is needed to read files that are replaced whole; network drives often cannot give one.
+    # Reading needs no lock, since files are replaced whole; network drives often have no locks.
     return h5py.File(path, "r", locking=False)
 
 
 def check_stated_end(path: Path) -> str | None:
-    """What is wrong where the file is longer than its head says, else None; LogError if it is shorter."""
+    """Return a message if the file is longer than it states, else None; LogError if it is shorter."""
     with told_of(path), open_regular(path) as file:
         head = file.read(64)
         size = os.fstat(file.fileno()).st_size
     if len(head) < 64:
         raise LogError(f"{path}: found {size} bytes, expected an HDF5 file")
-    if head[8] not in _END_OFFSET:  # a later version than this program knows; the library decides
+    if head[8] not in _END_OFFSET:  # a newer version than this program knows; the library decides
         return None
     (stated,) = struct.unpack_from("<Q", head, _END_OFFSET[head[8]])
     fault = f"{path}: found {size} bytes, expected the {stated} that the file states"
@@ -94,9 +94,9 @@ def check_stated_end(path: Path) -> str | None:
 
 
 def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
-    """The dataset at a path, with nothing read yet, or None; LogError where it cannot be trusted, or is none.
+    """Return the dataset at a path, unread, or None; LogError if it is unsafe to read or no dataset.
 
-    where: stands before the path in errors.
+    where: text before the path in errors.
     """
     with faults_as_log_errors(f"{where}{name}"):
         item = _item(file, name)
@@ -111,13 +111,13 @@ def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
 
 
 def has_group(file: Any, name: str, where: str) -> bool:
-    """Whether there is a group at this path."""
+    """Whether there is a group at a path."""
     with faults_as_log_errors(f"{where}{name}"):
         return isinstance(_item(file, name), h5py.Group)
 
 
 def dataset(file: Any, name: str, where: str = "/") -> h5py.Dataset:
-    """As `find`; LogError where there is none."""
+    """Return the dataset as `find` does; LogError if there is none."""
     found = find(file, name, where)
     if found is None:
         raise LogError(f"{where}{name}: found nothing, expected a dataset")
@@ -125,10 +125,10 @@ def dataset(file: Any, name: str, where: str = "/") -> h5py.Dataset:
 
 
 def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str = "/") -> Array:
-    """The `values` of a dataset of this shape and one of these `kinds`, a key of TYPES.
+    """Return the `values` of a dataset with this shape and one of these `kinds`, a key of TYPES.
 
     Raises:
-        LogError: there is no such dataset, or it is of another type or shape.
+        LogError: there is no such dataset, or its type or shape differs.
     """
     stored = dataset(file, name, where)
     if stored.dtype.kind not in kinds or stored.shape != shape:
@@ -138,7 +138,7 @@ def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str =
 
 
 def values(stored: h5py.Dataset, stop: int | None = None) -> Array:
-    """All of a dataset, or its rows before `stop`; LogError where its blocks cannot unpack to it."""
+    """Read a dataset, or its rows before `stop`; LogError if its chunks do not decompress to its size."""
     size, there = stored.size * stored.dtype.itemsize, int(stored.id.get_storage_size())
     if size > max(_SMALL, _MAX_RATIO * there):
         raise LogError(f"found {there} bytes stored, expected enough for {size}")
@@ -149,16 +149,16 @@ def values(stored: h5py.Dataset, stop: int | None = None) -> Array:
 
 
 def attribute(item: Any, name: str, kinds: str, *, single: bool = True) -> Array:
-    """The value of an attribute of a file, group or dataset: a single one, without axes, or a list.
+    """Read an attribute of a file, group or dataset: a single value of shape (), or a list.
 
     Raises:
-        LogError: there is no such attribute, or it is none of these `kinds` (a key of TYPES), shape or size.
+        LogError: there is no such attribute, or its type (`kinds`, a key of TYPES), shape or size is wrong.
     """
     expected = TYPES[kinds] + ("" if single else ", a list of them")
     if name not in item.attrs:
         raise LogError(f"{name}: found no such attribute, expected {expected}")
     stored = item.attrs.get_id(name)
-    # Before it is read: the library does not survive damaged texts.
+    # Check the type before reading: the library crashes on damaged strings of variable length.
     fits = stored.shape in ((), (1,)) if single else len(stored.shape) == 1
     if stored.dtype.kind not in kinds or not fits:
         raise LogError(f"{name}: found {described(stored)}, expected {expected}")
@@ -169,44 +169,44 @@ def attribute(item: Any, name: str, kinds: str, *, single: bool = True) -> Array
 
 
 def text(file: Any, key: str) -> str:
-    """The text in an attribute; LogError where there is none."""
+    """Return the text in an attribute; LogError if there is none."""
     return decoded(attribute(file, key, "S"))[0]
 
 
 def text_of(path: str | os.PathLike[str], key: str) -> str | None:
-    """The text in an attribute of a file; None where there is none, or no HDF5 file, or a damaged one."""
+    """Return the text in an attribute of a file; None without one, or if the file is no HDF5 or damaged."""
     try:
         with open_file(path) as file:
             return text(file, key)
     except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
-        return None  # what else it is, or what is wrong with it, says who opens it as such
+        return None  # the function that opens the file later reports what is wrong
 
 
 def encoded(texts: str | list[str]) -> Array:
-    """Texts as an array (k,) of UTF-8 of one length, or one without axes of a single text."""
+    """Encode texts as an array (k,) of fixed-length UTF-8, or a single text as an array of shape ()."""
     contents = np.char.encode(np.array(texts, np.str_), "utf-8")
     return contents.astype(f"S{contents.dtype.itemsize or 1}")
 
 
 def decoded(texts: Array) -> list[str]:
-    """The texts in an array of UTF-8; UnicodeDecodeError where it is none."""
+    """Decode an array of UTF-8 to texts; UnicodeDecodeError if it is not UTF-8."""
     return [bytes(text).decode("utf-8") for text in texts.ravel().tolist()]
 
 
 def filters_of(dataset: h5py.Dataset) -> tuple[int, ...]:
-    """Codes of the filters that blocks are packed with, in the order of packing."""
+    """Return the codes of a dataset's filters, in the order in which they are applied on writing."""
     properties = dataset.id.get_create_plist()
     return tuple(properties.get_filter(number)[0] for number in range(properties.get_nfilters()))
 
 
 def unpacked(stored: h5py.Dataset, offset: tuple[int, ...]) -> bytes:
-    """What the block at an offset unpacks to, neither shuffled back nor compared with its checksum.
+    """Decompress the chunk at an offset, without unshuffling it or verifying its checksum.
 
-    The HDF5 library takes memory for whatever a block unpacks to, a thousand times its size.
+    The HDF5 library itself would allocate any decompressed size, up to a thousand times the chunk's.
 
     Raises:
-        LogError: that is another size than it should be, or it is damaged.
-        Exception: whatever h5py raises where there is no block.
+        LogError: the decompressed size is wrong, or the chunk is damaged.
+        Exception: any error of h5py if there is no such chunk.
     """
     filters, whole = filters_of(stored), math.prod(stored.chunks) * stored.dtype.itemsize
     sums = [4 * (code == h5py.h5z.FILTER_FLETCHER32) for code in filters]  # bytes of checksums
@@ -233,10 +233,10 @@ def _inflated(packed: bytes, largest: int) -> bytes:
 
 
 def _item(file: Any, name: str) -> Any:
-    """What stands at a path that no link leads along, or None."""
+    """Return the item at a path, or None; LogError if the path leads through a link."""
     item: Any = file
     for part in name.split("/"):
-        # The link is looked at before it is followed, and without asking whether it leads anywhere.
+        # Check the link before following it, and without testing whether its target exists.
         if not isinstance(item, h5py.Group) or not item.id.links.exists(part.encode("utf-8")):
             return None
         if not isinstance(item.get(part, getlink=True), h5py.HardLink):
@@ -246,14 +246,14 @@ def _item(file: Any, name: str) -> Any:
 
 
 def _check_stored(dataset: h5py.Dataset) -> None:
-    """LogError where blocks are packed by what does not come with the library, too large, or cut off."""
+    """Raise LogError if a dataset has filters from plug-ins, or chunks that are too large or truncated."""
     properties, size = dataset.id.get_create_plist(), int(dataset.dtype.itemsize)
     for number in range(properties.get_nfilters()):
         code, _, settings, _ = properties.get_filter(number)
         if code not in _FILTERS:
             known = ", ".join(_FILTERS.values())
             raise LogError(f"found data packed with filter {code}, expected {known} or none")
-        # Checksums are of what is packed, not of how: a damaged setting would scramble the pixels unnoticed.
+        # Checksums do not cover filter settings: a damaged setting would scramble the pixels unnoticed.
         if code == h5py.h5z.FILTER_SHUFFLE and settings != (size,):
             raise LogError(f"found bytes shuffled by {settings}, expected {(size,)}")
     if not dataset.chunks:
@@ -262,28 +262,28 @@ def _check_stored(dataset: h5py.Dataset) -> None:
     if not 0 < block <= MAX_CHUNK:
         raise LogError(f"found blocks of {dataset.chunks}, expected at most {MAX_CHUNK} bytes")
     stored = int(dataset.id.get_storage_size())
-    # Where damage hides that blocks are packed, the library takes them for whole and reads beyond their end.
+    # If damage hides that chunks are compressed, the library reads beyond their end.
     if not properties.get_nfilters() and stored % block:
         raise LogError(f"found {stored} bytes stored, expected blocks of {block}")
 
 
 class Disk(io.FileIO):
-    """The new file that h5py writes through."""
+    """A new file for h5py to write through, which keeps in memory what a full disk refuses."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path, "xb+")
         self._at = self._end = 0
         self._kept: list[tuple[int, bytes]] = []
         self.fault: OSError | None = None
-        """The first thing that the disk refused."""
+        """The first error of the disk, or None."""
 
     def seek(self, offset: int, origin: int = os.SEEK_SET) -> int:
-        """Move to an offset from the beginning, or from the end."""
+        """Move to an offset from the beginning, or from the end of the file."""
         self._at = offset + (self._end if origin == os.SEEK_END else 0)
         return self._at
 
     def write(self, data: Any) -> int:
-        """Take all of it."""
+        """Write all of the data, to memory once the disk has refused something."""
         content, done = bytes(data), 0
         try:
             while self.fault is None and done < len(content):
@@ -298,7 +298,7 @@ class Disk(io.FileIO):
         return len(content)
 
     def readinto(self, buffer: Any) -> int:
-        """Give back what was written, from the disk or from memory."""
+        """Read written data back, from disk or from memory."""
         start, size = self._at, min(len(buffer), self._end - self._at)
         super().seek(start)
         there = super().read(size)
@@ -311,7 +311,7 @@ class Disk(io.FileIO):
         return size
 
     def truncate(self, size: int | None = None) -> int:
-        """Make it so long; None: as far as it has been read or written."""
+        """Set the file's length; None: up to the current position."""
         size = self._at if size is None else size
         try:
             if self.fault is None:

@@ -1,11 +1,11 @@
-"""Zarr 2 arrays in an LMDB database, read block by block, trusting nothing.
+"""Reads zarr 2 arrays in an LMDB database block by block, without trusting the file.
 
-The LMDB library maps the file to memory and follows whatever number stands in it: a damaged one, or a page
-that is missing, ends the whole process. Therefore it has a process of its own, which is asked for values.
+The LMDB library maps the file to memory and follows any offset in it: a damaged offset or a missing page
+crashes the process. It therefore runs in a separate process, which is queried for values.
 
-Only lists of byte strings, and lists and tables of plain numbers, are decoded, plain or packed by Blosc as
-zarr packs them by itself; codecs that could run code (pickle) are refused. What a block unpacks to is bounded
-before it is unpacked.
+Only lists of byte strings, and lists and tables of plain numbers, are decoded, uncompressed or compressed by
+Blosc (zarr's default); codecs that could run code (pickle) are refused. The size of a block is checked before
+it is decompressed.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ with file.begin(buffers=True) as values:
         answers.write(value if value is not None and len(value) <= int(largest) else b"")
         answers.flush()
 """
-"""Writes how long the file has to be [bytes], and the number of values; then of each key that it reads the
-length of the value, -1 where there is none, and the value, where it has no more bytes than asked for."""
+"""Program that writes the file's least length [bytes] and the number of values; then, for each key that it
+reads, the length of the value (-1 if there is none) and, if it is not above the given limit, the value."""
 
 
 class LmdbFile:
-    """A database without others in it, open for reading.
+    """An LMDB file without named databases, open for reading.
 
     Raises:
-        LogError: it is none, it is truncated, or a package is missing.
+        LogError: the file is no database or truncated, or a package is missing.
     """
 
     def __init__(self, path: Path) -> None:
-        for package in ("lmdb", "numcodecs"):  # which are missed here, not at the first value
+        for package in ("lmdb", "numcodecs"):  # fail here, not at the first value
             optional(package, "datasets", f"{path}: an image store", LogError)
         self._path = path
         with told_of(path), open_regular(path) as file:
@@ -64,7 +64,7 @@ class LmdbFile:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for who asks
+            start_new_session=True,  # so that Ctrl-C reaches the parent only
         )
         with on_error(self.close):
             expected, self.entries = struct.unpack("<QQ", self._received(16))
@@ -73,12 +73,12 @@ class LmdbFile:
                 raise LogError(f"{path}: {found}: it is truncated")
 
     def close(self) -> None:
-        """End the process."""
+        """End the reader process."""
         self._reader.kill()
         self._reader.communicate()
 
     def get(self, key: str, largest: int) -> bytes | None:
-        """The value of a key, None where there is none; LogError where it has more than `largest` bytes."""
+        """Return the value of a key, or None if there is none; LogError if it exceeds `largest` bytes."""
         assert self._reader.stdin is not None
         try:
             self._reader.stdin.write(f"{key} {largest}\n".encode("ascii"))
@@ -102,21 +102,21 @@ class LmdbFile:
 
 
 MAX_BLOCK = 1 << 29
-"""Largest block [bytes], packed and unpacked."""
+"""Largest block, compressed or not [bytes]."""
 
 MAX_NUMBERS = 1 << 25
-"""Longest array of numbers; as control steps at 50 Hz, a week."""
+"""Largest array of numbers: a week of control steps at 50 Hz."""
 
 _MAX_JSON = 1 << 20  # bytes
-_MAX_LEFT_OUT = 1 << 16  # blocks; those that hold nothing but the fill value may be left out
+_MAX_LEFT_OUT = 1 << 16  # blocks; zarr may omit blocks that hold only the fill value
 _RAGGED = ("vlen-bytes", "vlen-array")
 _PACKER = "blosc"
 
 
 class StoredArray:
-    """A list of byte strings or of numbers, or a table of numbers, in tiles.
+    """A list of byte strings or of numbers, or a table of numbers, stored in tiles.
 
-    A block is the tiles of the same rows; zarr keeps those of numbers in full size at the edges, too.
+    A block is all tiles of the same rows; zarr stores tiles of numbers in full size at the edges, too.
     """
 
     def __init__(self, store: LmdbFile, name: str, where: str) -> None:
@@ -134,14 +134,14 @@ class StoredArray:
 
     @classmethod
     def find(cls, store: LmdbFile, name: str, where: str) -> StoredArray | None:
-        """The array, or None where there is none of this name; LogError if it is malformed."""
+        """Return the array, or None if there is none of this name; LogError if it is malformed."""
         return cls(store, name, where) if store.get(f"{name}/.zarray", _MAX_JSON) is not None else None
 
     def __len__(self) -> int:
         return self.shape[0]
 
     def __getitem__(self, index: int) -> bytes:
-        """One of the byte strings; one block is in memory."""
+        """Return one of the byte strings; one block is kept in memory."""
         number, offset = divmod(index, self._tile[0])
         if number != self._number:
             self._kept, self._number = self._strings(number), number
@@ -153,11 +153,11 @@ class StoredArray:
         return self._dtype is None
 
     def numbers(self) -> Array:
-        """All numbers; LogError if they are byte strings, or missing or damaged."""
+        """Return all numbers; LogError if the items are byte strings, missing or damaged."""
         return np.concatenate([np.zeros((0, *self.shape[1:]), self._dtype), *self.blocks()])
 
     def blocks(self) -> Iterator[Array]:
-        """The numbers in one block after the other; LogError as for `numbers`."""
+        """Yield the numbers block by block; LogError as for `numbers`."""
         if self._dtype is None:
             raise LogError(f"{self._where}: found byte strings, expected numbers")
         ends = [""] if len(self.shape) == 1 else [f".{k}" for k in range(self._tiles[1])]
@@ -176,7 +176,7 @@ class StoredArray:
         count = int.from_bytes(data[:4], "little")
         expected = min(self._tile[0], len(self) - number * self._tile[0])
         with naming(f"{what}: found items that are damaged", LogError, LogError, ValueError, SystemError):
-            if count > len(data) // 4:  # before a list of that length is made
+            if count > len(data) // 4:  # checked before a list of that length is allocated
                 raise LogError(f"{count} items stated in {len(data)} bytes")
             items = list(numcodecs.VLenBytes().decode(data))
         if len(items) < expected:
@@ -184,7 +184,7 @@ class StoredArray:
         return items
 
     def _numbers(self, key: str, dtype: np.dtype[Any]) -> Array:
-        """A tile, in its shape."""
+        """Return a tile in its shape."""
         what, size = f"{self._where}: block {key}", math.prod(self._tile)
         data = self._stored(key, size * dtype.itemsize)
         if data is not None:
@@ -196,7 +196,7 @@ class StoredArray:
         if self._fill is None:
             raise LogError(f"{what} is missing")
         try:
-            return np.full(self._tile, dtype.type(self._fill), dtype)  # what zarr leaves out
+            return np.full(self._tile, dtype.type(self._fill), dtype)  # a block that zarr omitted
         except (OverflowError, ValueError) as error:
             raise LogError(f"{what}: fill_value: found {self._fill}, expected {dtype}") from error
 
@@ -208,7 +208,7 @@ class StoredArray:
             raise ValueError
         if math.prod(self._tile) > 1 << 24 or len(self.shape) > 2 - (meta["dtype"] == "|O"):
             raise ValueError
-        # Of numbers those that are left out are not stored; of pictures each has some bytes.
+        # Omitted numbers take no space in the store, but each picture has at least one byte.
         most, length = self._store.size if meta["dtype"] == "|O" else MAX_NUMBERS, math.prod(self.shape)
         if length > most:
             raise LogError(f"{self._where}: found {length} items stated, expected at most {most}")
@@ -233,11 +233,11 @@ class StoredArray:
             raise LogError(f"{self._where}: found blocks packed by {found!r}, expected {_PACKER} or none")
 
     def _stored(self, key: str, largest: int) -> bytes | None:
-        """What a block unpacks to; None where there is none."""
+        """Return the decompressed content of a block, or None if there is no such block."""
         data = self._store.get(f"{self._name}/{key}", MAX_BLOCK)
         if data is None or self._packer is None:
             return data
-        # Bytes 4 to 8 of a block state what it unpacks to, bytes 12 to 16 its own length.
+        # Bytes 4 to 8 of a block state its decompressed size, bytes 12 to 16 its own length.
         stated, length = int.from_bytes(data[4:8], "little"), int.from_bytes(data[12:16], "little")
         with naming(f"{self._where}: block {key}: cannot be unpacked", LogError, Exception):
             if length != len(data) or stated > largest:

@@ -1,4 +1,4 @@
-"""Small TOML files: your own by their paths, and those that come with the package by their names."""
+"""Small TOML files: the user's by path, and the package's by name."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ else:
     import tomli as tomllib
 
 MAX_FILE_SIZE = 100_000
-"""Largest such file [bytes]; those of objects, arenas and recordings have some hundred."""
+"""Largest TOML file [bytes]; those of objects, arenas and recordings have a few hundred."""
 
 
 def names_in(folder: Path) -> tuple[str, ...]:
-    """Names of the files in a folder of the package, in order."""
+    """Return the sorted names of the TOML files in a folder of the package."""
     return tuple(sorted(path.stem for path in folder.glob("*.toml")))
 
 
 def found_by(given: str | os.PathLike[str], folder: Path, what: str, fault: type[TrackerError]) -> Path:
-    """The file in a folder of the package that has this name, or the one of this path; else `fault`."""
+    """Return the file with this name in a folder of the package, or the given path; `fault` if neither."""
     path, names = path_of(given, what, fault), names_in(folder)
     if str(path) in names:
         return folder / f"{path}.toml"
@@ -40,14 +40,14 @@ def found_by(given: str | os.PathLike[str], folder: Path, what: str, fault: type
 def read_toml(
     path: Path, fault: type[TrackerError], keys: Collection[str] | None = None, what: str = ""
 ) -> dict[str, Any]:
-    """The values of a file; `fault`, which names it, where it is no TOML or has others than these keys.
+    """Return a file's values; raise `fault`, which names it, if it is no TOML file or has unknown keys.
 
-    keys: None: any. what: stands before the path.
+    keys: valid keys, None: any. what: text before the path in errors.
     """
     where = f"{what} {path_of(path, what or 'file', fault)}".lstrip()
     with told_of(where, fault):
         content = read_bounded(path, MAX_FILE_SIZE)
-    # Besides its own errors, the parser lets through those of numbers and of values nested too deeply.
+    # The parser also lets errors of number conversion and of too deep nesting through.
     with naming(f"{where}: not a TOML file", fault, ValueError, RecursionError):
         values = tomllib.loads(content.decode("utf-8-sig"))
     if keys is not None and (unknown := sorted(set(values) - set(keys))):
