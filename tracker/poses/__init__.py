@@ -1,1 +1,1 @@
-"""The poses that were found in a recording: collected, kept, compared and exported."""
+"""Poses estimated in a recording: collecting, storing, comparing and exporting them."""

@@ -1,6 +1,6 @@
-"""Poses of many frames, one array for each quantity: of a recording, measured, and filtered over time.
+"""Poses of many frames, one array per quantity: recorded, measured, and filtered over time.
 
-Rows of frames without a pose are NaN throughout, so that no stale pose can be taken for one.
+Rows of frames without a pose are all NaN, so that no stale pose can be mistaken for a valid one.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ UNIT_TOLERANCE = 1e-6
 """Largest deviation of a quaternion's length from 1."""
 
 COVARIANCE_TOLERANCE = 1e-6
-"""Largest asymmetry, and size of a negative eigenvalue, of a covariance scaled to a diagonal of ones."""
+"""Largest asymmetry and largest negative eigenvalue (absolute) of a covariance scaled to a unit diagonal."""
 
 Columns = TypeVar("Columns", bound="PoseColumns")
 
 
 @dataclass(frozen=True, eq=False)
 class PoseColumns:
-    """Poses that a recording brings along. Arrays are copied and read-only.
+    """Poses stored in a recording. Arrays are copied and read-only.
 
     Raises:
-        LogError: an array is of the wrong shape or type, a row with a pose is not finite or is no pose,
-            or a row without one is not NaN.
+        LogError: an array has the wrong shape or type, a row with a pose is not finite or no valid pose, or
+            a row without one is not NaN.
     """
 
     has_pose: Array
@@ -40,17 +40,17 @@ class PoseColumns:
     orientation: FloatArray
     """(n, 4) unit quaternions x, y, z, w of world_from_object."""
     confidence: FloatArray
-    """(n,) of the measured and the filtered pose: the probability that it is within 5 mm and 5° of the
-    truth; of a recorded pose: what the recording says, NaN where it says nothing."""
+    """(n,) for measured and filtered poses: the probability that the pose is within 5 mm and 5° of the
+    truth; for recorded poses: the recording's own value, NaN if it has none."""
 
     ROW_SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {
         "position": (3,),
         "orientation": (4,),
         "confidence": (),
     }
-    """Shape of each column but `has_pose` in one frame."""
+    """Shape of each column except `has_pose` in one frame."""
     MAY_BE_UNKNOWN: ClassVar[tuple[str, ...]] = ("confidence",)
-    """Columns that may be NaN where there is a pose."""
+    """Columns that may be NaN in rows with a pose."""
 
     def __post_init__(self) -> None:
         has_pose = np.array(self.has_pose)
@@ -81,32 +81,32 @@ class PoseColumns:
         return len(self.has_pose)
 
     def arrays(self) -> dict[str, Array]:
-        """Every column by its name, `has_pose` first."""
+        """Return all columns by name, `has_pose` first."""
         return {name: getattr(self, name) for name in ("has_pose", *self.ROW_SHAPES)}
 
     def take(self: Columns, rows: Any) -> Columns:
-        """The frames that a slice, a mask or an array of row numbers selects."""
+        """Return the frames selected by a slice, a mask or an array of row numbers."""
         return type(self)(**{name: column[rows] for name, column in self.arrays().items()})
 
     @classmethod
     def nothing(cls: type[Columns], count: int) -> Columns:
-        """`count` frames without a pose."""
+        """Return `count` frames without a pose."""
         rows = {name: np.full((count, *shape), np.nan) for name, shape in cls.ROW_SHAPES.items()}
         return cls(has_pose=np.zeros(count, np.bool_), **rows)
 
     @classmethod
     def joined(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
-        """The frames of all parts, one after the other; there is at least one part."""
+        """Concatenate the frames of all parts; there must be at least one part."""
         arrays = [part.arrays() for part in parts]
         return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredColumns(PoseColumns):
-    """Poses measured in the images of each frame alone."""
+    """Poses measured in the images of each single frame."""
 
     covariance: FloatArray
-    """(n, 6, 6) of (δp, δθ), p = position + δp, R = exp(δθ) · rotation, along world axes [m, rad]."""
+    """(n, 6, 6) covariance of (δp, δθ), p = position + δp, R = exp(δθ) · rotation, in world axes [m, rad]."""
 
     ROW_SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {**PoseColumns.ROW_SHAPES, "covariance": (6, 6)}
     MAY_BE_UNKNOWN: ClassVar[tuple[str, ...]] = ()
@@ -119,7 +119,7 @@ class FilteredColumns(MeasuredColumns):
     velocity: FloatArray
     """(n, 6) linear [m/s] and angular [rad/s], both along world axes."""
     velocity_covariance: FloatArray
-    """(n, 6, 6) of `velocity` [m/s, rad/s]."""
+    """(n, 6, 6) covariance of `velocity` [m/s, rad/s]."""
 
     ROW_SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {
         **MeasuredColumns.ROW_SHAPES,
@@ -129,7 +129,7 @@ class FilteredColumns(MeasuredColumns):
 
 
 def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
-    """Raise a LogError that shows the first row of `column` where `bad` (n,) is true, if there is one."""
+    """Raise a LogError that shows the first row of `column` where `bad` (n,) is true, if any is."""
     if bad.any():
         row = int(np.argmax(bad))
         found = " ".join(f"{value:g}" for value in column[row].ravel()[:6])
@@ -140,7 +140,7 @@ def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
 def _check_covariance(name: str, has_pose: Array, column: FloatArray) -> None:
     covariance = np.where(has_pose[:, None, None], column, np.eye(6))
     variance = np.diagonal(covariance, axis1=1, axis2=2)
-    # Scaled to ones on the diagonal, so that one tolerance serves metres and radians of any size.
+    # Scale to a unit diagonal, so that one tolerance suits metres and radians of any size.
     with np.errstate(all="ignore"):
         factor = 1 / np.sqrt(np.where(variance > 0, variance, 1))
         scaled = covariance * factor[:, :, None] * factor[:, None, :]

@@ -1,4 +1,4 @@
-"""Poses in the formats of others: spreadsheets, Parquet, trajectory tools, BOP."""
+"""Exports poses to other formats: CSV, Parquet, TUM trajectories, BOP results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import Kind, Poses, package
 
 BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
-"""First line of a file of BOP results."""
+"""Header of a file of BOP results."""
 
 _MM = 1000.0
 
@@ -29,12 +29,12 @@ def write_csv(
     keypoints_of: CuboidModel | None = None,
     more: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write one row a frame under CSV_HEADER, whole or not at all; cells without a value are empty.
+    """Write one row per frame under CSV_HEADER, whole or not at all; missing values give empty cells.
 
-    keypoints_of: the object, whose corners are further columns. more: columns (n,) by name, such as those of
-    `tracker.logs.RobotState`.
+    keypoints_of: an object whose corners to add as columns. more: further columns (n,) by name, such as those
+    of `tracker.logs.RobotState`.
 
-    Numbers are written so that reading them gives the same bits. Standard deviations are square roots of
+    Numbers are written such that reading them gives the same bits. Standard deviations are square roots of
     the covariance's diagonal.
 
     Raises:
@@ -52,8 +52,8 @@ def write_csv(
 def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered") -> None:
     """Write a trajectory in the format of the TUM RGB-D benchmark, whole or not at all.
 
-    A line is `timestamp tx ty tz qx qy qz qw` [s, m], the object in the world; frames without a pose have
-    none. `kind` says which poses.
+    A line is `timestamp tx ty tz qx qy qz qw` [s, m], the object in the world; frames without a pose have no
+    line. `kind` selects the poses.
 
     Raises:
         LogError: the recording has no poses of that kind, or the file cannot be written.
@@ -74,23 +74,22 @@ def write_bop(
     scene_id: int = 1,
     object_id: int = 1,
 ) -> None:
-    """Write results as the BOP challenge wants them for one camera, whole or not at all.
+    """Write results in the format of the BOP challenge for one camera, whole or not at all.
 
-    The transform is from the model to the camera, R row by row, t in mm; `im_id` is the frame's number,
-    the score its confidence, the time -1 (unknown). Scene and object have the numbers that data sets of
-    `python -m synthetic dataset --bop` give them.
+    The transform is from the model to the camera, R in row-major order, t in mm; `im_id` is the frame's
+    number, the score its confidence, the time -1 (unknown). By default, scene and object have the same
+    numbers as in data sets of `python -m synthetic dataset --bop`.
 
     Args:
-        path: the file; the challenge wants METHOD_DATASET-test.csv.
-        poses: what to write.
-        camera: the one whose images they are results for.
-        kind: which poses.
+        path: the file; the challenge expects the name METHOD_DATASET-test.csv.
+        poses: the poses to write.
+        camera: the camera whose images the results are for.
+        kind: which poses to write.
         scene_id: number of the scene.
         object_id: number of the object's model.
 
     Raises:
-        LogError: the recording has no poses of that kind, one has no confidence, or the file cannot be
-            written.
+        LogError: the recording has no such poses, one has no confidence, or the file cannot be written.
     """
     columns = poses.columns(kind)
     found = columns.take(columns.has_pose)
@@ -129,7 +128,7 @@ def write_parquet(
 
 
 def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray, FloatArray]:
-    """Rotations (n, 3, 3) and translations (n, 3) [m] from the object's frame to the camera's."""
+    """Return rotations (n, 3, 3) and translations (n, 3) [m] from the object's to the camera's frame."""
     camera_from_world = camera.camera_from_world[:3, :3]
     rotation: FloatArray = camera_from_world @ so3.matrix_from_quaternion(columns.orientation)
     translation: FloatArray = columns.position @ camera_from_world.T + camera.camera_from_world[:3, 3]

@@ -1,7 +1,7 @@
-"""Poses collected frame by frame, and their files: HDF5, in the names that the platform's logs have for them.
+"""Collects poses frame by frame, and stores them in HDF5 files with the names of the platform's logs.
 
     /frame  /timestamps  /status  /cameras  /camera_names  /camera_info/CAMERA/…
-    /object_pose  /filtered_object_pose  /recorded_object_pose: a dataset for each column
+    /object_pose  /filtered_object_pose  /recorded_object_pose: one dataset per column
 
 docs/poses.md describes every dataset. The same poses give the same bytes.
 """
@@ -26,7 +26,7 @@ from tracker.poses.poses import KINDS, About, Kind, Poses
 
 
 class PosesBuilder:
-    """Grows by one frame at a time; `build` gives what there is, and can be called again later."""
+    """Collects poses frame by frame; `build` returns those so far, and can be called repeatedly."""
 
     def __init__(self, about: About) -> None:
         self._about = about
@@ -39,8 +39,8 @@ class PosesBuilder:
         """Add a frame: its number and time [s], the tracker's answer, and the recording's own pose or None.
 
         Raises:
-            LogError: the time is none in seconds; a pose lacks something, or has it in another shape; or
-                the answer is not about as many cameras as there are.
+            LogError: the time is not in seconds, a pose lacks a column or has one of the wrong shape, or the
+                answer has another number of cameras than the rig.
         """
         stamp = one_stamp(timestamp, f"frame {index}: timestamp", LogError)
         rig, uses = self._about.rig, [_text(use) for use in answer.cameras]
@@ -51,7 +51,7 @@ class PosesBuilder:
         self._frames.append((int(index), stamp, _text(answer.status), uses or [""] * len(rig), rows))
 
     def build(self) -> Poses:
-        """All frames so far; LogError where a pose or the order of the frames is not valid."""
+        """Return all frames so far; LogError if a pose or the order of the frames is invalid."""
         frames: Any = zip(*self._frames, strict=True) if self._frames else ((),) * 5
         index, timestamp, status, cameras, rows = frames
         poses: dict[Kind, Any] = {}
@@ -70,12 +70,12 @@ class PosesBuilder:
 
 
 def _text(word: Any) -> str:
-    """The value of an enum, or the text itself."""
+    """Return the value of an enum member, or the text itself."""
     return str(getattr(word, "value", word))
 
 
 def _row(kind: Kind, pose: Any) -> dict[str, Any]:
-    """Copies of what a pose has to say, by the column's name; nothing where there is none."""
+    """Return copies of a pose's values by column; an empty row without a pose."""
     if pose is None:
         return {}
     row: dict[str, Any] = {"has_pose": True}
@@ -84,36 +84,36 @@ def _row(kind: Kind, pose: Any) -> dict[str, Any]:
         value = getattr(pose, name, None)
         if value is None and name in columns.MAY_BE_UNKNOWN:
             continue
-        if value is None:  # which NumPy would take for NaN
+        if value is None:  # NumPy would convert it to NaN
             raise LogError(f"{kind} pose: {name}: found none, expected numbers of shape {shape}")
         row[name] = float_array(value, shape, f"{kind} pose: {name}", LogError, finite=False)
     return row
 
 
 FORMAT = "trifinger-object-tracker poses"
-"""Root attribute `format` of every such file."""
+"""Root attribute `format` of every file of poses."""
 
 VERSION = 1
-"""Root attribute `format_version`; datasets that are only added do not change it."""
+"""Root attribute `format_version`; it stays the same when datasets are added."""
 
 GROUPS: dict[Kind, str] = {
     "measured": "object_pose",
     "filtered": "filtered_object_pose",
     "recorded": "recorded_object_pose",
 }
-"""Where the poses of each kind are."""
+"""HDF5 group of each kind of poses."""
 
 MAX_FRAMES = 2_000_000
-"""Longest file that is read, two days at 10 Hz: a damaged length must not fill the memory."""
+"""Largest number of frames in a file, two days at 10 Hz: a damaged length must not exhaust the memory."""
 
 _ABOUT = {"object": "object_name", "source": "source", "tracker_version": "tracker_version"}
-"""Field of About of each root attribute."""
+"""Field of About for each root attribute."""
 
 _MAY_BE_MISSING = ("fingerprint", "fault")
-"""Root attributes, and fields of About, that are there only where they are not empty."""
+"""Root attributes, also fields of About, that are written only if they are not empty."""
 
 _DATASETS = {"index": "frame", "timestamp": "timestamps"}
-"""Where the fields of Poses are that have another name in the file."""
+"""Names in the file of those fields of Poses that have another name there."""
 
 _UNITS = {
     "timestamps": "s",
@@ -130,14 +130,14 @@ _OLD_SPELLINGS = {
     "no object colours": Status.NO_OBJECT_COLORS.value,
     **{word.value.replace("_", " "): word.value for word in (*Status, *CameraUse)},
 }
-"""Statuses and uses of cameras in files up to version 0.1.0."""
+"""Present values by their spelling in files up to version 0.1.0, for statuses and uses of cameras."""
 
 _MAX_NAMES = 256
 _MAX_CAMERAS = 1000
 
 
 def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
-    """Write a file that `read_poses` gives back to the bit, whole or not at all.
+    """Write a file, whole or not at all; `read_poses` returns the same bits.
 
     Raises:
         LogError: the file cannot be written.
@@ -166,20 +166,20 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
 
 
 def is_poses_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file says that it is one of poses, whether or not it is whole."""
+    """Whether a file states that it is a file of poses; it may be damaged."""
     return hdf5.text_of(path, "format") == FORMAT
 
 
 def read_fingerprint(path: str | os.PathLike[str]) -> str:
-    """What a file of poses says that it was made from; empty where it is none, or does not say."""
+    """Return the fingerprint in a file of poses; empty if it has none or is no file of poses."""
     return hdf5.text_of(path, "fingerprint") or ""
 
 
 def _content(poses: Poses) -> bytes:
-    """The file's bytes, made in memory: an hour at 10 Hz has 40 MB before compression."""
-    # The layout of HDF5 1.10 (2016) has checksums; short files take a fifth of the older layout's size.
+    """Make the file in memory and return its bytes: an hour at 10 Hz has 40 MB before compression."""
+    # The format of HDF5 1.10 (2016) has checksums; short files take a fifth of the older format's size.
     libver = ("v110", "v110")
-    # A file of its own in memory: an image of an open one has wrong checksums before HDF5 2.0.
+    # Write to a file object: before HDF5 2.0, the image of an open file has wrong checksums.
     content = io.BytesIO()
     with h5py.File(content, "w", libver=libver) as file:
         file.attrs["format"] = hdf5.encoded(FORMAT)
@@ -212,12 +212,12 @@ def _content(poses: Poses) -> bytes:
 
 
 def _put(group: Any, name: str, array: Array) -> None:
-    # Checksums tell damage from data; they and compression need chunks, which empty arrays cannot have.
+    # Checksums reveal damage; they and compression need chunks, which empty arrays cannot have.
     filters = {"compression": "gzip", "shuffle": True, "fletcher32": True} if array.size else {}
     dataset = group.create_dataset(name, data=array, track_times=False, **filters)
     if name in _UNITS:
         dataset.attrs["unit"] = hdf5.encoded(_UNITS[name])
-    # Else its place in the file is found when Python forgets it, which other threads may delay.
+    # Flush to fix its place in the file; else that happens at garbage collection, which threads may delay.
     dataset.id.flush()
 
 
@@ -253,7 +253,7 @@ def _poses(file: Any) -> Poses:
     texts = {attribute: hdf5.text(file, key) for key, attribute in _ABOUT.items()}
     texts |= {key: hdf5.text(file, key) for key in _MAY_BE_MISSING if key in file.attrs}
     about, cameras = About(rig=_rig(file), **texts), None
-    if hdf5.find(file, "cameras", "/") is not None:  # files of older versions have none
+    if hdf5.find(file, "cameras", "/") is not None:  # older files have none
         cameras = _texts(file, "cameras", (count, len(about.rig)))
     try:
         return Poses(index, timestamp, status, **columns, about=about, cameras=cameras)

@@ -1,4 +1,4 @@
-"""The poses that were found in a recording: all frames, and what they were made from."""
+"""Poses of all frames of a recording, with what they were made from."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tracker.objects.model import CuboidModel
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, refuse
 
 CAMERA_SEPARATOR = "|"
-"""Between what became of each camera's picture, in the column `cameras`."""
+"""Separator between the uses of the cameras' pictures in the column `cameras`."""
 
 _AXES = {3: "axis", 4: "xyzw", 6: "twist"}
-"""Names of axes by their lengths."""
+"""Names of array axes by length."""
 
 
 def package(name: str) -> Any:
-    """A package, or a part of one, that not everybody needs; TrackerError where it is missing."""
+    """Import an optional package or submodule; TrackerError if it is missing."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -35,14 +35,14 @@ def package(name: str) -> Any:
 
 
 Kind = Literal["measured", "filtered", "recorded"]
-"""Which of a frame's poses."""
+"""Kind of a frame's pose."""
 
 KINDS: dict[Kind, type[PoseColumns]] = {
     "measured": MeasuredColumns,
     "filtered": FilteredColumns,
     "recorded": PoseColumns,
 }
-"""What is known of each kind of pose."""
+"""Type of the columns of each kind of pose."""
 
 _TWIST = ("vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s")
 _CELLS = {
@@ -53,19 +53,19 @@ _CELLS = {
     "velocity": _TWIST,
     "velocity_covariance": tuple(f"std_{name}" for name in _TWIST),
 }
-"""What tables have of each column; of covariances the standard deviations."""
+"""Table columns for each column of poses; covariances give standard deviations."""
 
 CSV_HEADER = (
     *("frame", "timestamp_s", "status"),
     *(f"{kind}_{cell}" for kind, one in KINDS.items() for name in one.ROW_SHAPES for cell in _CELLS[name]),
     "cameras",
 )
-"""Columns of the CSV file: always the same, with their units."""
+"""Columns of the CSV file with their units, the same for every recording."""
 
 
 @dataclass(frozen=True, eq=False)
 class About:
-    """What the poses were made from, and by what; LogError where a text cannot be kept."""
+    """What the poses were made from, and by which version; LogError if a text cannot be stored."""
 
     object_name: str
     """The object, e.g. `cube_v2`."""
@@ -76,21 +76,21 @@ class About:
     rig: CameraRig
     """The cameras, as they were calibrated."""
     fingerprint: str = ""
-    """Digits that are others for another recording, object, calibration, choice or code; empty: unknown."""
+    """Hash of recording, object, calibration, options and code; empty: unknown."""
     fault: str = ""
-    """What is wrong with the recording, of which the poses are what could be recovered; empty: nothing."""
+    """Fault of a damaged recording, of which the poses are what could be recovered; empty: no fault."""
 
     def __post_init__(self) -> None:
         for name in ("object_name", "source", "tracker_version", "fingerprint", "fault"):
             value = getattr(self, name)
-            # Python keeps bytes of file names that are no UTF-8 as lone surrogates.
+            # Python represents bytes of file names that are not UTF-8 as lone surrogates.
             if not isinstance(value, str) or re.search("[\0\ud800-\udfff]", value):
                 raise LogError(
                     f"{name}: found {ascii(value)[:80]}, expected Unicode text without null characters"
                 )
 
     def agrees_with(self, other: About) -> bool:
-        """Whether object and cameras are the same, to the bit."""
+        """Whether object and cameras are bitwise the same."""
         return (
             self.object_name == other.object_name
             and self.rig.names == other.rig.names
@@ -113,22 +113,22 @@ class Poses:
     """
 
     index: Array
-    """(n,) int64: numbers of the frames in the recording, increasing, the first of all is 0."""
+    """(n,) int64: increasing numbers of the frames in the recording, whose first frame is 0."""
     timestamp: FloatArray
     """(n,) time of each frame [s]."""
     status: Array
-    """(n,) text: why there is a pose, or none; the values of `tracker.Status`."""
+    """(n,) text: status of each frame, a value of `tracker.Status`."""
     measured: MeasuredColumns
-    """Poses measured in the images of each frame alone."""
+    """Poses measured in the images of each single frame."""
     filtered: FilteredColumns
     """Poses fused over time, with velocities."""
     recorded: PoseColumns | None
-    """Poses that the recording brings along; None where it has none at all."""
+    """Poses stored in the recording; None if it has none at all."""
     about: About
     """What the poses were made from."""
     cameras: Array | None = None
-    """(n, C) text: what became of each camera's picture, in the order of the rig; the values of
-    `tracker.CameraUse`, empty where it is not known. None where nothing is."""
+    """(n, C) text: use of each camera's picture in the order of the rig, a value of `tracker.CameraUse`,
+    or empty if unknown. None if all are unknown."""
 
     def __post_init__(self) -> None:
         index = np.array(self.index)
@@ -175,9 +175,9 @@ class Poses:
         return Poses(**parts)
 
     def table(self, keypoints_of: CuboidModel | None = None) -> dict[str, Array]:
-        """(n,) columns with the names of the CSV file: numbers (NaN for missing ones) and texts.
+        """Return columns (n,) with the names of the CSV file: numbers (NaN if missing) and texts.
 
-        keypoints_of: the object, whose corners are columns too, such as `filtered_keypoint0_x_m`.
+        keypoints_of: an object whose corners to add as columns, such as `filtered_keypoint0_x_m`.
         """
         numbers = [cells for kind in KINDS for cells in _cells(self._known(kind))]
         uses = [CAMERA_SEPARATOR.join(row) if any(row) else "" for row in _cameras(self).tolist()]
@@ -191,12 +191,12 @@ class Poses:
         return {**dict(zip(CSV_HEADER, columns, strict=True)), **corners}
 
     def keypoints(self, model: CuboidModel | None) -> dict[Kind, FloatArray]:
-        """(n, 8, 3) corners [m] of the object in each kind of poses, NaN if missing; {} without a model.
+        """Return corners (n, 8, 3) [m] of the object for each kind of poses, NaN if missing; {} for None.
 
-        Corner i is on the + side of the object's x, y, z where bit 0, 1, 2 of i is 0.
+        Corner i is on the + side of the object's x, y, z axis if bit 0, 1, 2 of i is 0.
 
         Raises:
-            LogError: the model is none.
+            LogError: the model is not a CuboidModel.
         """
         if model is None:
             return {}
@@ -209,7 +209,7 @@ class Poses:
         return found
 
     def to_dataframe(self, keypoints_of: CuboidModel | None = None) -> Any:
-        """A pandas DataFrame, one row a frame, with the columns of `table`; see docs/poses.md.
+        """Return a pandas DataFrame, one row per frame, with the columns of `table`; see docs/poses.md.
 
         Raises:
             TrackerError: the package pandas is missing.
@@ -217,9 +217,9 @@ class Poses:
         return package("pandas").DataFrame(self.table(keypoints_of)).set_index("frame")
 
     def to_xarray(self, keypoints_of: CuboidModel | None = None) -> Any:
-        """An xarray Dataset along `frame`, with whole vectors and covariances, e.g. `filtered_position`.
+        """Return an xarray Dataset along `frame` of whole vectors and covariances, e.g. `filtered_position`.
 
-        keypoints_of: the object, whose corners are variables too, such as `filtered_keypoints`.
+        keypoints_of: an object whose corners to add as variables, such as `filtered_keypoints`.
 
         Raises:
             TrackerError: the package xarray is missing.
@@ -244,15 +244,15 @@ class Poses:
         return package("xarray").Dataset(variables, coords=coordinates, attrs=about)
 
     def _known(self, kind: Kind) -> PoseColumns:
-        """The poses of one kind, nothing in any frame where the recording has none."""
+        """Return the poses of one kind; frames without poses if the recording has none of it."""
         columns: PoseColumns | None = getattr(self, kind)
         return PoseColumns.nothing(len(self)) if columns is None else columns
 
     def columns(self, kind: Kind) -> PoseColumns:
-        """The poses of one kind: measured, filtered or recorded.
+        """Return the poses of one kind: measured, filtered or recorded.
 
         Raises:
-            LogError: there is no such kind, or the recording has no poses.
+            LogError: there is no such kind, or the recording has no recorded poses.
         """
         if kind not in KINDS:
             raise LogError(f"kind of poses: found {kind!r}, expected one of {', '.join(KINDS)}")
@@ -263,10 +263,10 @@ class Poses:
 
 
 def concatenate(parts: Sequence[Poses]) -> Poses:
-    """The poses of consecutive parts of one recording; sources that differ are listed.
+    """Join the poses of consecutive parts of one recording; different sources are listed.
 
     Raises:
-        LogError: there is no part, their frames do not follow each other, or object or cameras differ.
+        LogError: there is no part, frame numbers do not increase, or objects or cameras differ.
     """
     if not parts:
         raise LogError("parts: found none, expected at least one")
@@ -290,12 +290,12 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
 
 
 def _cameras(part: Poses) -> Array:
-    """(n, C) what became of each picture, unknown where a part does not say."""
+    """Return (n, C) uses of the cameras' pictures, empty texts if a part has none."""
     return np.full((len(part), len(part.about.rig)), "") if part.cameras is None else part.cameras
 
 
 def _cells(columns: PoseColumns) -> Iterator[FloatArray]:
-    """(n,) cells of a table, see _CELLS."""
+    """Yield the columns (n,) of a table, see _CELLS."""
     for name in columns.ROW_SHAPES:
         values = getattr(columns, name)
         if values.ndim == 3:
@@ -311,16 +311,16 @@ def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
 
 
 def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
-    """Differences to the recorded poses, in plain numbers.
+    """Compare poses with the recorded ones.
 
     Args:
-        poses: of a recording that has poses.
-        kind: which poses are compared with the recorded ones.
+        poses: poses of a recording that has recorded poses.
+        kind: which poses to compare with the recorded ones.
 
     Returns:
-        `frames`: how many; `position_median_mm`, `position_p90_mm`, `angle_median_deg`, `angle_p90_deg` over
-        the frames where both have a pose, None where there is no such frame; and the shares of all frames
-        `share_both`, `share_only_found`, `share_only_recorded`, `share_neither`, None without any frame.
+        `frames`: number of frames; `position_median_mm`, `position_p90_mm`, `angle_median_deg` and
+        `angle_p90_deg` of the differences in frames with both poses, None if there are none; `share_both`,
+        `share_only_found`, `share_only_recorded` and `share_neither` of all frames, None without frames.
 
     Raises:
         LogError: the recording has no poses, or there is no such kind.
