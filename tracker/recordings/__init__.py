@@ -1,8 +1,8 @@
-"""Whole recordings: the object's pose in every frame of one, or of ten thousand.
+"""Whole recordings: the object's pose in every frame of one or many recordings.
 
-The tracker has a memory, so the frames of a recording follow one another; recordings do not depend on each
-other, and are what processes and machines share. Each has one file of poses, which says what it was made
-from: what is there and whole is not made again.
+The tracker has a memory, so the frames of a recording are tracked in order. Recordings are independent of
+each other, so processes and machines work on different ones. Each recording has one file of poses with a
+fingerprint of what it was made from: a complete, matching file is not made again.
 """
 
 from tracker.recordings.recipe import Job, Options, Reading, Recipe

@@ -1,7 +1,7 @@
-"""What is looked for in recordings and how, the same for all of them, and what the poses of one depend on.
+"""How recordings are tracked, the same for all of a run, and the fingerprint of a recording's poses.
 
-A fingerprint tells whether poses of an earlier run fit. Names, sizes and times of change of the recording's
-files and of the calibration beside it stand for their content, which would take as long to read as to track.
+The fingerprint shows whether poses of an earlier run can be reused. It covers names, sizes and modification
+times of the recording and of the calibration beside it: to read the content would take as long as tracking.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ _OTHERS = (
     *("batch", "cli", "color_learning", "calibration/board", "calibration/by_object", "live"),
     *("summaries", "tasks", "viz"),
 )
-"""Parts of the package on which no pose depends."""
+"""Parts of the package that do not affect poses."""
 
 MakeTracker = Callable[[CuboidModel, CameraRig, ColorModel], Any]
-"""Makes what has `update` and `reset` as ObjectTracker has them; can be pickled by its name."""
+"""Makes a tracker with `update` and `reset` like ObjectTracker's; must be picklable by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How recordings are read, and what tracks.
+    """How recordings are read, and which tracker is used.
 
     Raises:
-        LogError: a number of a frame is none.
+        LogError: `start` or `stop` is not a valid frame number.
     """
 
     correct_halved_principal_point: bool = False
     """Whether the calibration was halved without the quarter pixel."""
     resize_calibration: bool = False
-    """Whether a calibration of another size is scaled to the images'."""
+    """Whether a calibration of another image size is scaled to that of the images."""
     start: int = 0
-    """Number of the first frame that is tracked."""
+    """Number of the first frame to track."""
     stop: int | None = None
-    """Number of the first frame after them; None: the recording's end."""
+    """Number of the frame after the last one to track; None: the recording's end."""
     recover: bool = False
-    """Whether to leave out what is damaged of a recording."""
+    """Whether to skip damaged parts of a recording."""
     make_tracker: MakeTracker = ObjectTracker
 
     def __post_init__(self) -> None:
@@ -66,19 +66,19 @@ class Reading:
 
 @dataclass(frozen=True)
 class Options(Reading):
-    """What a user asks for, in plain values that any process on any machine understands."""
+    """A user's options, in plain values that any process on any machine understands."""
 
     object: str
     """The object, or its TOML file."""
     colors: str | None = None
     """The colour model, or its file; None: the object's."""
     calibration: tuple[str, ...] = ()
-    """A folder of calibration files, or a file for each camera; none: that of each recording."""
+    """A folder of calibration files, or one file per camera; empty: the calibration of each recording."""
     pattern: str | None = None
-    """Which files of the folder."""
+    """Pattern of the files in that folder."""
 
     def absolute(self) -> Options:
-        """The same where the working folder is another."""
+        """Return the same with absolute paths, independent of the working folder."""
 
         def path(name: str, there: Callable[[str], bool] = os.path.isfile) -> str:
             return os.path.abspath(name) if there(name) else name
@@ -91,34 +91,34 @@ class Options(Reading):
         )
 
     def plain(self) -> dict[str, Any]:
-        """For JSON; `Options(**plain)` is the same, but for the tracker."""
+        """Return the options for JSON, without `make_tracker`."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         del values["make_tracker"]
         return {**values, "calibration": list(self.calibration)}
 
     @classmethod
     def of_plain(cls, values: dict[str, Any]) -> Options:
-        """What `plain` gave."""
+        """Make options from what `plain` returns."""
         return cls(**{**values, "calibration": tuple(values.get("calibration", ()))})
 
 
 @dataclass(frozen=True, eq=False)
 class Recipe(Reading):
-    """The same, loaded."""
+    """Options with all files loaded."""
 
     model: CuboidModel
     """The object."""
     colors: ColorModel
     """Its colours."""
     rig: CameraRig | None = None
-    """The cameras; None: those of each recording."""
+    """The cameras; None: the calibration of each recording."""
 
     @classmethod
     def of(cls, options: Options) -> Recipe:
-        """Load what the options name.
+        """Load the files that the options name.
 
         Raises:
-            TrackerError: something is unknown or malformed.
+            TrackerError: a name is unknown, or a file is malformed.
         """
         model = load_object(options.object)
         rig, given = None, options.calibration
@@ -133,7 +133,7 @@ class Recipe(Reading):
 
     @functools.cached_property
     def digest(self) -> str:
-        """Hash of all that the poses depend on."""
+        """Hash of all fields, on which the poses depend."""
         make = self.make_tracker
         name = f"{make.__module__}.{getattr(make, '__qualname__', make)}"
         reading = (self.correct_halved_principal_point, self.resize_calibration, self.recover)
@@ -149,18 +149,18 @@ class Recipe(Reading):
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A recording, what to look for in it, and where the poses go."""
+    """A recording to track, how to track it, and where to write the poses."""
 
     log: Path
     """The recording."""
     output: Path
     """The file of poses."""
     recipe: Recipe
-    """What is looked for and how."""
+    """How to track it."""
 
 
 def fingerprint(job: Job) -> str:
-    """Hexadecimal digits that differ where the poses might."""
+    """Return a hexadecimal hash that differs whenever the poses might differ."""
     recipe = job.recipe
     digest = hashlib.sha256(f"{code()}\0{recipe.digest}\0".encode())
     digest.update(os.fsencode(os.path.abspath(job.log)))
@@ -175,7 +175,7 @@ def fingerprint(job: Job) -> str:
 
 @functools.cache
 def code() -> str:
-    """Hash of what computes poses: this package's sources, and the versions of the libraries below it."""
+    """Return a hash of the code that computes poses: this package's sources and its libraries' versions."""
     versions = [module.__version__ for module in (np, scipy, cv2, numba)]
     digest = hashlib.sha256(repr(versions).encode())
     root = Path(__file__).parents[1]

@@ -1,4 +1,4 @@
-"""Tracks a recording from its first frame to its last, and writes the file of poses."""
+"""Tracks a whole recording and writes its file of poses."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class Tracked:
     """A tracked recording."""
 
     poses: Poses
-    """Of all frames, as they are in the file."""
+    """Poses of all frames, as in the file."""
     expected: int
-    """Number of frames that should have been there; more than there are in a damaged recording."""
+    """Number of frames that the recording should have; a damaged one has fewer."""
     fault: str | None
-    """What is wrong with the recording; None: nothing."""
+    """Fault of the recording; None: no fault."""
     new: int
-    """Number of frames that were tracked now; 0 where an earlier run had made the file."""
+    """Number of frames tracked by this call; 0 if the file of an earlier run was reused."""
     seconds: float
-    """Time that these took [s]."""
+    """Duration of tracking these frames [s]."""
 
 
 def track(
@@ -57,26 +57,26 @@ def track(
     recover: bool = False,
     progress: Progress | None = None,
 ) -> Tracked:
-    """The object's pose in every frame of a recording, as from a loop over `ObjectTracker.update`.
+    """Track the object in every frame of a recording, with the results of a loop over `ObjectTracker.update`.
 
     Args:
-        path: what `open_log` takes.
+        path: the recording, as for `open_log`.
         model: the object, or its name or TOML file.
-        output: the file of poses to write. If it exists, with the same recording, object, colours, cameras,
+        output: the file of poses to write. If it exists, from the same recording, object, colours, cameras,
             frames and code, it is read instead. None: nothing is written.
-        rig: the cameras, or their calibration files, or the folder of these; None: those in or beside the
-            recording.
+        rig: the cameras, or their calibration files, or the folder of these; None: the calibration in or
+            beside the recording.
         colors: a colour model, or its name or file; None: the object's own.
         start: number of the first frame to track.
-        stop: number of the first frame after those; None: all.
+        stop: number of the frame after the last one to track; None: the recording's end.
         recover: skip damaged frames.
-        progress: is called with the number of frames done since the last call.
+        progress: callback that takes the number of frames done since the last call.
 
     Raises:
-        LogError: the recording is damaged (without `recover`), it changed while it was read, or the file
+        LogError: the recording is damaged (without `recover`) or changed while it was read, or the file
             cannot be written.
-        TrackerError: a name is unknown, a calibration is missing or does not fit.
-        OSError: something cannot be read or written; BlockingIOError: another run is writing the file.
+        TrackerError: a name is unknown, or a calibration is missing or does not fit.
+        OSError: a file cannot be read or written; BlockingIOError: another run is writing the file.
     """
     log = path_of(path, "path of a recording", LogError)
     target = path_of(os.devnull if output is None else output, "output", LogError)
@@ -90,7 +90,7 @@ def track(
 def run(job: Job, progress: Progress | None = None) -> Tracked:
     """Track a recording and write its file of poses, whole or not at all.
 
-    A file that is there already, whole and with the same fingerprint, is taken instead.
+    An existing file that is undamaged and has the same fingerprint is reused instead.
 
     Raises:
         LogError, TrackerError, OSError: see `track`.
@@ -107,7 +107,7 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
 
 
 def chosen(log: Log, job: Job) -> tuple[int, int]:
-    """Numbers of the first frame to track and of the first after those; LogError where there is none."""
+    """Return the numbers of the first frame to track and of the one after the last; LogError if invalid."""
     count, recipe = len(log), job.recipe
     start, stop = int(recipe.start), count if recipe.stop is None else min(int(recipe.stop), count)
     if start and start >= count:
@@ -119,13 +119,13 @@ def chosen(log: Log, job: Job) -> tuple[int, int]:
 
 
 def rig_for(job: Job, log: Log) -> CameraRig:
-    """The cameras of a recording, see `fitted_to`."""
+    """Return the cameras of a recording, see `fitted_to`."""
     correct, resize = job.recipe.correct_halved_principal_point, job.recipe.resize_calibration
     return fitted_to(job.log, log, job.recipe.rig, correct_halved_principal_point=correct, resize=resize)
 
 
 def _kept(job: Job) -> Tracked | None:
-    """What an earlier run has left, if it is of the same and whole."""
+    """Return the result of an earlier run if it is undamaged and has the same fingerprint, else None."""
     if not job.output.is_file() or read_fingerprint(job.output) != fingerprint(job):
         return None
     try:
@@ -168,10 +168,10 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
 
 
 def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Observation]]:
-    """Each frame with what a tracker answers to it, which forgets what was before where something new starts.
+    """Yield each frame with the tracker's answer; the tracker is reset at the start of each episode.
 
     Raises:
-        LogError: a frame is damaged, or does not fit the tracker.
+        LogError: a frame is damaged or does not fit the tracker.
     """
     episode = -1
     for frame in log:
@@ -184,5 +184,5 @@ def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Obse
 
 
 def unicode_text(text: str) -> str:
-    """A text that a file of poses can hold: the names of files may be no Unicode."""
+    """Return a text that a file of poses can store: file names need not be valid Unicode."""
     return os.fsencode(text).decode("utf-8", "replace")
