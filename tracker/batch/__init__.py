@@ -1,1 +1,1 @@
-"""Many recordings: shared by processes and machines, each done once, in one table."""
+"""Tracks many recordings, divided among processes and machines, each once, with one table of results."""

@@ -1,7 +1,7 @@
-"""Jobs of HTCondor and Slurm: each does a share of the recordings that are missing.
+"""Jobs of HTCondor and Slurm: each tracks a share of the missing recordings.
 
-Descriptions are submitted in their own folder and name what is in it by plain names, so that no path of the
-user's has to be quoted for a shell or a scheduler, but that of Python.
+Job descriptions are submitted from their own folder and use file names relative to it, so that no user's path
+except Python's has to be quoted for a shell or a scheduler.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from tracker.recordings.recipe import Recipe
 Scheduler = Literal["htcondor", "slurm"]
 
 FOLDER = ".jobs"
-"""In the folder of results: lists of recordings, descriptions and logs of jobs."""
+"""Subfolder of the results for lists of recordings, job descriptions and logs of jobs."""
 
 RECORDINGS_A_JOB = 10
-"""So many, that loading costs little; …"""
+"""Usual number of recordings per job, so that loading the program costs little in comparison."""
 
 MOST_JOBS = 1000
-"""… and more where there would be more jobs than this: what Slurm takes at once by default."""
+"""Largest number of jobs, Slurm's default limit at once; beyond it, jobs get more recordings."""
 
 _THREADS = " ".join(f"{name}={value}" for name, value in ONE_THREAD.items())
 
 _PROGRAM = "import sys; sys.path[:] = filter(None, sys.path); from tracker.cli import main; main()"
-"""The command without the present folder, in which others may have put files, among Python's modules."""
+"""The command line without the current folder in `sys.path`, where others may have put files."""
 
 _HTCONDOR = f"""\
 # Recordings that are missing, several a job. Made by `tracker batch run --htcondor`; to be submitted here.
@@ -90,26 +90,26 @@ exit $code
 
 @dataclass(frozen=True)
 class Description:
-    """What is submitted."""
+    """A job description to submit."""
 
     command: str
-    """That submits it."""
+    """The scheduler's command that submits it."""
     path: Path
-    """Where it is written; the list of recordings is beside it."""
+    """File to write it to; the list of recordings is beside it."""
     text: str
     list_text: str
 
     def write(self) -> None:
-        """Write both, and make the folder that jobs write to; OSError where they cannot be written."""
+        """Write both files, and make the folder of the jobs' logs; OSError if that fails."""
         (self.path.parent / "logs").mkdir(parents=True, exist_ok=True)
         write_whole(self.path.with_suffix(".json"), self.list_text)
         write_whole(self.path, self.text)
 
     def submit(self) -> str:
-        """Submit it; what the scheduler says. TrackerError where its command is missing, or refuses.
+        """Submit it and return the scheduler's output; TrackerError if the command is missing or fails.
 
-        Jobs take compiled kernels from where this process does: beside the sources, or the user's own folder
-        NUMBA_CACHE_DIR. The folder of results, which others may write, holds nothing that is executed.
+        Jobs load compiled kernels from the same place as this process: beside the sources, or the user's
+        NUMBA_CACHE_DIR. The folder of results, which others may write to, holds nothing that is executed.
         """
         place, name = os.path.split(self.path)
         kernels = os.environ.get("NUMBA_CACHE_DIR")
@@ -128,7 +128,7 @@ class Description:
 
 
 def describe(batch: Batch, tasks: Sequence[Task], scheduler: Scheduler) -> Description:
-    """Jobs for some recordings; TrackerError where the path of Python has a line break."""
+    """Describe the jobs for some recordings; TrackerError if Python's path is not printable."""
     if not sys.executable.isprintable():
         raise TrackerError(f"{sys.executable!r}: found a line break or the like, expected a path without")
     each = max(RECORDINGS_A_JOB, -(-len(tasks) // MOST_JOBS))
@@ -152,7 +152,7 @@ def describe(batch: Batch, tasks: Sequence[Task], scheduler: Scheduler) -> Descr
 
 
 def do_share(list_path: Path, number: int) -> int:
-    """Do one job's share of a list, but for what is done; how many recordings could not be done."""
+    """Track the unfinished recordings of one job's share of a list; return the number that failed."""
     batch, mark, each = read_asked(list_path, list_path.absolute().parent.parent)
     share = batch.tasks(mark)[number * each : (number + 1) * each]
     if number < 0 or not share:

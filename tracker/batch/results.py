@@ -1,13 +1,13 @@
-"""Which recordings are meant, and what of them is done: a small file beside each file of poses.
+"""The recordings of a batch, and the files of its results.
 
     a/b.dat.poses.h5       the poses
-    a/b.dat.summary.json   the line about them, and what they were made from
-    a/b.dat.failed.json    instead of these: why there are none
+    a/b.dat.summary.json   their line of the table, and what they were made from
+    a/b.dat.failed.json    instead of both: why there are no poses
 
-The folder has those of all of them: what was asked for, the table, and what failed.
+The folder of results also has files about the whole batch: options and recordings, the table, failures.
 
-The small files are all that a batch remembers, so that any number of processes on any machines can add to
-it. They hold no times and no names of machines: the same recordings give the same bytes.
+The small files are the only state of a batch, so that any number of processes on any machines can add to it.
+They contain no times and no names of machines: the same recordings give the same bytes.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from tracker.summaries.row import COLUMNS
 
 
 def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
-    """The recordings that are named or fit a pattern, in the order of what is given.
+    """Return the recordings given as paths or matched by patterns, in the given order.
 
-    Of what fits a pattern the results of earlier runs are left out, so that the same command means the same
-    again wherever its folder of results is; and what several links lead to is taken once. What is there under
-    a pattern's own name is a path.
+    Matches of a pattern exclude results of earlier runs, so that a repeated command means the same wherever
+    its folder of results is. A match that several links lead to is taken once. A pattern that is the name of
+    an existing file or folder is a path.
 
     Raises:
-        LogError: a pattern fits nothing.
+        LogError: a pattern matches nothing.
     """
     found: list[str] = []
     results = os.path.realpath(folder)
     for one in given:
         fitting = [one]
         if glob.has_magic(one) and not os.path.exists(one):
-            # What leads to one file or folder is taken without links, the shortest, the first.
+            # Of several paths to one file or folder, prefer one without links, then the shortest, the first.
             once: dict[str, str] = {}
             for path in sorted(_below("", one.split(os.sep), set()), key=_indirect):
                 once.setdefault(os.path.realpath(path), path)
@@ -56,10 +56,10 @@ def _indirect(path: str) -> tuple[bool, int, str]:
 
 
 def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iterator[str]:
-    """What fits a pattern below a folder; `**` stands for any number of folders, each of which is seen once.
+    """Yield the matches of a pattern below a folder; `**` is any number of folders, each searched once.
 
-    `glob` would follow a link to a folder above again for each link that it followed before. `been` says
-    which folders were looked through: number of parts that were left, device, number on it.
+    `glob` would follow a link to a parent folder again and again. `been` holds the folders already searched:
+    number of remaining parts of the pattern, device, inode.
     """
     if "**" not in parts:
         found = glob.glob(os.sep.join(parts), root_dir=root or None) if any(parts) else [""]
@@ -69,12 +69,12 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
     above, after = parts[:at], parts[at + 1 :]
     folders = deque(_below(root, above if any(above) else [*above, ""], been) if above else [root])
     links: deque[str] = deque()
-    while folders or links:  # links last, so that what they lead to is found under its own name
+    while folders or links:  # links last, so that their targets are found under their own names
         folder = folders.popleft() if folders else links.popleft()
         try:
             about = os.stat(folder or os.curdir)
             names = sorted(os.listdir(folder or os.curdir))
-        except OSError:  # no folder, or none that may be read
+        except OSError:  # no folder, or not readable
             continue
         mark = (len(after), about.st_dev, about.st_ino)
         if mark in been:
@@ -92,7 +92,7 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
 
 
 def _is_of_results(path: str, folder: str) -> bool:
-    """Whether a path without links is the folder of results, or was made in it."""
+    """Whether a resolved path is the folder of results, or a result in it."""
     if path != folder and not path.startswith(folder + os.sep):
         return False
     try:
@@ -102,34 +102,34 @@ def _is_of_results(path: str, folder: str) -> bool:
 
 
 SUFFIX = ".poses.h5"
-"""What the file of poses is called after its recording's name."""
+"""Suffix of a file of poses, after the name of its recording."""
 
 _LINE, _REASON = ".summary.json", ".failed.json"
 
 ASKED, TABLE, FAILURES = "batch.json", "summary", "failures.json"
-"""In the folder of results: what was asked for, the table without its suffix, and what failed."""
+"""Files of the folder of results: options and recordings, table (without suffix), failures."""
 
 OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)
-"""What is written in the folder itself."""
+"""All files in the folder of results itself."""
 
 IMAGES, STEPS, ZARR, REPORT = "images.parquet", "steps.parquet", "poses.zarr", "report.json"
-"""In the folder of the episodes of an image store, see `stores`."""
+"""Files in the folder of an image store's episodes, see `stores`."""
 
 _EPISODE = "episode-"
-"""What the file of poses of each episode is called before its number, in a folder called as the store."""
+"""Prefix of the number in an episode's file of poses, in a folder with the name of the store."""
 
 OF_STORE = (IMAGES, STEPS, ZARR, REPORT)
-"""All of these."""
+"""All files about a whole image store."""
 
 MAX_FILE_SIZE = 100_000
-"""Largest file [bytes] that is read; they have 2 kB."""
+"""Largest small file that is read [bytes]; usual ones have 2 kB."""
 
 
 def output_of(log: Path, folder: Path) -> Path:
-    """The file of poses of a recording in a folder: `folder/a/b.dat.poses.h5` of `a/b.dat`.
+    """Return the file of poses of a recording: `folder/a/b.dat.poses.h5` for `a/b.dat`.
 
-    It depends on this recording alone, so that more of them can be added later. Relative paths are mirrored
-    as they are given, others from the file system's root on.
+    It depends on this recording only, so that others can be added later. Relative paths are mirrored as they
+    are given, absolute ones and those with `..` from the root of the file system.
     """
     path = Path(os.path.normpath(log))
     if path.is_absolute() or ".." in path.parts or not path.parts:
@@ -139,7 +139,7 @@ def output_of(log: Path, folder: Path) -> Path:
 
 
 def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
-    """The file of poses of each recording; LogError where two recordings have the same."""
+    """Return the file of poses of each recording; LogError if two recordings have the same."""
     given: dict[str, Path] = {}
     outputs: dict[Path, Path] = {}
     for log in logs:
@@ -155,28 +155,28 @@ def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
 
 
 def output_of_episode(store: Path, number: int, folder: Path) -> Path:
-    """The file of poses of an episode of a store: `folder/a/b.zarr/episode-00012.poses.h5` of `a/b.zarr`."""
+    """Return an episode's file of poses: `folder/a/b.zarr/episode-00012.poses.h5` for store `a/b.zarr`."""
     output = output_of(store, folder)
     return output.with_name(output.name.removesuffix(SUFFIX)) / f"{_EPISODE}{number:05d}{SUFFIX}"
 
 
 def is_episode(output: Path) -> bool:
-    """Whether a file of poses is called like that of an episode."""
+    """Whether a file of poses has the name of an episode's."""
     return output.name.startswith(_EPISODE)
 
 
 def summary_file(output: Path) -> Path:
-    """Where the line about a file of poses is."""
+    """Return the file with the table line of a file of poses."""
     return output.with_name(output.name.removesuffix(SUFFIX) + _LINE)
 
 
 def failure_file(output: Path) -> Path:
-    """Where the reason is why there is no file of poses."""
+    """Return the file with the reason why there is no file of poses."""
     return output.with_name(output.name.removesuffix(SUFFIX) + _REASON)
 
 
 def is_result(path: Path, folder: Path) -> bool:
-    """Whether this is a file that batches write to their folder of results, or a folder of such."""
+    """Whether a path is a file that batches write to their folder of results, or a folder of only such."""
     if path.name in OF_STORE and path.parent != folder:
         return True
     if path.is_dir() and not path.is_symlink():
@@ -186,7 +186,7 @@ def is_result(path: Path, folder: Path) -> bool:
 
 
 def read_line(output: Path) -> dict[str, Any] | None:
-    """The line about a file of poses, which is there as it was when that was written; None: it is not."""
+    """Return the table line of a file of poses, or None if it is missing or the poses changed since."""
     path = summary_file(output)
     line = _read(path)
     if line is None or not COLUMNS.keys() <= line.keys():
@@ -200,7 +200,7 @@ def read_line(output: Path) -> dict[str, Any] | None:
 
 
 def read_failure(output: Path) -> str:
-    """Why there are no poses, as far as that is known."""
+    """Return the reason why there are no poses, `unknown` if there is none."""
     return str((_read(failure_file(output)) or {}).get("reason", "unknown"))
 
 

@@ -1,4 +1,4 @@
-"""Many recordings: what a worker does with one, which of them are done, and doing the others."""
+"""Runs a batch: a worker's task for one recording, and finding and doing the unfinished ones."""
 
 from __future__ import annotations
 
@@ -28,50 +28,50 @@ from tracker.summaries.summary import summary
 
 @dataclass(frozen=True)
 class Task:
-    """A recording for a worker, which may be a process on another machine."""
+    """A recording to track by a worker, which may be a process on another machine."""
 
     log: str
     output: str
     options: Options
     agreed: str
-    """What code and files the worker has to have: `agreed` of the process that hands out the task."""
+    """Hash of the code and files that the worker must have: `agreed` of the process that makes the task."""
     part: str = ""
-    """Which part of the recording, in words; empty: all of it."""
+    """Description of a part of the recording; empty: all of it."""
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name of the task in reports."""
         return f"{self.log}: {self.part}" if self.part else self.log
 
     @property
     def job(self) -> Job:
-        """The same, loaded; TrackerError where it is not what it was to who handed it out."""
+        """The job, with its files loaded; TrackerError if code or files differ from `agreed`."""
         return Job(Path(self.log), Path(self.output), _recipe(self.options, self.agreed))
 
 
 def agreed(recipe: Recipe) -> str:
-    """Digits that are others for other code, libraries, object, colours or calibration."""
+    """Return hashes of code and libraries, and of object, colours, calibration and options."""
     return f"{code()} {recipe.digest}"
 
 
 def track_task(task: Task) -> dict[str, Any]:
-    """Track a recording and write its file of poses, or take the one that is there; see `described`."""
+    """Track a recording and write its file of poses, or reuse an existing one; return it `described`."""
     job = task.job
     job.output.parent.mkdir(parents=True, exist_ok=True)
     return described(job, run(job))
 
 
 def described(job: Job, tracked: Tracked) -> dict[str, Any]:
-    """`log`, `output`, `object`, what `summary` tells, and `swapped`, see `remark_on_recording`."""
+    """Return `log`, `output`, `object`, the fields of `summary`, and `swapped` of `remark_on_recording`."""
     about = {"log": str(job.log), "output": str(job.output), "object": job.recipe.model.name}
     return {**about, **summary(tracked), "swapped": remark_on_recording(job, tracked.poses)}
 
 
 def make_result(task: Task) -> dict[str, Any]:
-    """Track a recording, and write the line about it or why it could not be; for a worker.
+    """Track a recording and write its table line, or the reason of a failure; for a worker.
 
     Returns:
-        `recording`, `frames` that were tracked now, `seconds` that took, `failure`: the reason or None.
+        `recording`; `frames` tracked by this call; `seconds` that it took; `failure`, a reason or None.
     """
     output = Path(task.output)
     try:
@@ -83,16 +83,16 @@ def make_result(task: Task) -> dict[str, Any]:
         line |= row(job, tracked, remark_on_recording(job, tracked.poses))
         write_whole(results.summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
         results.failure_file(output).unlink(missing_ok=True)
-    except Exception as error:  # whatever it is, the other recordings are to be done
+    except Exception as error:  # any error: the other recordings must still be done
         return _failed(task, error)
     return {"recording": task.name, "frames": tracked.new, "seconds": tracked.seconds, "failure": None}
 
 
 def _failed(task: Task, error: Exception) -> dict[str, Any]:
-    """What `make_result` returns of a recording that could not be done; the reason is kept in a file."""
+    """Write the reason of a failure to a file, and return the result for `make_result`."""
     why, output = reason(error), Path(task.output)
-    if not isinstance(error, BlockingIOError):  # of which the other run reports the outcome
-        with contextlib.suppress(OSError):  # a full disk, for instance; the result holds the failure
+    if not isinstance(error, BlockingIOError):  # another run has the recording, and reports the outcome
+        with contextlib.suppress(OSError):  # for instance a full disk; the returned result has the reason
             output.parent.mkdir(parents=True, exist_ok=True)
             results.summary_file(output).unlink(missing_ok=True)
             content = {"recording": task.name, "reason": why}
@@ -115,50 +115,50 @@ MAX_LIST = 1 << 28
 """Largest list of recordings [bytes]."""
 
 _LEFT = re.compile(r"(\..+?)\.(?:[a-z0-9_]{8}\.tmp|lock)", re.DOTALL)
-"""What `tracker.files` calls files while they are written: temporary folders and locks."""
+"""Names of temporary folders and locks that `tracker.files` makes while files are written."""
 
 Report = Callable[[dict[str, Any] | None], None]
-"""Takes what `make_result` returns of each finished recording; None: it was done before."""
+"""Callback that takes each recording's result from `make_result`; None: it was done before."""
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Recordings, what is looked for in them, and the folder of the results."""
+    """Recordings, the options for tracking them, and the folder of results."""
 
     folder: Path
     options: Options
     pairs: tuple[tuple[str, str], ...]
-    """Of each recording its path and that of its file of poses, which is relative to the folder."""
+    """Path of each recording, and path of its file of poses relative to the folder."""
 
     @classmethod
     def of(cls, recordings: Sequence[str], folder: Path, options: Options) -> Batch:
-        """A batch of paths and patterns, see `recordings_of`; LogError where a recording is given twice."""
+        """Make a batch of paths and patterns, see `recordings_of`; LogError if a recording is given twice."""
         logs = results.recordings_of(recordings, folder)
         outputs = results.outputs_of(logs, Path())
         pairs = ((os.path.abspath(log), str(output)) for log, output in zip(logs, outputs, strict=True))
         return cls(folder, options.absolute(), tuple(pairs))
 
     def tasks(self, mark: str) -> list[Task]:
-        """One for each recording; mark: see `Task.agreed`."""
+        """Return one task per recording; mark: see `Task.agreed`."""
         root = os.path.abspath(self.folder)
         return [Task(log, os.path.join(root, output), self.options, mark) for log, output in self.pairs]
 
 
 def write_batch(batch: Batch) -> None:
-    """Keep what was asked for; folders are made."""
+    """Write options and recordings to the folder of results, which is made if necessary."""
     batch.folder.mkdir(parents=True, exist_ok=True)
     content = {"options": batch.options.plain(), "recordings": batch.pairs}
     write_whole(batch.folder / results.ASKED, json.dumps(content, indent=0) + "\n")
 
 
 def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
-    """The list in a file, which others may have written, for a folder of results.
+    """Read a list of recordings for a folder of results; the file is not trusted.
 
     Returns:
-        The batch, `Task.agreed`, and the number of recordings a job.
+        The batch, `Task.agreed`, and the number of recordings per job.
 
     Raises:
-        LogError: there is none, or it is malformed.
+        LogError: there is no such file, or it is malformed.
     """
     try:
         content = json.loads(read_bounded(path, MAX_LIST))
@@ -176,15 +176,15 @@ def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
 
 
 def read_batch(folder: Path) -> Batch:
-    """What was asked for in a folder of results; LogError as for `read_asked`."""
+    """Read the batch of a folder of results; LogError as for `read_asked`."""
     return read_asked(folder / results.ASKED, folder)[0]
 
 
 @contextlib.contextmanager
 def only_run(batch: Batch) -> Iterator[None]:
-    """Nobody else hands out recordings of this folder of results until the `with` block ends.
+    """Make this the only run for a folder of results until the `with` block ends.
 
-    What killed runs and workers have left is removed. BlockingIOError where another run is at work.
+    Leftovers of killed runs and workers are removed. BlockingIOError if another run is active.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
     with claimed(batch.folder / results.ASKED):
@@ -196,7 +196,7 @@ def only_run(batch: Batch) -> Iterator[None]:
 
 
 def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]], report: Report) -> int:
-    """Do what is missing; the number of recordings that could not be done. See `run_tasks`."""
+    """Track the unfinished recordings; return the number that failed. See `run_tasks`."""
     recipe = Recipe.of(batch.options)
     return run_tasks(unfinished(batch.tasks(agreed(recipe)), recipe, lambda: report(None)), begin, report)
 
@@ -204,9 +204,9 @@ def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]],
 def run_tasks(
     missing: Iterator[Task], begin: Callable[[], AbstractContextManager[Engine]], report: Report
 ) -> int:
-    """Do some tasks; the number of those that could not be done.
+    """Do some tasks; return the number that failed.
 
-    begin: makes the engine, if there is anything to do. report: takes the result of each recording.
+    begin: makes the engine, called only if there are tasks. report: takes the result of each recording.
     """
     failures = 0
     first = next(missing, None)
@@ -214,7 +214,7 @@ def run_tasks(
         return 0
     with begin() as engine:
         for task, result in engine(make_result, itertools.chain([first], missing)):
-            if isinstance(result, Exception):  # its worker is gone, and could not say so
+            if isinstance(result, Exception):  # the worker ended and could not report it
                 result = _failed(task, result)
             failures += result["failure"] is not None
             report(result)
@@ -222,13 +222,13 @@ def run_tasks(
 
 
 def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) -> Iterator[Task]:
-    """The tasks without a result that is whole and of the same; `done` is called for each of the others.
+    """Yield the tasks without a complete, matching result; call `done` for each of the others.
 
-    Those without any come first: nobody waits until ten thousand others have been looked at.
+    Tasks without any result come first, so that work starts before thousands of results are checked.
     """
     some = []
     for task in tasks:
-        if os.path.exists(results.summary_file(Path(task.output))):  # unlike Path's, of names too long, too
+        if os.path.exists(results.summary_file(Path(task.output))):  # Path.exists raises for too long names
             some.append(task)
         else:
             yield task
@@ -240,7 +240,7 @@ def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) 
 
 
 def is_whole(task: Task, recipe: Recipe) -> bool:
-    """Whether a recording's result is there, and of the same; the poses are not opened for that."""
+    """Whether a recording has a matching result, newer than its goal; the poses are not opened."""
     job = Job(Path(task.log), Path(task.output), recipe)
     try:
         mark, line = fingerprint(job), results.read_line(job.output)
@@ -256,10 +256,10 @@ def is_whole(task: Task, recipe: Recipe) -> bool:
 
 
 def _remove_leftovers(batch: Batch) -> None:
-    """Remove what killed runs were writing of this batch; what others are still writing stays.
+    """Remove temporary files that killed runs of this batch left; files still being written stay.
 
-    A user who gives `.` for the folder of results has other files in it, which may be hidden, too: only
-    names that follow from those of the batch's own files are looked at.
+    If the folder of results is `.`, it has other files, some possibly hidden: only names derived from the
+    batch's own files are considered.
     """
     own = {lock_of(batch.folder / name): batch.folder / name for name in results.OF_ALL}
     for _, output in batch.pairs:
@@ -273,6 +273,6 @@ def _remove_leftovers(batch: Batch) -> None:
                 found = _LEFT.fullmatch(entry.name)
                 target = own.get(folder / f"{found[1]}.lock") if found else None
                 if target is not None:
-                    mine = target.name == results.ASKED  # which this run has claimed
+                    mine = target.name == results.ASKED  # claimed by this run itself
                     with contextlib.suppress(OSError), contextlib.nullcontext() if mine else claimed(target):
                         shutil.rmtree(entry.path, ignore_errors=True)

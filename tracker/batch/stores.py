@@ -1,13 +1,13 @@
-"""Image stores of several robots: each episode is tracked with the calibration of its robot.
+"""Tracks image stores of several robots, each episode with the calibration of its robot.
 
-What comes of a store are its poses per set of images and per control step, and how they differ:
+The results of a store are its poses per set of images and per control step, and a comparison:
 
-    images.parquet   a line for each set of images
-    steps.parquet    a line for each control step, with the pose of the images that it saw
-    poses.zarr       arrays of the shape of the stored ones: per control step; in `images` per set of images
-    report.json      the differences to the stored poses, by robot and by episode
+    images.parquet   one line per set of images
+    steps.parquet    one line per control step, with the pose in the images that it saw
+    poses.zarr       arrays with the shape of the stored ones: per control step; in `images` per set of images
+    report.json      differences from the stored poses, by robot and by episode
 
-The arrays are of zarr's version 2, each one block without compression: the same rows give the same bytes.
+Arrays are in zarr version 2, each one uncompressed block: the same rows give the same bytes.
 """
 
 from __future__ import annotations
@@ -46,21 +46,21 @@ from tracker.summaries.against_stored import Compared, differences
 
 
 class Planned(NamedTuple):
-    """An episode to be tracked."""
+    """An episode to track."""
 
     episode: Episode
     robot: str
-    """Whose calibration is taken."""
+    """Robot whose calibration is used."""
     task: Task
     recipe: Recipe
 
 
 @dataclass(frozen=True)
 class Retracking:
-    """Stores, of each of them the episodes, and the folder of the results."""
+    """Stores with their episodes, and the folder of results."""
 
     batch: Batch
-    """Of the episodes, by the names of their tasks."""
+    """Batch of all episodes, by the names of their tasks."""
     stores: Mapping[Path, Sequence[Planned]]
 
     @classmethod
@@ -71,12 +71,12 @@ class Retracking:
 
         Args:
             recordings: paths and patterns of stores.
-            folder: of the results.
-            options: `calibration` names the folder of the robots' files; `start` and `stop` choose frames.
-            robot: whose calibration is that of all episodes; None: that of each episode's own robot.
+            folder: folder of results.
+            options: `calibration` names the folder of the robots' files; `start` and `stop` select frames.
+            robot: robot whose calibration is used for all episodes; None: each episode's own robot.
 
         Raises:
-            LogError: a store is damaged, or does not tell the robots.
+            LogError: a store is damaged, or does not state the robots.
             CalibrationError: a robot has no calibration.
             TrackerError: a package is missing.
         """
@@ -102,23 +102,23 @@ class Retracking:
             return Planned(episode, name, task, recipe)
 
         paths = results.recordings_of(recordings, folder)
-        results.outputs_of(paths, folder)  # which refuses one that is given twice
+        results.outputs_of(paths, folder)  # raises for a path that is given twice
         stores = {path: [planned(path, episode) for episode in _episodes(path, options)] for path in paths}
         tasks = [one.task for episodes in stores.values() for one in episodes]
         pairs = tuple((task.name, os.path.relpath(task.output, folder)) for task in tasks)
         return cls(Batch(folder, options, pairs), stores)
 
     def run(self, begin: Callable[[], AbstractContextManager[Engine]], report: Report) -> int:
-        """Do what is missing; the number of episodes that could not be done. See `run_batch`."""
+        """Track the unfinished episodes; return the number that failed. See `run_batch`."""
         planned = itertools.chain.from_iterable(self.stores.values())
         missing = (unfinished([one.task], one.recipe, lambda: report(None)) for one in planned)
         return run_tasks(itertools.chain.from_iterable(missing), begin, report)
 
     def write_tables(self) -> dict[str, dict[str, Any]]:
-        """Write the tables of the stores of which all episodes are done; by store what its report says.
+        """Write the tables of stores whose episodes are all done; return their reports by store.
 
         Raises:
-            LogError: a file of poses cannot be read, or a table not be written.
+            LogError: a file of poses cannot be read, or a table cannot be written.
         """
         reports = {}
         for path, episodes in self.stores.items():
@@ -129,7 +129,7 @@ class Retracking:
 
 
 def are_stores(recordings: Sequence[str], folder: Path) -> bool:
-    """Whether there are recordings and all of them are image stores; LogError where only some are."""
+    """Whether all recordings are image stores; LogError if only some are."""
     found = [(path, is_store(path)) for path in results.recordings_of(recordings, folder)]
     others = [path for path, store in found if not store]
     if others and len(others) < len(found):
@@ -138,7 +138,7 @@ def are_stores(recordings: Sequence[str], folder: Path) -> bool:
 
 
 def _episodes(path: Path, options: Options) -> list[Episode]:
-    """The episodes with images among the chosen frames, which are theirs."""
+    """Return the episodes that have images among the selected frames, limited to these."""
     stop = 2**62 if options.stop is None else options.stop
     chosen = [
         one._replace(frames=range(max(one.frames.start, options.start), min(one.frames.stop, stop)))
@@ -175,18 +175,18 @@ ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
     "confidence": ((1,), "probability that the pose is within 5 mm and 5 degrees of the truth"),
     "covariance": ((6, 6), "of position and rotation along world axes [m, rad]"),
 }
-"""Of each array of the zarr group the shape of a row, and what it is; the first three are the data set's."""
+"""Row shape and description of each array of the zarr group; the first three are also in the data set."""
 
 _ROWS = "one a control step; in the group images, one a set of images; NaN where there is no pose"
 
 
 def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[Planned]) -> dict[str, Any]:
-    """Write all tables of a store in a folder, each whole or not at all; what the report says.
+    """Write all tables of a store to a folder, each whole or not at all; return the report.
 
-    tracked: episodes in their order, of which there are poses.
+    tracked: episodes in order, all with poses.
 
     Raises:
-        LogError: a file of poses cannot be read, or a table not be written.
+        LogError: a file of poses cannot be read, or a table cannot be written.
     """
     compared: list[tuple[Planned, Compared]] = []
     model = tracked[0].recipe.model
@@ -233,7 +233,7 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
 
 
 def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]:
-    """What goes into the arrays of ARRAYS."""
+    """Return the content of the arrays of ARRAYS."""
     rotation = so3.matrix_from_quaternion(columns.orientation)
     corners = cuboid.keypoints(columns.position, rotation, model.size)
     arrays = (columns.position, columns.orientation, corners, columns.confidence[:, None], columns.covariance)
@@ -241,15 +241,15 @@ def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]
 
 
 def _rows_of(poses: Poses, frames: Sequence[int] | Array) -> Array:
-    """(n,) row of the poses for each set of images; -1 where that was not tracked."""
+    """Return (n,) rows of the poses for sets of images; -1 for a set that was not tracked."""
     rows = dict(zip(poses.index.tolist(), range(len(poses)), strict=True))
     return np.array([rows.get(frame, -1) for frame in frames], np.int64)
 
 
 def _taken(array: Array, rows: Array) -> Array:
-    """Rows of an array; NaN for -1."""
+    """Return rows of an array, NaN for -1."""
     taken = np.concatenate([array, np.full((1, *array.shape[1:]), np.nan)])[rows]
-    taken[np.isnan(taken)] = np.nan  # the sign of a computed NaN depends on where its array lies in memory
+    taken[np.isnan(taken)] = np.nan  # the sign of a computed NaN depends on its array's place in memory
     return taken
 
 
@@ -275,7 +275,7 @@ def _named(one: Planned, count: int) -> dict[str, Array]:
 
 @contextlib.contextmanager
 def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
-    """A function that adds columns to a Parquet file, which is there when the `with` block ends well."""
+    """Yield a function that appends columns to a Parquet file, which appears if the block does not raise."""
     pa, pq = package("pyarrow"), package("pyarrow.parquet")
 
     def cells(column: Array) -> Any:
@@ -298,7 +298,7 @@ def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
 
 @contextlib.contextmanager
 def _group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
-    """A new group, which takes the name, and the place of an older one, when the `with` block ends well."""
+    """Yield the folder of a new group, which replaces an older one if the `with` block does not raise."""
     with whole_file(path) as temporary:
         temporary.mkdir()
         (temporary / ".zattrs").write_text(json.dumps(attributes, indent=1) + "\n")
@@ -308,7 +308,7 @@ def _group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
 
 
 def _add_arrays(group: Path, count: int) -> None:
-    """Add the arrays of ARRAYS, of `count` rows of NaN, each one block: its rows one after the other."""
+    """Add the arrays of ARRAYS with `count` rows of NaN, each as one block in row-major order."""
     (group / ".zgroup").write_text('{"zarr_format": 2}\n')
     for name, (row, _) in ARRAYS.items():
         shape = (count, *row)
@@ -320,7 +320,7 @@ def _add_arrays(group: Path, count: int) -> None:
 
 
 def _put(group: Path, first: int, name: str, rows: Array) -> None:
-    """Put rows in an array, from the first on."""
+    """Write rows to an array, starting at row `first`."""
     with _block(group, name).open("r+b") as file:
         file.seek(4 * first * math.prod(ARRAYS[name][0]))
         file.write(rows.astype("<f4").tobytes())

@@ -1,4 +1,4 @@
-"""The table over all recordings of a batch, and what failed."""
+"""Progress of a batch, the table of its recordings, and its failures."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from tracker.summaries.row import COLUMNS
 
 @dataclass(frozen=True)
 class State:
-    """How far a batch is."""
+    """Progress of a batch."""
 
     total: int
-    """Recordings that were asked for."""
+    """Number of recordings in the batch."""
     lines: tuple[dict[str, Any], ...]
-    """About those that are done, in their order; whether they are of the same options is not looked at."""
+    """Table lines of finished recordings, in order; whether their options are the same is not checked."""
     failures: dict[str, str]
-    """Why others could not be done, by recording."""
+    """Reasons of failures, by recording."""
     running: int
-    """Files of poses that are being made right now, as far as can be seen."""
+    """Number of files of poses that have a lock, so are probably being made."""
     rate: float | None
-    """Recordings finished a second, over the last ten minutes of work [1/s]; None: unknown."""
+    """Recordings finished per second over the last ten minutes of work [1/s]; None: unknown."""
 
     @property
     def missing(self) -> int:
-        """Recordings that are neither done nor have failed."""
+        """Number of recordings that are neither done nor failed."""
         return self.total - len(self.lines) - len(self.failures)
 
 
 RECENT = 600.0
-"""Time over which the pace is taken [s]."""
+"""Time over which the rate is measured [s]."""
 
 
 def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:
-    """What the folder of results says of a batch, wherever it runs.
+    """Read the progress of a batch from its folder of results, wherever it runs.
 
-    failed: why recordings have failed just now, of which there may be no file.
+    failed: reasons of failures in this run, for which there may be no files.
     """
     lines, failures, stamps, running = [], {}, [], 0
     for log, relative in batch.pairs:
@@ -57,7 +57,7 @@ def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:
         if line is not None:
             lines.append({**line, "output": unicode_text(relative)})
             stamps.append(results.summary_file(output).stat().st_mtime)
-        elif os.path.exists(results.failure_file(output)):  # unlike Path's, of names too long, too
+        elif os.path.exists(results.failure_file(output)):  # Path.exists raises for too long names
             failures[log] = results.read_failure(output)
         elif failed is not None and log in failed:
             failures[log] = failed[log]
@@ -72,12 +72,12 @@ def _rate(stamps: list[float]) -> float | None:
 
 
 def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
-    """Write `summary.parquet` or `summary.csv`, and `failures.json`; what is of another time goes.
+    """Write `summary.parquet`, `summary.csv` if requested, and `failures.json`, removed if nothing failed.
 
-    Without the package pyarrow the table is CSV.
+    Without the package pyarrow the table is CSV only.
 
     Raises:
-        LogError: a file cannot be written; the others are. It says what is done, and what to do.
+        LogError: a file cannot be written; the others are. The message says what is done and what to do.
     """
     rows = [{name: line[name] for name in COLUMNS} for line in found.lines]
     why = [{"recording": log, "reason": why} for log, why in found.failures.items()]
@@ -110,7 +110,7 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
 
 
 def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write lines under COLUMNS as a Parquet file, whole or not at all; OSError if it cannot be."""
+    """Write lines under COLUMNS as a Parquet file, whole or not at all; OSError if that fails."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

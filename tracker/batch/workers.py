@@ -1,4 +1,4 @@
-"""Who does the work: this process, processes of this machine, or the workers of a Dask scheduler."""
+"""Engines that do the work: this process, processes on this machine, or workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ from tracker.processes import environment
 from tracker.warm_up import warm_up
 
 Engine = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
-"""Applies a function to tasks, which do not depend on each other and are taken as they are needed; gives each
-task with what came of it, or the Exception, as they are finished."""
+"""Applies a function to independent tasks, which are taken lazily; yields each task with its result or
+Exception as they finish."""
 
 AHEAD = 2
-"""Tasks handed out for each worker of a scheduler: none waits, and it stays small."""
+"""Tasks submitted per worker of a scheduler: no worker waits, and the scheduler's queue stays small."""
 
 ATTEMPTS = 4
-"""How often a task is given to a process of which each before was ended from outside."""
+"""Number of times that a task is tried if its process is ended from outside."""
 
 CONNECT_SECONDS = 20.0
-"""For so long a scheduler may not answer [s]."""
+"""Timeout for connecting to a scheduler [s]."""
 
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
-"""Environment of a worker."""
+"""Environment variables of a worker."""
 
 _ENDED = "its worker was ended from outside again and again, for want of memory?"
 
 
 class WorkerError(TrackerError):
-    """A worker process was ended from outside, and others too that took its task."""
+    """A task's worker process was repeatedly ended from outside, or its result cannot be sent."""
 
 
 def here(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-    """An Engine: this process."""
+    """Do the tasks in this process; an Engine."""
     for task in tasks:
         try:
             result = function(task)
@@ -62,13 +62,13 @@ def here(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[tuple
 
 @contextmanager
 def processes(count: int) -> Iterator[Engine]:
-    """So many processes of this machine, each with one thread, for compiled code, too.
+    """Yield an Engine of `count` processes on this machine, each with one thread, also for compiled code.
 
-    One that is ended from outside is replaced, and its task is done again. Where the `with` block ends with
-    an error, an interrupt for instance, they are killed: they would finish their recordings first.
+    A process that is ended from outside is replaced, and its task is done again. If the `with` block ends
+    with an error, such as an interrupt, they are killed: they would finish their recordings first.
     """
-    warm_up()  # once, not in each of them
-    # It would let interrupts through again in the thread that needs it first.
+    warm_up()  # once, not in each process
+    # Start it now: when started later, it would unblock interrupts in the thread that needs it first.
     resource_tracker.ensure_running()
     begun: dict[Connection, BaseProcess] = {}
     with environment(ONE_THREAD):
@@ -87,14 +87,14 @@ def processes(count: int) -> Iterator[Engine]:
 def _by_processes(
     begun: dict[Connection, BaseProcess], count: int, function: Callable[[Any], Any], tasks: Iterable[Any]
 ) -> Iterator[tuple[Any, Any]]:
-    """See Engine; `begun` holds the processes that there are."""
+    """See Engine; `begun` holds the running processes."""
     todo, idle = iter(tasks), list(begun)
     at_work: dict[Connection, tuple[Any, int]] = {}
 
     def hand_out(task: Any, attempt: int = 1) -> None:
         connection = idle.pop() if idle else _begin(begun)
         at_work[connection] = task, attempt
-        with contextlib.suppress(OSError):  # it is gone already, which shows when it is waited for
+        with contextlib.suppress(OSError):  # the process is gone, which is noticed when waiting for it
             connection.send((function, task))
 
     for task in itertools.islice(todo, count):
@@ -118,7 +118,7 @@ def _by_processes(
 
 
 def _begin(begun: dict[Connection, BaseProcess]) -> Connection:
-    """One more process, which sees no Ctrl-C: a terminal sends it to all, and we end them."""
+    """Start a process with SIGINT blocked: a terminal sends Ctrl-C to all, but the parent ends them."""
     ours, theirs = Pipe()
     process = get_context("spawn").Process(target=_work, args=(theirs,))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -132,7 +132,7 @@ def _begin(begun: dict[Connection, BaseProcess]) -> Connection:
 
 
 def _work(connection: Connection) -> None:
-    """What a process does: one task after the other, until nobody asks any more."""
+    """Do tasks in a worker process, one after the other, until the connection is closed."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -145,7 +145,7 @@ def _work(connection: Connection) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process, also in the middle of a task, when the one that began it is gone."""
+    """End this process, even in the middle of a task, when its parent is gone."""
     parent = parent_process()
     assert parent is not None
     wait_for([parent.sentinel])
@@ -154,13 +154,13 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def dask_workers(address: str) -> Iterator[Engine]:
-    """The workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786; they should have one thread each.
+    """Yield an Engine of a Dask scheduler's workers, e.g. tcp://10.0.0.1:8786; each should have one thread.
 
     Raises:
         TrackerError: the package distributed is missing, or the scheduler does not answer.
     """
-    # This module reports killed workers itself. Dask's own messages are off from the import on: threads may
-    # report the end after it.
+    # This module reports killed workers itself. Dask's messages are off for good, since its threads may
+    # still log after the end.
     with optional("dask.config", "cluster", "--scheduler").set({"logging.distributed": "critical"}):
         distributed = optional("distributed", "cluster", "--scheduler")
     try:
@@ -193,16 +193,16 @@ def dask_workers(address: str) -> Iterator[Engine]:
 
 
 def engine(jobs: int) -> AbstractContextManager[Engine]:
-    """This process where one job is enough, else processes."""
+    """Return an Engine: this process for one job, else `processes`."""
     return contextlib.nullcontext(here) if jobs == 1 else processes(jobs)
 
 
 def cores() -> int:
-    """Number of processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def alone(function: Callable[[Any], Any], task: Any) -> Any:
-    """Apply a function to a task, with one thread for OpenCV, which no variable tells."""
-    cv2.setNumThreads(1)  # the workers share the cores, more threads would only wait for each other
+    """Apply a function to a task with one thread for OpenCV, which no environment variable sets."""
+    cv2.setNumThreads(1)  # the workers share the cores: more threads would only wait for each other
     return function(task)
