@@ -1,1 +1,1 @@
-"""What came out of a recording: in numbers, rewards and remarks, and as a line of a table."""
+"""Summaries of a tracked recording: numbers, rewards, remarks, and a line of a table."""

@@ -1,4 +1,4 @@
-"""How poses differ from those that a data set brings along: by how much, how late, how often grossly."""
+"""Compares poses with those stored in a data set: differences, delay, and gross errors."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import Poses, compare, concatenate
 from tracker.summaries.summary import best_kind
 
-NEAR = 0.005  # difference of positions [m] up to which a stored pose counts as near
+NEAR = 0.005  # distance [m] below which a stored position counts as near
 
 FLIP = np.radians(45)
-"""Angle [rad] from which orientations show other faces, and above any turn from one image to the next."""
+"""Angle [rad] from which orientations show other faces; larger than any turn between consecutive images."""
 
-LAGS = np.linspace(-0.1, 0.5, 61)  # delays [s] that are tried
-MOVING = 0.005  # least standard deviation of the positions [m] from which a delay shows
-_GROSS = 0.1  # difference of positions [m] above which a stored pose says nothing about the delay
+LAGS = np.linspace(-0.1, 0.5, 61)  # candidate delays [s]
+MOVING = 0.005  # smallest standard deviation of the positions [m] for which a delay is estimated
+_GROSS = 0.1  # distance [m] above which a stored pose is not used to estimate the delay
 
 
 class Compared(NamedTuple):
-    """One episode."""
+    """Poses of one episode to compare."""
 
     poses: Poses
-    """With the stored poses as the recorded ones."""
+    """Poses, with the stored ones as the recorded poses."""
     delay: FloatArray
-    """(n,) delay [s] that is stored with each of these."""
+    """(n,) delays stored with the poses [s]."""
 
 
 def differences(parts: Sequence[Compared]) -> dict[str, Any]:
-    """Differences over episodes of one robot; None where nothing is known.
+    """Compare poses over episodes of one robot; unknown values are None.
 
     Returns:
-        What `compare` returns; `bias_mm`, medians of ours minus stored along x, y, z; `share_within_5mm` and
-        `share_turned`, of the frames where both have a pose: nearer than NEAR, turned by more than FLIP;
-        `flips` and `stored_flips`, changes of the orientation by more than FLIP from one frame to the next;
-        `delay_s`, see `delay`; `stored_delay_s`, the median of what the data set says.
+        The fields of `compare`; `bias_mm`, medians of ours minus stored along x, y, z; `share_within_5mm` and
+        `share_turned`, the shares of frames with both poses that are nearer than NEAR, and turned by more
+        than FLIP; `flips` and `stored_flips`, the numbers of turns by more than FLIP between consecutive
+        frames; `delay_s`, see `delay`; `stored_delay_s`, the median of the stored delays.
     """
     whole = concatenate([part.poses for part in parts])
     kind = best_kind(whole)
@@ -62,10 +62,10 @@ def differences(parts: Sequence[Compared]) -> dict[str, Any]:
 
 
 def delay(parts: Sequence[Poses]) -> float | None:
-    """How much later [s] recorded positions show what ours do: where both agree best as functions of time.
+    """Estimate by how much [s] recorded positions lag behind ours, as the maximum of their cross-correlation.
 
-    The correlation is that of deviations from each part's mean, so neither a bias nor a scale matters. None
-    where the object hardly moves, or no delay within LAGS is best.
+    Deviations from each part's mean are correlated, so neither a bias nor a scale matters. None if the
+    object hardly moves, or the maximum is not inside LAGS.
     """
     products, ours_squared = np.zeros(len(LAGS)), np.zeros(len(LAGS))
     theirs_squared, count = 0.0, 0

@@ -1,6 +1,6 @@
-"""Remarks on what cameras show: why an object is not found, or seems to be off its table.
+"""Remarks on images: why an object is not found, or seems to be off the table.
 
-Pictures go to the wrong cameras, show something else, or are poor.
+Likely causes are swapped cameras, images of something else, and poor exposure or focus.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from tracker.recordings.track import chosen, rig_for
 from tracker.summaries.summary import camera_shares, to_look_at
 
 SURE, UNSURE = 0.9, 0.75
-"""Confidence from which pictures fit, and up to which they do not."""
+"""Confidence from which images fit the cameras, and below which they do not."""
 
-_MOST_CAMERAS = 4  # for whose pictures all orders are tried, 24; with more only pairs are
-_MOST_SETS = 7  # a motion that blurs them, or a finger, may spoil some
+_MOST_CAMERAS = 4  # up to this number of cameras all orders are tried (24), above it only swapped pairs
+_MOST_SETS = 7  # sets of images to check: motion blur or a finger may spoil some
 _AGREE = 2
 
-_MEASURED = 0.8  # share of the frames with a measured pose below which a recording is looked at again
+_MEASURED = 0.8  # a recording is checked if a smaller share of its frames has a measured pose
 
 
 DOUBTFUL = (
@@ -54,17 +54,17 @@ DOUBTFUL = (
 def swapped(
     tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation | None = None
 ) -> tuple[int, ...] | None:
-    """The one order in which pictures that do not fit the cameras do; None where none does, or several do.
+    """Find the only order in which images fit the cameras, if not as given; None if none or several do.
 
-    A rig that looks the same from each of its cameras leaves several: there the order stays unknown.
+    In a symmetric rig, several orders fit: the right one is then unknown.
 
     Args:
-        tracker: of the object and the cameras; `detect` is called.
-        images: of the cameras, as they were given.
-        answer: of `tracker.detect(images)`, if that is known.
+        tracker: tracker of the object with these cameras; `detect` is called.
+        images: images of the cameras, as given.
+        answer: result of `tracker.detect(images)`, if known.
 
     Returns:
-        For each camera the number of the picture that fits it.
+        For each camera, the number of the image that fits it.
     """
     if sum(image is not None for image in images) < 2:
         return None
@@ -85,11 +85,11 @@ def swapped(
 
 
 def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
-    """What fits pictures that do not show the object: their channels swapped, or another shipped object."""
+    """Check whether images fit with red and blue swapped, or fit another shipped object; return a remark."""
     if _confidence(answer) >= UNSURE:
         return None
     turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
-    # A camera from which the object is hidden may seem to object: here that is no matter.
+    # Do not use `_confidence`: a contradicting camera, from which the object may be hidden, is no matter.
     pose = tracker.detect(turned).object_pose
     if pose is not None and pose.confidence >= UNSURE:
         return f"{tracker.model.name} is found if red and blue are swapped: images must be BGR"
@@ -101,15 +101,15 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
-    """Why the object is not found, or not surely, in one line; None where it is, or nothing is wrong.
+    """Return on one line why no certain pose is found; None if one is found, or no cause is known.
 
-    What explains the pictures comes first, then what is wrong with them. Unless the pose is sure, this takes
-    as long as several detections.
+    Swapped cameras, swapped channels and other objects are tried first, then exposure and sharpness are
+    checked. Unless the pose is certain, this takes as long as several detections.
 
     Args:
-        tracker: of the object and the cameras; `detect` is called.
-        images: of the cameras.
-        answer: of `tracker.detect(images)`.
+        tracker: tracker of the object with these cameras; `detect` is called.
+        images: images of the cameras.
+        answer: result of `tracker.detect(images)`.
     """
     order = swapped(tracker, images, answer)
     cause = mistaken(tracker, images, answer) if order is None else swap_message(order, tracker.rig.names)
@@ -126,7 +126,7 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
 def lastingly_swapped(
     tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]
 ) -> tuple[int, ...] | None:
-    """The same of a recording, of which some sets of pictures are looked at: they have to agree."""
+    """Find the order as `swapped` does, for a recording: several sets of images must agree."""
     orders = []
     for images in itertools.islice(sets, _MOST_SETS):
         answer = tracker.detect(images)
@@ -141,9 +141,9 @@ def lastingly_swapped(
 
 
 def remark_on_recording(job: Job, poses: Poses) -> str | None:
-    """The `swap_message` of a tracked recording; looked at only if few poses came of it.
+    """Return the `swap_message` of a recording that was tracked badly; None if its cameras seem right.
 
-    None also where the recording cannot be read any more: its poses stay as they are.
+    None also if the recording cannot be read any more: its poses remain valid.
     """
     if not len(poses) or not _is_odd(poses):
         return None
@@ -151,7 +151,7 @@ def remark_on_recording(job: Job, poses: Poses) -> str | None:
         with open_log(job.log, recover=True) as log:
             rig = rig_for(job, log)
             first, last = chosen(log, job)
-            # Of a recording that has to be read through, the first frames.
+            # Without random access, use the first frames.
             step = max(1, (last - first) // _MOST_SETS) if log.random_access else 1
             sets = (frame.images for frame in log[first:last:step])
             tracker = job.recipe.make_tracker(job.recipe.model, rig, job.recipe.colors)
@@ -162,7 +162,7 @@ def remark_on_recording(job: Job, poses: Poses) -> str | None:
 
 
 def swap_message(order: Sequence[int], names: Sequence[str]) -> str:
-    """A warning of cameras in a wrong order, in one line."""
+    """Return a one-line warning of cameras in a wrong order."""
     moved = [name for k, name in enumerate(names) if order[k] != k]
     text = f"the images of {', '.join(moved[:-1])} and {moved[-1]} look swapped"
     if len(moved) == 2:
@@ -185,20 +185,20 @@ def _orders(count: int) -> Iterable[tuple[int, ...]]:
 
 
 def _confidence(answer: Observation) -> float:
-    """That of a pose to which no camera objects; 0 where there is none."""
+    """Return the confidence of a pose that no camera contradicts; 0 without one."""
     if answer.object_pose is None or answer.status is not Status.FOUND:
         return 0.0
     return 0.0 if CameraUse.CONTRADICTING in answer.cameras else answer.object_pose.confidence
 
 
-TRUSTED = 0.5  # confidence from which a pose counts
+TRUSTED = 0.5  # smallest confidence of a pose that is checked
 
 
 def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> str | None:
-    """By how much an object is off the table on which it seems to rest, and the remedy, in one line.
+    """Return on one line how far an object that seems to rest is off the table, and the remedy.
 
-    It seems to rest if a face is level, and no higher than the table may be. None if it is off by less than
-    two standard deviations or the limit of HEIGHT, or nothing is known.
+    It seems to rest if a face is level, and within the uncertainty of the table's height. None if it is off
+    by less than two standard deviations or the limit of HEIGHT, or if the height is unknown.
     """
     if pose is None or pose.confidence < TRUSTED:
         return None
@@ -214,27 +214,27 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
     )
 
 
-MOST_BLUR = 2.5  # standard deviation of the sharpest edges' blur [px]
+MOST_BLUR = 2.5  # largest standard deviation of the sharpest edges' blur [px]
 
 
 class PictureLook(NamedTuple):
-    """Exposure and sharpness of a picture, or their medians over several."""
+    """Exposure and sharpness of an image, or their medians over several."""
 
     level: float
     """Median grey level."""
     clipped: float
-    """Pixels with a clipped channel [%]."""
+    """Share of pixels with a clipped channel [%]."""
     blur: float
-    """Of its strongest edges [px]; NaN where it shows none."""
+    """Blur of the strongest edges [px]; NaN if there are none."""
 
     @classmethod
     def of(cls, image: Image) -> PictureLook:
-        """Look at a picture (H, W, 3), which takes some milliseconds."""
+        """Measure an image (H, W, 3), which takes a few milliseconds."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
         return cls(brightness(image), 100 * clipped_share(image), photo_blur(grey))
 
     def faults(self) -> list[str]:
-        """What is wrong, and what may help."""
+        """Return the faults with possible remedies."""
         found = []
         if self.level < LEVELS[0]:
             found.append(f"dark, median grey level {self.level:.0f}: expose longer; is the lens covered?")

@@ -1,4 +1,4 @@
-"""A recording's rewards for the goal in its folder, and its line of a table."""
+"""A recording's rewards for the goal in its folder, and its line in a table."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from tracker.recordings.track import Tracked, unicode_text
 from tracker.summaries.summary import best, summary
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
-SAME = 1e-3  # time [s] by which stamps of one frame may differ: formats round them
+SAME = 1e-3  # largest difference of one frame's timestamps [s]: formats round them
 
 
 def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
-    """LogError for poses of another recording, by number and stamp of first and last frame."""
+    """Raise LogError for poses of another recording, by number and timestamp of first and last frame."""
     if not len(poses):
         return
     for row in (0, -1):
         number = int(poses.index[row])
         stamp = log.frame(number).timestamp if number < len(log) else np.inf
-        if abs(stamp - poses.timestamp[row]) > SAME:  # not so where a driver's error left no stamp, NaN
+        if abs(stamp - poses.timestamp[row]) > SAME:  # false for NaN, a frame without a timestamp
             source = poses.about.source
             raise LogError(
                 f"{path}: found poses of another recording ({source}), expected those of {recording}"
             )
         if not log.random_access:
-            return  # to read all of it takes long
+            return  # reading up to the last frame would take long
 
 
 def seconds_since_beginning(log: Path, poses: Poses) -> FloatArray:
-    """Times (n,) [s] of poses since the first frame of their recording, from which goals count.
+    """Return the times (n,) [s] of poses since the first frame of their recording, as goals count them.
 
     Raises:
-        LogError, OSError: the poses begin later, and the recording cannot be read.
+        LogError, OSError: the poses start later than the recording, and it cannot be read.
     """
     if not len(poses) or poses.index[0] == 0:
         return poses.timestamp - poses.timestamp[:1]
@@ -54,12 +54,12 @@ def seconds_since_beginning(log: Path, poses: Poses) -> FloatArray:
 
 
 def goal_file(log: Path) -> Path:
-    """Where the goal of a recording's job is, if there is one."""
+    """Return the path of the goal file of a recording's job; it may not exist."""
     return (log if log.is_dir() else log.parent) / FILE_NAME
 
 
 def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
-    """Columns of the table about the goal in the recording's folder, if there is one."""
+    """Return the table columns about the goal in the recording's folder; none without a goal."""
     path = goal_file(log)
     if not path.is_file():
         return {}
@@ -77,9 +77,9 @@ def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
 
 
 def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
-    """Sum over control steps, mean and last of rewards (n,) at times (n,) [s]; each lasts until the next.
+    """Return sum over control steps, mean and last of rewards (n,) at times (n,) [s], each held to the next.
 
-    Where the object was not seen the reward before holds, at the beginning the first one.
+    NaN rewards, of frames without a pose, take the previous reward, or the first one at the beginning.
     """
     known = np.flatnonzero(~np.isnan(rewards))
     if not len(known):
@@ -93,9 +93,9 @@ def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
 
 
 STEP = 0.002
-"""Shortest movement [m] that counts in a path's length: less is how far poses of an object at rest differ."""
+"""Shortest movement that counts in a path's length [m]: poses of an object at rest differ by less."""
 
-FAST = 99.0  # percentile of the speed that is reported: a single frame says little
+FAST = 99.0  # percentile of the reported speed, rather than the maximum, which depends on a single frame
 
 COLUMNS: dict[str, type] = {
     "recording": str,
@@ -129,11 +129,11 @@ COLUMNS: dict[str, type] = {
     "error_end": float,
     "goal_fault": str,
 }
-"""Columns of the table; docs/batch.md says what each of them is."""
+"""Columns of the table and their types; docs/batch.md describes them."""
 
 
 def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
-    """The line about a recording, under COLUMNS; None where there is nothing to tell.
+    """Return the table line of a recording, under COLUMNS; None for unknown values.
 
     swapped: see `remark_on_recording`.
     """
@@ -161,7 +161,7 @@ def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
 
 
 def path_length(positions: FloatArray) -> float:
-    """Length [m] of the way along positions (n, 3) [m], without steps shorter than STEP."""
+    """Return the length [m] of the path along positions (n, 3) [m], without movements shorter than STEP."""
     length, last = 0.0, positions[0]
     for position in positions[1:]:
         step = float(np.linalg.norm(position - last))
@@ -171,7 +171,7 @@ def path_length(positions: FloatArray) -> float:
 
 
 def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
-    """The camera that contradicts the others most, and in which share of the frames with a measured pose."""
+    """Return the camera that contradicts the others most often, and in what share of measured frames."""
     shares = {name: its[CameraUse.CONTRADICTING.value] for name, its in cameras.items()}
     known = {name: share for name, share in shares.items() if share is not None}
     if not known:
@@ -181,7 +181,7 @@ def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
 
 
 def _sure_and_far(poses: Poses) -> dict[str, float]:
-    """How sure the poses are, and where and how quickly the object went."""
+    """Return medians of confidence and standard deviations, path length, greatest height and speed."""
     some = best(poses).take(best(poses).has_pose)
     if not len(some):
         return {}

@@ -1,4 +1,4 @@
-"""What came out of a recording, in plain numbers."""
+"""Summary of a tracked recording in plain numbers."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ TOLERABLE = {
     CameraUse.FROZEN: 0.01,
     CameraUse.BLACK: 0.01,
 }
-"""Share of the frames up to which a camera's pictures that are not used need no look at the camera; a
-finger in front of one or a push that blurs it makes some contradict the others."""
+"""Largest share of frames in which a camera's image may be unused without a remark, by reason; fingers and
+motion blur make some images contradict the others."""
 
 
 def best_kind(poses: Poses) -> Kind:
-    """The kind of poses that is summed up: the filtered ones, else the measured ones."""
+    """Return the kind of poses to summarise: filtered if there are any, else measured."""
     return "filtered" if poses.filtered.has_pose.any() else "measured"
 
 
 def best(poses: Poses) -> MeasuredColumns:
-    """The poses of that kind."""
+    """Return the poses of the `best_kind`."""
     return poses.filtered if best_kind(poses) == "filtered" else poses.measured
 
 
 def to_look_at(cameras: dict[str, dict[str, float | None]]) -> dict[str, dict[CameraUse, float]]:
-    """The shares that are not TOLERABLE, of `summary`'s `cameras`; cameras without any are left out."""
+    """Return those shares of `summary`'s `cameras` that exceed TOLERABLE, without cameras that have none."""
     found = {
         name: {use: share for use, least in TOLERABLE.items() if (share := shares[use.value] or 0.0) > least}
         for name, shares in cameras.items()
@@ -42,7 +42,7 @@ def to_look_at(cameras: dict[str, dict[str, float | None]]) -> dict[str, dict[Ca
 
 
 def camera_shares(poses: Poses) -> dict[str, dict[str, float | None]] | None:
-    """`summary`'s `cameras`; None where the poses do not say what became of pictures."""
+    """Return `summary`'s `cameras`, or None if the uses of the cameras' images are unknown."""
     if poses.cameras is None:
         return None
     return {
@@ -52,16 +52,16 @@ def camera_shares(poses: Poses) -> dict[str, dict[str, float | None]] | None:
 
 
 def summary(tracked: Tracked) -> dict[str, Any]:
-    """Numbers for people and programs; None where there is nothing to count.
+    """Summarise a tracked recording; values are None if there is nothing to count.
 
     Returns:
-        `frames`, of which `new` were tracked now; `expected`, how many the recording should have had;
-        `last_frame`, the number of the last; `measured` and `filtered`, the shares of frames with such a
-        pose; `statuses`, the share of each status and, in `with_pose`, how many of its frames have a pose;
-        `cameras`, of each camera the share of frames in which its picture was not used, by `CameraUse`, of
-        those that contradict the others among the frames with a measured pose; medians over the frames of
-        the standard deviations along x, y, z of the poses named by `kind`; `frames_per_second`;
-        `recorded`, see `compare`, of the same poses; `fault`.
+        `frames`, of which `new` were tracked now; `expected`, the number that the recording should have;
+        `last_frame`, the number of the last one; `measured` and `filtered`, the shares of frames with such a
+        pose; `statuses`, each status's share of frames and, as `with_pose`, the share of these with a pose;
+        `cameras`, for each camera the shares of frames in which its image was not used, by `CameraUse` (for
+        contradicting ones, of the frames with a measured pose); medians over the frames of the standard
+        deviations along x, y, z of the poses named by `kind`; `frames_per_second`; `recorded`, the result
+        of `compare` for the same poses; `fault`.
     """
     poses = tracked.poses
     count, kind = len(poses), best_kind(poses)
