@@ -1,7 +1,7 @@
 """The command line: parse, call, print.
 
-Errors are one line on stderr that starts with `tracker: `; EXIT_CODES says what each code means.
-Commands import what they need when they run, so that `--help` answers at once.
+Errors are one line on stderr that starts with `tracker: `; EXIT_CODES describes the exit codes.
+Commands import what they need when they run, so that `--help` is quick.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ EXIT_CODES = {
     130: "interrupted, by Ctrl-C",
     143: "ended by SIGTERM",
 }
-"""What the exit codes of all commands mean."""
+"""Meanings of the exit codes of all commands."""
 
 _COMPLETE = "_TRACKER_COMPLETE"  # environment variable of click's shell completion
 
@@ -51,7 +51,7 @@ class _InTheirOrder(click.Group):
 
 @click.group(
     cls=_InTheirOrder,
-    no_args_is_help=False,  # that would be an error of many lines
+    no_args_is_help=False,  # click would report an error of many lines
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="\b\nExit codes:\n" + "\n".join(f"  {code:<4} {what}" for code, what in EXIT_CODES.items()),
 )
@@ -84,14 +84,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may not fit the terminal's encoding
     asked = os.environ.get(_COMPLETE)
-    if asked:  # by a shell, for the words that may come next
+    if asked:  # a shell asks for completions
         sys.exit(shell_complete(commands, {}, "tracker", _COMPLETE, asked))
     sys.exit(_run(sys.argv[1:] if arguments is None else list(arguments)))
 
 
 def _run(arguments: list[str]) -> int:
     try:
-        arguments = arguments or ["--help"]  # who asks nothing wants to know what can be asked
+        arguments = arguments or ["--help"]
         with ended_by_signals(), commands.make_context("tracker", arguments) as context:
             commands.invoke(context)
         return 0
@@ -101,7 +101,7 @@ def _run(arguments: list[str]) -> int:
         return _fail("interrupted", code=exit_code(stop))
     except BrokenPipeError:
         _drop_output_that_cannot_be_written()
-        return 2  # and not a word: who reads our output has enough
+        return 2  # without a message: the reader of the output has closed it
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else "tracker"
         return _fail(f"{error.format_message()} (see {where} --help)")
@@ -125,7 +125,7 @@ def _fail(message: str, code: int = 2) -> int:
 
 
 def _drop_output_that_cannot_be_written() -> None:
-    """Keep the interpreter from complaining when it flushes stdout at its end."""
+    """Prevent an error message when the interpreter flushes stdout at exit."""
     try:
         sys.stdout.flush()
     except OSError:

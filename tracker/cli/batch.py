@@ -1,4 +1,4 @@
-"""`tracker batch`: thousands of recordings, and the progress."""
+"""`tracker batch`: track thousands of recordings, and show the progress."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def batch() -> None:
 
 @dataclass(frozen=True)
 class Engine:
-    """Who does the work; UsageError where options contradict each other."""
+    """Options for where the work is done; UsageError if they contradict each other."""
 
     jobs: int | None = options.whole("--jobs", "Processes on this machine.  [default: one per core]")
     scheduler: str | None = options.option(
@@ -53,7 +53,7 @@ class Engine:
 
     @property
     def submits(self) -> Scheduler | None:
-        """Where jobs are submitted; None: nowhere."""
+        """Scheduler to submit jobs to, or None."""
         return "htcondor" if self.htcondor else "slurm" if self.slurm else None
 
 
@@ -106,7 +106,7 @@ def run(
 def _stores(
     recordings: tuple[str, ...], output: Path, asked: Options, robot: str | None
 ) -> Retracking | None:
-    """The work on image stores of several robots; None where they are other recordings, or of one rig."""
+    """Plan the work on image stores of several robots; None for other recordings, or stores of one rig."""
     from tracker.batch.stores import Retracking, are_stores
     from tracker.calibration.files.platform import robots_in
 
@@ -130,7 +130,7 @@ def _run(work: Batch | Retracking, engine: Engine, as_csv: bool, quiet: bool) ->
 
     if isinstance(work, Batch):
         batch, stores = work, None
-        Recipe.of(batch.options)  # faults are reported before anything begins
+        Recipe.of(batch.options)  # report faults before anything begins
     else:
         batch, stores = work.batch, work
     count = min(engine.jobs or cores(), len(batch.pairs))
@@ -150,7 +150,7 @@ def _run(work: Batch | Retracking, engine: Engine, as_csv: bool, quiet: bool) ->
                 begin = functools.partial(dask_workers, address) if address else lambda: processes(count)
                 stores.run(begin, tell) if stores else run_batch(batch, begin, tell)
         except BaseException:
-            with suppress(LogError):  # the reason why the run ended is reported
+            with suppress(LogError):  # report the reason why the run ended instead
                 write_tables(batch, state(batch, failures), as_csv=as_csv)
             raise
         found = state(batch, failures)
@@ -238,7 +238,7 @@ def share(list_path: Path, number: int) -> None:
 
 
 def _of_robots(report: dict[str, Any]) -> str:
-    """Differences between new and stored poses, a line per robot."""
+    """Return a table of differences between new and stored poses, one line per robot."""
     columns = {
         "frames": ("frames", "{:.0f}"),
         "position_median_mm": ("median mm", "{:.1f}"),

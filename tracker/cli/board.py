@@ -1,4 +1,4 @@
-"""`tracker calibrate board`, `intrinsics`, `extrinsics`: a board to print, and cameras from photos of it."""
+"""`tracker calibrate board`, `intrinsics`, `extrinsics`: print a board, and calibrate with photos of it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Printed:
-    """The board that the options say."""
+    """Options that describe the printed board."""
 
     squares: str = option(
         "--squares", required=True, metavar="CxR", help="Columns and rows of squares, black and white: 5x7."
@@ -55,7 +55,7 @@ class Printed:
     )
 
     def board(self, legacy: bool = False) -> Board:
-        """It; UsageError where --squares cannot be read, CalibrationError where there is no such board."""
+        """Make the board; UsageError if --squares cannot be read, CalibrationError for an invalid board."""
         from tracker.calibration.board.board import Board
 
         sizes = re.fullmatch(r"(\d{1,4})[x×X](\d{1,4})", self.squares)
@@ -67,7 +67,7 @@ class Printed:
 def _sightings_of(
     paths: Sequence[Path], board: Board
 ) -> tuple[Board, list[BoardView | None], dict[str, str]]:
-    """The board in the pattern seen, what each photo shows of it, and why those without show none."""
+    """Return the board with the pattern seen, its view in each photo, and why photos show none."""
     from tracker.calibration.board import sighting
     from tracker.color_learning.labelled import read_image
 
@@ -98,7 +98,7 @@ def _sightings_of(
 
 @contextmanager
 def _naming(faults: Mapping[str, str]) -> Iterator[None]:
-    """A CalibrationError names the photos, too, that are not used, and why."""
+    """Add the unused photos, with the reasons, to the message of a CalibrationError."""
     try:
         yield
     except CalibrationError as error:
@@ -107,7 +107,7 @@ def _naming(faults: Mapping[str, str]) -> Iterator[None]:
 
 
 def _draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray, FloatArray, bool]]) -> None:
-    """Draw what is missed where in the photos of a camera, see `residual_picture`."""
+    """Draw the residuals in the photos of a camera, see `residual_picture`."""
     from tracker.viz.calibration import residual_picture
 
     camera, used = calibrated.camera, sum(counts for *_, counts in photos)
@@ -116,14 +116,14 @@ def _draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray,
 
 
 def _told_pattern(board: Board) -> str:
-    """The pattern of a board, as far as it is known."""
+    """Describe the pattern of a board, as far as it is known."""
     if not board.two_patterns:
         return f"{board} (with {board.rows} rows the old and the new pattern are the same)"
     return f"{board}" if board.legacy else f"{board}, today's pattern"
 
 
 def _part(_: click.Context, option: click.Parameter, value: str | None) -> tuple[int, ...] | None:
-    """Width, height, left and top [px] of --crop; UsageError where it cannot be read."""
+    """Parse width, height, left and top [px] of --crop; UsageError if that fails."""
     if value is None:
         return None
     part = re.fullmatch(r"(\d{1,5})x(\d{1,5})\+(\d{1,5})\+(\d{1,5})", value)
@@ -134,7 +134,7 @@ def _part(_: click.Context, option: click.Parameter, value: str | None) -> tuple
 
 @dataclass(frozen=True)
 class Smaller:
-    """Which smaller images files are written of, besides those of the photos' size."""
+    """Options for further calibration files, of smaller images than the photos."""
 
     crop: tuple[int, ...] | None = option(
         "--crop",
@@ -151,7 +151,7 @@ class Smaller:
     )
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
-        """Write files of cameras and those beside; which. CalibrationError where the part is not inside."""
+        """Write all files of the cameras and list them; CalibrationError if --crop exceeds the image."""
         from tracker.calibration.files.platform import write_calibrated
 
         files: dict[Path, Calibrated] = {}
@@ -236,7 +236,7 @@ def _lens_table(lens: Lens, faults: dict[str, str]) -> str:
 
 
 def _photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str:
-    """A table of photos, and the reasons why others are not used."""
+    """Return a table of photos, with the reasons why others are not used."""
     return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in faults.items())])
 
 
@@ -264,7 +264,7 @@ def _found(lens: Lens) -> list[list[str]]:
 
 @dataclass(frozen=True)
 class Given:
-    """Where the board lies face up in the first folder."""
+    """Options for the place of the board, face up, in the first folder."""
 
     center: tuple[float, float] = option(
         "--center", callback=numbers(2), default="0,0", metavar="X,Y", help="The board's centre [m].  [0,0]"
@@ -281,7 +281,7 @@ class Given:
     )
 
     def world_from_board(self) -> FloatArray:
-        """(4, 4)."""
+        """Return the transform (4, 4) of the options."""
         import numpy as np
 
         from tracker.geometry import so3
@@ -351,10 +351,10 @@ def extrinsics(
 
 
 def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Path]:
-    """The photos by (camera, folder); a camera may lack one in some folders.
+    """Return the photos by (camera, folder); a camera may lack one in some folders.
 
     Raises:
-        CalibrationError: a folder is missing, holds several photos of a camera, one of another, or none.
+        CalibrationError: a folder is missing, or holds several photos of a camera, one of another, or none.
     """
     photos: dict[Photo, Path] = {}
     for place, folder in enumerate(folders):
@@ -403,7 +403,7 @@ def _camera_table(placed: Placed) -> str:
 
 
 def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[str]]:
-    """A board of another size would lie elsewhere: its centre is elsewhere."""
+    """Note if only a part of the board is seen: the centre of a smaller board would be elsewhere."""
     from tracker.calibration.board.sighting import squares_shown
 
     first = [one for (_, place), one in sightings.items() if place == 0]

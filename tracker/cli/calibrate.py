@@ -1,4 +1,4 @@
-"""`tracker calibrate`: calibrations made, and mended and checked by recordings of a known object."""
+"""`tracker calibrate`: make calibrations, and correct or check them with recordings of a known object."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ for _one in (board, intrinsics, extrinsics):
 
 
 class Opened(NamedTuple):
-    """The inputs, opened."""
+    """The opened inputs."""
 
     model: tracker.CuboidModel
     footage: list[Footage]
@@ -52,7 +52,7 @@ class Opened(NamedTuple):
 
 @dataclass(frozen=True)
 class Filmed:
-    """A known object in recordings, and in pictures, those of one moment one after the other."""
+    """Inputs that show a known object: recordings, and pictures in groups of one moment each."""
 
     inputs: tuple[str, ...] = argument(
         "inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE...", type=Recording(str)
@@ -65,7 +65,7 @@ class Filmed:
 
     @contextmanager
     def opened(self) -> Iterator[Opened]:
-        """All of it, open within the `with` block; TrackerError where something is wrong with it."""
+        """Open all inputs for the `with` block; TrackerError if one is invalid."""
         from tracker.calibration.by_object.sightings import Footage
 
         model, colors = self.subject.load()
@@ -100,7 +100,7 @@ _output = output_option(OutFolder(new=True), "DIR", "Folder for the new calibrat
 def _sets(
     pictures: Sequence[str], rig: tracker.CameraRig, *, resize: bool
 ) -> tuple[tracker.CameraRig, list[Any]]:
-    """The rig of the pictures' size, and pictures of one moment each."""
+    """Return the rig for the pictures' size, and sets of pictures of one moment each."""
     count = len(rig)
     if len(pictures) % count:
         raise ImageError(
@@ -115,7 +115,7 @@ def _sets(
 
 
 def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> None:
-    """Raise if a recording has other cameras than those before it."""
+    """Raise CalibrationError if a recording has other cameras than those before it."""
     import numpy as np
 
     parts = ("name", "matrix", "distortion", "camera_from_world")
@@ -161,7 +161,7 @@ def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
 
 
 def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, float], list[str]]:
-    """The deviations of focal lengths that the calibration's files state, and what to say of halved ones."""
+    """Return the focal lengths' deviations that the calibration files state, and warnings of halved files."""
     from tracker.calibration.files.platform import (
         calibration_files,
         focal_deviations,
@@ -187,7 +187,7 @@ def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, 
 
 
 def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
-    """The result in plain numbers; null where one is unknown."""
+    """Return the result in plain numbers; None for unknown ones."""
     from tracker.calibration.by_object.check import DEPTH, FOCAL
 
     cameras = []
@@ -304,7 +304,7 @@ def refine_command(filmed: Filmed, output: Path, focal: bool, frames: int) -> No
 
 
 def save_object(model: tracker.CuboidModel, rim: tuple[float, float], path: Path) -> None:
-    """Write an object with another rim and its deviation [m]."""
+    """Write an object with a new rim and its standard deviation [m]."""
     from tracker.files import told_as, write_whole
     from tracker.objects.model import to_toml
 

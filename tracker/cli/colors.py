@@ -1,4 +1,4 @@
-"""`tracker colors`: colours learned from recordings, or from hand-labelled images, and measured."""
+"""`tracker colors`: learn colours from recordings or from labelled images, and measure them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def colors() -> None:
 
 @dataclass(frozen=True)
 class Lesson:
-    """The inputs and options for learning colours."""
+    """Inputs and options for learning colours."""
 
     recordings: tuple[Path, ...] = argument(
         "recordings", nargs=-1, required=True, metavar="RECORDING...", type=Recording()
@@ -52,7 +52,7 @@ class Lesson:
     quiet: bool = options.quiet()
 
     def footage(self) -> list[Frames]:
-        """Frames of the recordings; TrackerError where they cannot be read, or are too few."""
+        """Read frames of the recordings; TrackerError if that fails, or if there are too few."""
         from tracker.color_learning.lessons import FEWEST_FRAMES, frames_of, shares
 
         lengths = []
@@ -71,7 +71,7 @@ class Lesson:
         return result
 
     def learn(self, model: tracker.CuboidModel, footage: list[Frames], start: tracker.ColorModel) -> None:
-        """Write what the frames teach; prints a line per round."""
+        """Learn colours from the frames and write the model; print one line per round."""
         from tracker.color_learning.adapt import adapt as learn_colors
         from tracker.color_learning.fit import FitOptions
 
@@ -148,7 +148,7 @@ def new(
 def described(
     output: Path, size: tuple[float, float, float] | None, faces: str | None
 ) -> tracker.CuboidModel:
-    """The object of the options --size and --faces, with the name and the colours of the output."""
+    """Return the object given by --size and --faces, with the name and the colours of the output."""
     import numpy as np
 
     from tracker.objects.model import face_labels_of
@@ -178,7 +178,7 @@ _folders = argument("folders", nargs=-1, required=True, metavar="FOLDER...", typ
 
 @dataclass(frozen=True)
 class Fitting:
-    """How colours are fitted to labelled images."""
+    """Options for fitting colours to labelled images."""
 
     others: tuple[str, ...] = option(
         "--others",
@@ -195,7 +195,7 @@ class Fitting:
     seed: int = options.seed
 
     def to(self, images: Sequence[LabelledImage]) -> Callable[[Sequence[int], str], tracker.ColorModel]:
-        """A function that fits a model of some name to those of the images whose indices are given."""
+        """Return a function that fits a model with a given name to the images with given indices."""
         from tracker.color_learning.fit import FitOptions, combine, image_histograms
 
         draws, normalise = FitOptions(seed=self.seed), not self.rendered

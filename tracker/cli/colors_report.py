@@ -1,4 +1,4 @@
-"""What `tracker colors` prints of a colour model; imported by the commands when they run."""
+"""Reports on colour models that `tracker colors` prints; imported by the commands when they run."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from tracker.color_learning.labelled import LabelledImage, confusion, intersecti
 from tracker.conventions import Array, FloatArray, Image
 from tracker.objects.labels import COLOR_NAMES
 
-WEAK = 0.9  # share of a colour's pixels that are found below which it is weak
-FALSE = 0.1  # a colour is weak, too, above this share of its pixels outside of such faces
-LABELS = range(1, len(COLOR_NAMES))  # of the colours; 0 is none of them
+WEAK = 0.9  # recall below which a colour is weak
+FALSE = 0.1  # share of false pixels among those found above which a colour is weak
+LABELS = range(1, len(COLOR_NAMES))  # labels of the colours; 0 is background
 
 
 def report(
     images: Sequence[LabelledImage], models: Sequence[tracker.ColorModel], plot: Path | None, name: str
 ) -> None:
-    """Measure each image by its model, print and draw."""
+    """Measure each image with its model, print the results, and draw them if `plot` is given."""
     found = [tracker.segment(one.image, model) for one, model in zip(images, models, strict=True)]
     _print_overlaps(images, found)
     counts = confusion((labels, one.labels) for labels, one in zip(found, images, strict=True))
@@ -38,7 +38,7 @@ def report(
 
 
 def print_counts(images: Sequence[LabelledImage]) -> None:
-    """Labelled pixels of each image and colour, and the colours of which there are none."""
+    """Print the number of labelled pixels of each image and colour, and colours without any."""
     counts = np.array([[np.count_nonzero(one.labels == label) for label in LABELS] for one in images])
     rows = [
         [one.name, *(str(count or "-") for count in row)] for one, row in zip(images, counts, strict=True)
@@ -61,7 +61,7 @@ def _print_overlaps(images: Sequence[LabelledImage], found: Sequence[Image]) -> 
 
 
 def _mean(values: Iterable[float]) -> str:
-    """A dash for no value."""
+    """Format the mean; a dash if there are no values."""
     numbers = list(values)
     return f"{sum(numbers) / len(numbers):.3f}" if numbers else "-"
 
@@ -115,5 +115,5 @@ def _print_near(shown: Paints) -> None:
 
 
 def _levels(color: FloatArray) -> str:
-    """Red, green and blue."""
+    """Format a BGR colour as red, green and blue."""
     return " ".join(f"{round(level):3d}" for level in color[::-1].tolist())

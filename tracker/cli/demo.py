@@ -1,4 +1,4 @@
-"""`tracker demo`: a short recording that comes with the package, tracked and compared with its truth."""
+"""`tracker demo`: track a short recording of the package, and compare with its ground truth."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def demo(output: Path) -> None:
 
 
 def _error(pose: tracker.PoseEstimate | None, truth: dict[str, list[float]]) -> tuple[float, float]:
-    """Distance [mm] and angle [deg] from the truth; NaN without a pose."""
+    """Return distance [mm] and angle [deg] from the ground truth; NaN without a pose."""
     import numpy as np
 
     from tracker.geometry import so3

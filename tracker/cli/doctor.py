@@ -1,4 +1,4 @@
-"""`tracker doctor`: what the tracker needs of this machine, what is missing, and the remedy."""
+"""`tracker doctor`: check this machine for what the tracker needs, with remedies."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ CORE = {
     "PyYAML": "yaml",
     "tqdm": "tqdm",
 }
-"""Packages, and what is imported of them."""
+"""Required packages, and the modules to import."""
 
 REFERENCE_ROUNDS = 20
-DETECTION = 1.5  # time of a detection over that of the reference work, about
+DETECTION = 1.5  # approximate time of a detection relative to the reference work
 
 _EXTRA = re.compile(r"""extra *== *['"](?P<extra>[\w-]+)['"]""")
 _PACKAGE = re.compile(r"[\w.-]+")
 
 
 class Finding(NamedTuple):
-    """The finding about one thing."""
+    """The result of one check."""
 
     what: str
     found: str
     remedy: str = ""
-    """None where all is well."""
+    """Empty if all is well."""
 
 
 @click.command(short_help="Find problems of this machine, and their remedies.")
@@ -65,7 +65,7 @@ def doctor() -> None:
 
 
 def _print(finding: Finding, mark: str) -> bool:
-    """Print a finding, `mark` before one that needs a remedy; whether it does."""
+    """Print a finding, with `mark` if it has a remedy; return whether it has one."""
     click.echo(f"{mark if finding.remedy else 'ok'}  {finding.what:12} {finding.found}")
     if finding.remedy:
         click.echo(f"{'':17}{finding.remedy}")
@@ -92,7 +92,7 @@ def _optional() -> Iterator[Finding]:
 
 
 def _opengl() -> Finding:
-    """Libraries that are found may still not load: of another machine's kind, or empty in a container."""
+    """Check OpenGL; libraries may exist but not load: for another architecture, or empty in a container."""
     faults = [fault for fault in map(_fault_of_library, ("EGL", "GL")) if fault]
     if not faults:
         return Finding("OpenGL", "libEGL, libGL")
@@ -113,7 +113,7 @@ def _fault_of_library(name: str) -> str | None:
 
 
 def _package(name: str, module: str) -> Finding:
-    """Of two OpenCVs, which write into one folder, whichever came last is imported, in part."""
+    """Check a package. OpenCV packages share one folder: the last installed one partly replaces others."""
     if name == OPENCV:
         names = {(dist.metadata["Name"] or "").lower() for dist in metadata.distributions()}
         found = sorted(one for one in names if re.fullmatch(r"opencv[-_](contrib[-_])?python.*", one))
@@ -134,12 +134,12 @@ def _package(name: str, module: str) -> Finding:
 
 @functools.cache
 def _fault_of_module(name: str) -> str | None:
-    """Why a module cannot be imported; a broken one may raise anything."""
+    """Return why a module cannot be imported, or None; a broken one may raise any error."""
     try:
         module = importlib.import_module(name)
     except Exception as error:
         return " ".join(str(error).split())
-    # What one of two packages leaves of a folder they shared is imported without a word.
+    # If one of two packages that share a folder was removed, the remaining folder imports without error.
     return None if module.__file__ else "only the folder is left"
 
 
@@ -151,7 +151,7 @@ def _version(name: str) -> str | None:
 
 
 def _cache() -> Finding:
-    """Where compiled code is kept; NUMBA_CACHE_DIR overrides it."""
+    """Check the cache of compiled code; NUMBA_CACHE_DIR overrides its place."""
     from tracker.pose.refine import refine
     from tracker.warm_up import kernels_are_cached
 
@@ -168,7 +168,7 @@ def _cache() -> Finding:
 
 
 def _speed() -> Finding:
-    """Time of reference work on three pictures, of which a detection takes a known multiple."""
+    """Measure reference work on three images; a detection takes a known multiple of its time."""
     import cv2
     import numpy as np
 
@@ -183,7 +183,7 @@ def _speed() -> Finding:
 
 
 def _extras() -> dict[str, list[str]]:
-    """Packages of each extra, without those for development."""
+    """Return the packages of each extra, except those for development."""
     extras: dict[str, list[str]] = {}
     try:
         requirements = metadata.requires(NAME) or []

@@ -1,4 +1,4 @@
-"""`tracker export`, `convert`, `view`: poses and recordings in other formats, and in a viewer."""
+"""`tracker export`, `convert`, `view`: write poses and recordings in other formats, or show them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files with poses in other formats, None where not requested."""
+    """Options for files with poses in other formats; None: not requested."""
 
     csv: Path | None = file_option("--csv", ".csv", help="The poses as a table, one line per frame.")
     tum: Path | None = file_option("--tum", ".tum", ".txt", help="A trajectory in the TUM format.")
@@ -65,7 +65,7 @@ class Outputs:
         keypoints_of: tracker.CuboidModel | None = None,
         more: dict[str, Array] | None = None,
     ) -> None:
-        """Write all but the film; the table with the corners of an object, if one is given, and `more`."""
+        """Write all files but the film; the table also has `more`, and an object's corners if it is given."""
         from tracker.poses.exports import write_bop, write_csv, write_tum
         from tracker.summaries.summary import best_kind
 
@@ -91,7 +91,7 @@ def write_tracked_film(
     poses: tracker.Poses,
     progress: Callable[[int], None],
 ) -> None:
-    """Write a film of the frames that have been tracked, one in memory at a time."""
+    """Write a film of the tracked frames, with one frame in memory at a time."""
     from tracker.viz.image_files import film_rate
 
     rows = {index: row for row, index in enumerate(poses.index.tolist())}
@@ -110,7 +110,7 @@ def write_tracked_film(
 
 
 def poses_of(path: Path, object_name: str | None) -> tuple[tracker.Poses, tracker.CuboidModel]:
-    """The poses of a file and their object, which `object_name` may load; UsageError for another one."""
+    """Read poses and load their object, by `object_name` if given; UsageError if that is another one."""
     poses = tracker.read_poses(path)
     model = tracker.load_object(object_name or poses.about.object_name)
     if model.name != poses.about.object_name:
@@ -122,7 +122,7 @@ def poses_of(path: Path, object_name: str | None) -> tuple[tracker.Poses, tracke
 
 
 def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
-    """The tracker's answer to a frame."""
+    """Return the tracker's answer to the frame of a row."""
 
     def of(columns: MeasuredColumns) -> dict[str, Any]:
         return {name: getattr(columns, name)[row] for name in columns.ROW_SHAPES}
@@ -138,7 +138,7 @@ def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
 
 
 def _widest() -> tracker.Observation:
-    """An answer whose caption is as high as any."""
+    """Return an observation with the highest caption that can occur."""
     import numpy as np
 
     pose = tracker.PoseEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0)
@@ -146,7 +146,7 @@ def _widest() -> tracker.Observation:
 
 
 def _of_height(picture: Image, height: int) -> Image:
-    """Captions wrap, but the pictures of a film are of one size: more of the caption's ground is added."""
+    """Crop or pad a picture to a height: captions wrap, but a film's pictures must have one size."""
     import numpy as np
 
     return np.pad(picture[:height], ((0, max(0, height - len(picture))), (0, 0), (0, 0)), mode="edge")
@@ -257,7 +257,7 @@ def convert(source: Path, output: Path, cameras: options.Cameras, part: options.
 
 
 _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | None"], "Sample | None"]]
-"""What `Scene.show` takes of each frame."""
+"""Arguments of `Scene.show` for each frame."""
 
 
 @click.command(cls=Command, short_help="Show a recording in time and space.")
@@ -329,7 +329,7 @@ def view(
 def _of_poses(
     stack: ExitStack, source: Path, log: Path | None, object_name: str | None, part: options.Part, every: int
 ) -> tuple[tracker.CuboidModel, tracker.CameraRig, int, _Frames]:
-    """Object, cameras, number of frames, and these, with images of a recording that the stack closes."""
+    """Return object, cameras, number of frames, and frames with images of `log`, which `stack` closes."""
     from tracker.logs.opening import fitted_to
     from tracker.summaries.row import refuse_others
 
@@ -352,7 +352,7 @@ def _of_poses(
 def _looked_at(
     finder: tracker.ObjectTracker, answered: Iterable[tuple[LogFrame, tracker.Observation]]
 ) -> _Frames:
-    """Frames with what is found, their images, and how these look."""
+    """Yield frames with the tracker's answers, images, and samples of rig health."""
     from tracker.calibration.by_object.health import sample
     from tracker.calibration.by_object.sightings import slow
 
@@ -363,7 +363,7 @@ def _looked_at(
 
 
 def _target(source: Path, output: Path | None) -> Path | None:
-    """The file to write; None: a viewer is to be opened."""
+    """Return the file to write, or None to open a viewer."""
     if output is not None:
         return output
     if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):

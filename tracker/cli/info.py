@@ -1,4 +1,4 @@
-"""`tracker info`: what is in a recording or in a file of poses."""
+"""`tracker info`: show what is in a recording or in a file of poses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tracker.cli.outputs import InFile
 from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
 
-_GAP = 1.5  # a gap is more than this times the usual time between two frames
+_GAP = 1.5  # a gap is longer than this multiple of the median time between frames
 
 
 @click.command()
@@ -101,7 +101,7 @@ def _of_poses(poses: tracker.Poses) -> dict[str, Any]:
 
 
 def _times(stamps: tracker.conventions.FloatArray) -> dict[str, Any]:
-    """First and last stamp [s], usual rate [Hz], gaps, and frames that repeat the stamp before."""
+    """Return first timestamp and duration [s], usual rate [Hz], gaps, and number of repeated timestamps."""
     import numpy as np
 
     steps = np.diff(stamps)

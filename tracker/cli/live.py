@@ -1,4 +1,4 @@
-"""`tracker live`: poses while cameras run."""
+"""`tracker live`: track an object while cameras run."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 _POSITIVE = click.FloatRange(0, min_open=True)
 _ERRORS = 2  # OpenCV's LOG_LEVEL_ERROR
-_CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not imported for --help
+_CAMERAS = ("pylon", "opencv")  # the same as in tracker.live.sources, which is not imported for --help
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast a source gives images, and its settings. Each option is for some sources only."""
+    """Options for a source's rate and settings. Each option is for some sources only."""
 
     rate: float | None = option(
         "--rate",
@@ -47,7 +47,7 @@ class Pace:
     )
 
     def refuse_what_does_nothing(self, source: str, cameras: options.Cameras) -> None:
-        """Refuse options that would do nothing with the source."""
+        """Raise UsageError for options that have no effect on the source."""
         kind = source.partition(":")[0]
         recording = kind not in (*_CAMERAS, "simulation")
         fitting = {"rate": kind in _CAMERAS, "settings": kind == "pylon", "speed": recording}
@@ -128,7 +128,7 @@ def _track(
     seconds: float | None,
     quiet: bool,
 ) -> None:
-    """Follow the source of a name to its end, or that of the time, or a signal."""
+    """Track until the source ends, the time is over, or a signal comes; `name` names the source in errors."""
     from tracker.live import Live
 
     with contextlib.ExitStack() as stack:
@@ -141,7 +141,7 @@ def _track(
         statistics = Statistics()
         listeners = [statistics.hear, *outputs.listeners]
         follower = stack.enter_context(Live(given, other, listeners=listeners))
-        unused.pop_all()  # it is closed by Live from here on
+        unused.pop_all()  # from here on, Live closes it
         if outputs.page is not None:
             outputs.page.faults = lambda: follower.faults
         lookout = Lookout(make_tracker, finder.rig.names)
@@ -174,7 +174,7 @@ def _source(
         import cv2
 
         if "OPENCV_LOG_LEVEL" not in os.environ:
-            # Each second it would warn of a camera that it cannot open. In cv2 itself until OpenCV 5.
+            # It would warn each second of a camera that does not open. Before OpenCV 5, it is in cv2 itself.
             getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)
         rig = cameras.load()
         return live.open_cameras(source, rig, rate=pace.rate or 10.0, settings=pace.settings), rig
@@ -186,7 +186,7 @@ def _source(
 
 
 def _draw(source: ImageSource, quiet: bool) -> None:
-    """Have the simulation drawn, once all else is right; its time is not that of --seconds."""
+    """Draw the simulation after all other checks; the time for it does not count for --seconds."""
     from tracker.live import Simulation
 
     if isinstance(source, Simulation):
@@ -202,10 +202,10 @@ def _follow(
     lookout: Lookout,
     statistics: Statistics | None,
 ) -> KeyboardInterrupt | None:
-    """Wait for the end; print what is found once a second, and what fails at once.
+    """Wait for the end; print the statistics once per second, and faults at once.
 
     Returns:
-        The signal that ended it, None where it was another end.
+        The interrupt that ended it, or None.
     """
     end = None if seconds is None else time.monotonic() + seconds
     try:

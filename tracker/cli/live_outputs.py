@@ -1,4 +1,4 @@
-"""What `tracker live` prints, and where it sends poses."""
+"""Outputs of `tracker live`: printed lines, and receivers of poses."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Requested:
-    """The receivers of the poses that are asked for."""
+    """Options for receivers of poses."""
 
     addresses: Sequence[str] = option(
         "--publish",
@@ -55,12 +55,12 @@ class Requested:
     as_json: bool = option("--json", "as_json", is_flag=True, help="Print each message as it is published.")
 
     def __bool__(self) -> bool:
-        """Whether anything is asked for."""
+        """Whether any receiver is requested."""
         shown = self.view or self.rrd or self.page is not None
         return bool(self.addresses or self.record or shown or self.as_json)
 
     def refuse_what_does_nothing(self) -> None:
-        """Refuse options that have no effect without others, or beside them."""
+        """Raise UsageError for options that lack another one, or exclude each other."""
         from tracker.live.publishers import is_lcm
 
         if self.public and not self.addresses:
@@ -72,7 +72,7 @@ class Requested:
 
 
 class LiveOutputs:
-    """What is requested, opened, to be closed by the stack; `listeners` hear of each moment."""
+    """The requested outputs, open; the stack closes them. `listeners` are called with each moment."""
 
     def __init__(
         self, requested: Requested, source: ImageSource, finder: tracker.ObjectTracker, stack: ExitStack
@@ -108,30 +108,30 @@ class LiveOutputs:
             self.listeners.append(lambda moment: click.echo(message_of(moment).decode()))
 
     def faults(self) -> list[str]:
-        """Messages of those that ended or failed, except the recorder."""
+        """Return the messages of outputs that ended or failed, except the recorder."""
         failed = self._fallible.items()
         return [f"{what}{one.fault}" for one, what in failed if one.fault and one is not self.recorder]
 
     def tell(self) -> None:
-        """Report on stderr what has ended or failed, each once."""
+        """Report each output that has ended or failed once, on stderr."""
         for one, what in self._fallible.items():
             if one.fault and one not in self._told:
                 self._told.add(one)
                 click.echo(f"{what}{one.fault}", err=True)
 
 
-_LATENCIES = 100_000  # latencies that are kept for percentiles
-_SILENT = 10  # after so many lines, one a second, without images there is none until the next
+_LATENCIES = 100_000  # number of latencies kept for percentiles
+_SILENT = 10  # after this number of lines, one per second, without images, print no more until the next image
 
 _NEVER = "never found: check the object, its colours and the calibration; --check measures the cameras"
 _NO_IMAGE = "no camera ever gave an image"
 
 _STAMPS = ""
-"""Stands for the stamps of all cameras where faults stand by cameras' names, none of which is empty."""
+"""Key for faults of all cameras' timestamps among the faults by camera name; no camera's name is empty."""
 
 
 class Statistics:
-    """Counts moments, from now on, in the tracking thread; another thread prints the counts."""
+    """Counts moments in the tracking thread from now on; another thread prints the counts."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -146,7 +146,7 @@ class Statistics:
         self._silent = 0  # lines in a row without images
 
     def hear(self, moment: Moment) -> None:
-        """A listener of `Live`."""
+        """Count a moment; a listener of `Live`."""
         faults = {**moment.faults, **({} if moment.jump is None else {_STAMPS: moment.jump})}
         with self._lock:
             self._newest = moment
@@ -159,11 +159,11 @@ class Statistics:
 
     @property
     def only_faults(self) -> bool:
-        """Whether there were sets of images, and not one image in them."""
+        """Whether there were sets of images, but no image in any of them."""
         return bool(self._statuses) and not self._seen
 
     def due(self) -> str | None:
-        """A line about the last second, once it has passed; none after ten seconds without images."""
+        """Return a line about the last second, once it has passed; None after ten seconds without images."""
         now = time.monotonic()
         passed = now - self._told_at
         if passed < 1.0:
@@ -191,7 +191,7 @@ class Statistics:
         return "  ".join([*parts, *recent])
 
     def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
-        """The summary at the end."""
+        """Return the summary at the end."""
         import numpy as np
 
         count = self._statuses.total()
@@ -220,17 +220,17 @@ class Statistics:
         return listing([*rows, *(["fault", fault] for fault in more[-5:])])
 
 
-FIRST_LOOK = 1.0  # how long cameras run before their pictures are looked at [s]
+FIRST_LOOK = 1.0  # time before the first check of running cameras [s]
 
 
 class Lookout:
-    """Looks, until something is surely found, whether pictures of cameras that run come from the wrong ones.
+    """Checks whether running cameras are swapped, until an object is found with certainty.
 
-    A look, by a tracker of its own, takes as long as some detections; each waits twice as long as the last.
+    A check has its own tracker and takes as long as several detections; the pause doubles after each.
 
     Args:
-        make_tracker: the tracker, new or as it was.
-        names: of the cameras.
+        make_tracker: returns a tracker, new or used before.
+        names: names of the cameras.
     """
 
     def __init__(self, make_tracker: Callable[[], tracker.ObjectTracker], names: Sequence[str]) -> None:
@@ -240,7 +240,7 @@ class Lookout:
         self._orders: Counter[tuple[int, ...]] = Counter()
 
     def look(self, moment: Moment | None) -> str | None:
-        """The warning after the newest moment, once; None: nothing."""
+        """Check the newest moment if a check is due; return the warning once, else None."""
         from tracker.summaries.remarks import SURE, swap_message, swapped
 
         if moment is None:
@@ -256,17 +256,17 @@ class Lookout:
         if order is None:
             return None
         self._orders[order] += 1
-        if self._orders[order] < 2:  # another look may be at the same scene, but not at the same noise
+        if self._orders[order] < 2:  # confirm it once: the scene may be the same, but the noise differs
             return None
         self._due = math.inf
         return swap_message(order, self._names)
 
 
-SECONDS = 10.0  # how long cameras are measured, unless --seconds is given [s]
+SECONDS = 10.0  # default time to measure cameras [s]
 
 
 def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:
-    """Print a table of the cameras and their faults; exits with 1 if there are any."""
+    """Print a table of the cameras and their faults; exit with 1 if there are any."""
     from tracker.live.camera_check import look_at
 
     looks = look_at(source, rig, seconds or SECONDS)

@@ -1,4 +1,4 @@
-"""Options that several commands have: the object, its colours, the cameras, a part of a recording."""
+"""Options shared by several commands: the object, its colours, the cameras, a part of a recording."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ OBJECTS = tuple(sorted(path.stem for path in (_ROOMS / "objects" / "data").glob(
 """The objects that come with the package."""
 
 COLORS = tuple(sorted(path.stem for path in (_ROOMS / "segmentation" / "data").glob("*.npz")))
-"""The colour models that come with it."""
+"""The colour models that come with the package."""
 
 
 option: Any = click.option
 argument: Any = click.argument
-"""Fields, too, of a class that is `gathered`, whatever their type."""
+"""Click's decorators, typed as Any, so that they can be fields of a `gathered` class."""
 
 
 def gathered(kind: type[Any]) -> Any:
-    """Options as one argument of a command: a dataclass, whose fields say theirs, and whose name is its."""
+    """Pass the options in a dataclass's fields to a command as one argument, named after the class."""
 
     def add(command: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(command)
@@ -48,7 +48,7 @@ def gathered(kind: type[Any]) -> Any:
 def whole(
     name: str, help: str, *, default: int | None = None, least: int = 1, most: int | None = None, to: str = ""
 ) -> Any:
-    """An option of a whole number, whose default is shown; `to`: the argument that it becomes."""
+    """Make an option for an integer that shows its default; `to`: name of the argument it becomes."""
     kind, names = click.IntRange(least, most), (name, to) if to else (name,)
     return option(
         *names, metavar="N", type=kind, default=default, show_default=default is not None, help=help
@@ -56,7 +56,7 @@ def whole(
 
 
 def quiet(text: str = "Print errors only.") -> Any:
-    """`--quiet`, with `text` as its help."""
+    """Make `--quiet`, with `text` as its help."""
     return option("-q", "--quiet", is_flag=True, help=text)
 
 
@@ -66,7 +66,7 @@ as_json = option("--json", "as_json", is_flag=True, help="Print one JSON object.
 
 
 def _name_or_file(name: str, to: str, known: tuple[str, ...], text: str, *, required: bool = False) -> Any:
-    """An option that is a known name or a file; shells complete names that begin so, else files."""
+    """Make an option for a known name or a file; shells complete matching names, else files."""
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         found = [CompletionItem(one) for one in known if one.startswith(incomplete)]
@@ -77,7 +77,7 @@ def _name_or_file(name: str, to: str, known: tuple[str, ...], text: str, *, requ
 
 
 def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
-    """A callback of an option that reads so many numbers with commas between them, as X,Y,Z."""
+    """Return a callback that parses an option's `count` comma-separated numbers, such as X,Y,Z."""
 
     def read(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
         if value is None:
@@ -95,13 +95,13 @@ def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
 
 
 def object_name(default: str = "") -> Any:
-    """`--object`, required unless `default` says which is taken without it."""
+    """Make `--object`; it is required unless `default` describes what is used without it."""
     text = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
     return _name_or_file("--object", "object_name", OBJECTS, text, required=not default)
 
 
 def colors(default: str = "the object's") -> Any:
-    """`--colors`; `default` says which are taken without it."""
+    """Make `--colors`; `default` describes what is used without it."""
     text = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
     return _name_or_file("--colors", "colors_name", COLORS, text)
 
@@ -114,7 +114,7 @@ class Subject:
     colors_name: str | None = colors()
 
     def load(self) -> tuple[tracker.CuboidModel, tracker.ColorModel]:
-        """The object and its colours; TrackerError where one is unknown or malformed."""
+        """Load the object and its colours; TrackerError if one is unknown or malformed."""
         model = tracker.load_object(self.object_name)
         return model, tracker.load_colors(self.colors_name or model.colors)
 
@@ -150,7 +150,7 @@ class Cameras:
             raise click.UsageError("--pattern selects files of --calibration, which is missing")
 
     def load(self) -> tracker.CameraRig:
-        """The rig that the options name, of the size that its files say; CalibrationError as for `load`."""
+        """Load the rig that the options name, with its files' image sizes; errors as for `CameraRig.load`."""
         return tracker.CameraRig.load(
             self.calibration[0] if len(self.calibration) == 1 else self.calibration,
             pattern=self.pattern,
@@ -158,7 +158,7 @@ class Cameras:
         )
 
     def rig_of(self, path: Path, log: tracker.Log) -> tracker.CameraRig:
-        """The rig that the options name, else the recording's own, see `fitted_to`."""
+        """Return the rig that the options name, or else the recording's own, see `fitted_to`."""
         from tracker.logs.opening import fitted_to
 
         correct, resize = self.correct_halved_principal_point, self.resize_calibration
@@ -168,7 +168,7 @@ class Cameras:
 
 @dataclass(frozen=True)
 class Part:
-    """The part of a recording to read, from a first frame to before a last; UsageError if it is empty."""
+    """The part of a recording to read; UsageError if it is empty."""
 
     first: int = whole("--from", "First frame.", least=0, default=0, to="first")
     last: int | None = whole("--to", "End: the frame after the last.", to="last")
@@ -179,7 +179,7 @@ class Part:
             raise click.UsageError(f"--from {self.first} --to {self.last}: expected --to beyond --from")
 
     def of(self, path: Path, count: int) -> range:
-        """Numbers of its frames, of so many; LogError where they end before it begins."""
+        """Return the part's frame numbers in a recording of `count` frames; LogError if it starts beyond."""
         if self.first and self.first >= count:
             frames = f"frames 0 to {count - 1}" if count else "no frames"
             raise LogError(f"{path}: `--from {self.first}`: the recording has {frames}")
@@ -191,14 +191,14 @@ subject, cameras, part = gathered(Subject), gathered(Cameras), gathered(Part)
 
 @dataclass(frozen=True)
 class Asked:
-    """The object to find in recordings, and how to read them."""
+    """Options for the object to find in recordings, and for reading them."""
 
     subject: Subject = subject
     cameras: Cameras = cameras
     part: Part = part
 
     def options(self) -> tracker.recordings.Options:
-        """The same for any process on any machine."""
+        """Return the options as plain values for any process on any machine."""
         subject, part = self.subject, self.part
         return tracker.recordings.Options(
             subject.object_name,

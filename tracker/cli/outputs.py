@@ -1,4 +1,4 @@
-"""Outputs of commands, checked before any work: impossible or destructive ones are refused."""
+"""Outputs of commands, checked before any work: invalid or destructive ones are refused."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ import tracker
 from tracker.errors import LogError, install
 from tracker.files import check_suffix
 
-PICTURE = (".png", ".jpg", ".jpeg")  # suffixes of the pictures that commands draw
-_PACKAGES = {"plot": "matplotlib", "video": "av"}  # by extra, what it brings
+PICTURE = (".png", ".jpg", ".jpeg")  # suffixes of pictures that commands write
+_PACKAGES = {"plot": "matplotlib", "video": "av"}  # package of each extra
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 class InFile(click.Path):
-    """A file or folder that is read."""
+    """An input file or folder."""
 
     def __init__(self, path_type: type = Path) -> None:
         super().__init__(path_type=path_type)
 
 
 class Recording(InFile):
-    """A recording, pictures or a folder of them, with the calibration and all that is beside."""
+    """An input recording or pictures, including the calibration and other files beside them."""
 
 
 class _Output(click.Path):
-    """An output, refused before any work is done if its name or folder is unsuitable."""
+    """An output, refused before any work is done if its name or folder is invalid."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -45,12 +45,12 @@ class _Output(click.Path):
         return path
 
     def check(self, name: str, path: Path) -> None:
-        """Refuse a path of the option `name`; click.ClickException says why."""
+        """Raise click.ClickException if the path of option `name` is invalid."""
         raise NotImplementedError
 
 
 class OutFile(_Output):
-    """A file to write, of one of the suffixes, made by the package of an extra."""
+    """A file to write, with one of the suffixes; `extra`: the extra whose package writes it."""
 
     def __init__(self, *suffixes: str, extra: str | None = None, new_folders: bool = False) -> None:
         super().__init__()
@@ -69,18 +69,18 @@ class OutFile(_Output):
 
 
 def file_option(name: str, *suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
-    """An option that names a file to write, see OutFile; `-o` is also `--output`."""
+    """Make an option for a file to write, see OutFile; `-o` is also `--output`."""
     names, written = ("-o", "--output") if name == "-o" else (name,), OutFile(*suffixes, **kind)
     return click.option(*names, metavar="FILE", required=required, type=written, help=help)
 
 
 def output_option(kind: click.ParamType[Any], metavar: str, help: str) -> Any:
-    """`-o`, which is required, for what is no file of one format."""
+    """Make a required `-o` for an output that is not a file of one format."""
     return click.option("-o", "--output", required=True, metavar=metavar, type=kind, help=help)
 
 
 class OutFolder(_Output):
-    """A folder to write to, made with those above it where it is missing; `new`: it may hold nothing yet."""
+    """A folder to write to; missing ones are made, with their parents. `new`: it must be empty or missing."""
 
     def __init__(self, *, new: bool = False) -> None:
         super().__init__()
@@ -96,7 +96,7 @@ class OutFolder(_Output):
 
 
 class Command(click.Command):
-    """A command that refuses to overwrite its inputs, by the types of its parameters."""
+    """A command that refuses to overwrite its inputs, known from the types of its parameters."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """See click.Command."""
@@ -116,10 +116,10 @@ class Command(click.Command):
 def refuse_overwriting(
     files: Mapping[str, Path], recordings: Sequence[Path], others: Iterable[str | Path | None] = ()
 ) -> None:
-    """UsageError where an output, by the option that names it, is an input or the same file as another.
+    """Raise UsageError if an output (by option name) is an input, or the same file as another output.
 
-    Files are compared, not names: links, of either kind, are followed. With each recording its calibration is
-    an input, and all of its folder; `others` are files and folders that are read too, or None.
+    Files are compared, not names, so symbolic and hard links are resolved. The inputs are each recording with
+    its calibration and the files of its folder, and `others`: further files and folders, or None.
     """
     seen: dict[str, str] = {}
     for name, path in files.items():
@@ -136,9 +136,9 @@ def refuse_overwriting(
 
 
 def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
-    """UsageError for a folder that is none or not to be written; `made`: with those above it, where missing.
+    """Raise UsageError unless `folder` is a writable folder or, if `made`, can be created.
 
-    The option `name` has the path for which the folder has to be there.
+    `name` and `path` are the option and its path, which needs the folder.
     """
     while made and not folder.exists():
         folder = folder.parent
@@ -149,7 +149,7 @@ def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
 
 
 def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
-    """UsageError for a file that holds no poses, or another object's; a damaged one may be replaced."""
+    """Raise UsageError for a file without poses, or with another object's; a damaged one may be replaced."""
     from tracker.files.hdf5 import open_file
     from tracker.poses.file import is_poses_file
 
@@ -191,7 +191,7 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
 
 def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
-    """Refuse pictures and films in a folder of such, of which they would be some the next time."""
+    """Refuse pictures and films in an input folder: the next run would read them as part of the recording."""
     from tracker.logs.opening import JOB_LOGS
 
     folders = {
@@ -206,7 +206,7 @@ def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> N
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """What all links to a file have in common; None: there is none."""
+    """Return device and inode of a file, the same for all links to it; None if there is no file."""
     try:
         about = path.stat()
     except OSError:

@@ -1,4 +1,4 @@
-"""`tracker score`: the rewards of a job."""
+"""`tracker score`: compute the rewards of a job."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _of_object(
     object_name: str | None,
     quiet: bool,
 ) -> tuple[FloatArray, FloatArray]:
-    """Times (n,) [s] and rewards (n,) of the poses of all frames."""
+    """Return times (n,) [s] and rewards (n,) of the poses of all frames."""
     from tracker.summaries.row import seconds_since_beginning
     from tracker.summaries.summary import best
 
@@ -103,13 +103,13 @@ def _of_object(
 
 
 def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
-    """Refuse poses of another recording, where it is there."""
+    """Raise LogError for poses of another recording, if the job's recording exists."""
     from tracker.summaries.row import refuse_others
 
     try:
         log = tracker.open_log(job, recover=True)
     except LogError:
-        return  # often the poses and the goal are all that is kept of a job
+        return  # often only the poses and the goal of a job are kept
     with log:
         refuse_others(path, poses, job, log)
 
@@ -117,7 +117,7 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
 def _of_dice(
     job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """The same of dice: minus the number of pixels, over all images, that show dice outside the goal."""
+    """Return the same for dice: minus the number of pixels in all images that show dice outside the goal."""
     import numpy as np
 
     from tracker.tasks import rearrange_dice

@@ -1,4 +1,4 @@
-"""One set of images: how commands take it, and `tracker detect` and `tracker dice`, what it shows."""
+"""Reading one set of images for commands; `tracker detect` and `tracker dice`."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _frame_option = options.whole("--frame", "Which frame of a recording or folder. 
 def _one_set(
     images: Sequence[str], cameras: options.Cameras, frame: int | None
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
-    """The cameras, and a picture of each in their order; None where it gave none.
+    """Return the cameras and their images in order; None for a missing image.
 
-    A single path that is no picture is a recording, or a folder of pictures, with a calibration of its own
-    unless one is given. Which of several files is whose: see `of_cameras`.
+    A single path that is no picture is a recording or a folder of pictures, with its own calibration unless
+    another is given. `of_cameras` assigns several files to cameras.
     """
     if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in PICTURES:
         path, number = Path(images[0]), frame or 0
@@ -59,10 +59,10 @@ def _one_set(
 
 
 def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
-    """One set of files in the order of the cameras; NO_IMAGE stands for that of a camera that gave none.
+    """Return one set of files in the order of the cameras; NO_IMAGE stands for a missing image.
 
-    Files that are named after the cameras, or lie in folders that are, go to these. If none is, they come
-    in the cameras' order. ImageError where there are too few or too many, or names contradict the cameras.
+    Files are assigned by the camera's name in their or their folder's name; if none has one, in the given
+    order. ImageError if there are too few or too many, or names contradict the cameras.
     """
     each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' where a camera gave none)"
     if len(paths) != len(names):
@@ -89,10 +89,10 @@ def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
 
 
 def camera_in(text: str, names: Sequence[str]) -> str | None:
-    """The camera whose name is in a file's or folder's name, not as part of a longer word or number.
+    """Return the camera named in a file's or folder's name, not as part of a longer word or number.
 
-    That may be none of `names`: another number after the word of one of them is another camera, and so are
-    two of them.
+    The result may be none of `names`: the word of a name with another number is another camera, and several
+    cameras are joined by "and".
     """
     words = {name.rstrip("0123456789") for name in names if name[-1].isdigit()} - {""}
     patterns = [*map(re.escape, names), *(rf"{re.escape(word)}\d+" for word in words)]
@@ -109,7 +109,7 @@ def camera_in(text: str, names: Sequence[str]) -> str | None:
 def read_images(
     paths: Sequence[str], rig: tracker.CameraRig, *, resize: bool = False
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
-    """The rig of the images' sizes, and the images in its order, None where a camera gave none."""
+    """Return the rig for the images' sizes, and the images in its order; None for a missing image."""
     from tracker.color_learning.labelled import read_image
     from tracker.logs.opening import sized_for
 
@@ -130,8 +130,8 @@ def read_images(
 
 @contextlib.contextmanager
 def silent_libraries() -> Iterator[None]:
-    """Drop what compiled libraries write to stderr, e.g. libpng's remarks on a broken file."""
-    if sys.stderr is None:  # it was closed by the parent process
+    """Discard what compiled libraries write to stderr, e.g. libpng's warnings about a broken file."""
+    if sys.stderr is None:  # closed by the parent process
         yield
         return
     sys.stderr.flush()
@@ -181,7 +181,7 @@ def detect(
     model, colors = subject.load()
     rig, pictures = _one_set(images, cameras, frame)
     finder = tracker.ObjectTracker(model, rig, colors)
-    finder.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
+    finder.detect(pictures)  # loads compiled code first: printed times are those of a running tracker
     observation = finder.detect(pictures)
     warning = likely_cause(finder, pictures, observation)
     if warning is None and observation.reason is tracker.Status.INCONSISTENT_VIEWS:
@@ -260,7 +260,7 @@ def dice(
 
     goal = None if goal_path is None else read_goal(goal_path)
     rig, pictures = _one_set(images, cameras, frame)
-    _evaluate(rig, pictures, goal, exact)  # loads compiled code: times are to be those of a running loop
+    _evaluate(rig, pictures, goal, exact)  # loads compiled code, so that times are those of a running loop
     found, dice_masks, goal_masks, assignment = _evaluate(rig, pictures, goal, exact)
     if masks is not None:
         masks.mkdir(parents=True, exist_ok=True)
@@ -278,7 +278,7 @@ def dice(
 def _evaluate(
     rig: tracker.CameraRig, images: Sequence[Image | None], goal: FloatArray | None, exact: bool
 ) -> tuple[dict[str, Any], list[Image | None], list[Image] | None, Assignment | None]:
-    """What is printed; masks of the dice, None where there is no image, and of the goal; the assignment."""
+    """Return the results to print, masks of the dice (None without an image) and goal, and the assignment."""
     from tracker.tasks import rearrange_dice as task
 
     marks = [time.perf_counter()]
@@ -319,7 +319,7 @@ def _evaluate(
 
 
 def _text(found: dict[str, Any]) -> str:
-    """The same for people."""
+    """Format the results for people."""
     from tracker.tasks.rearrange_dice import TOLERANCE
 
     summary = []

@@ -1,4 +1,4 @@
-"""What commands and the terminal have to do with each other: text, progress, and requests to end."""
+"""The commands' use of the terminal: text, progress bars and signals."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import click
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
-    """Lines of cells in columns as wide as their widest cell: the first flush left, the others right."""
+    """Format rows as columns of the width of their widest cell, the first flush left, the others right."""
     widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
     lines = []
     for first, *others in rows:
@@ -23,58 +23,57 @@ def table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def listing(rows: Sequence[Sequence[str]]) -> str:
-    """Lines of a label and a value, the values flush left below each other."""
+    """Format lines of a label and a value, with all values in one column."""
     widest = max(len(label) for label, _ in rows)
-    # A file's name may have several lines, which would be read as other labels.
+    # A file's name may have line breaks: its other lines would look like labels.
     return "\n".join(f"{label:{widest}}  {' '.join(value.splitlines())}" for label, value in rows)
 
 
 def say(message: str) -> None:
-    """Print a message on stderr, in one line whatever names it contains."""
+    """Print a message on stderr on one line, whatever names it contains."""
     click.echo(f"tracker: {' '.join(message.split())}", err=True)
 
 
 @contextmanager
 def bar(label: str, total: int, quiet: bool, unit: str = "frames") -> Iterator[Callable[[int], None]]:
-    """A function that takes how many more are done; a bar on stderr shows it, if that is a terminal.
+    """Yield a function that takes the number of items just done, and shows a bar if stderr is a terminal.
 
-    The bar is gone when all is done or the `with` block ends, so that later messages have their own line.
+    The bar disappears when all is done or the `with` block ends, so that later messages start on a new line.
     """
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda _: None
         return
     from tqdm import tqdm
 
-    # Without the thread that would look after a bar which nobody moves.
-    tqdm.monitor_interval = 0
+    tqdm.monitor_interval = 0  # no monitor thread
     with tqdm(
         total=total, desc=label, unit=f" {unit}", leave=False, dynamic_ncols=True, file=sys.stderr
     ) as shown:
 
         def advance(count: int) -> None:
             shown.update(count)
-            if shown.n >= total:  # what follows may take long
+            if shown.n >= total:  # the work after it may take long
                 shown.close()
 
         yield advance
 
 
 class Ended(KeyboardInterrupt):
-    """An interrupt by a signal other than SIGINT, whose number it has."""
+    """An interrupt by a signal other than SIGINT; its argument is the signal's number."""
 
 
 def exit_code(stop: BaseException) -> int:
-    """128 and the signal's number, as shells have it."""
+    """Return 128 plus the signal's number, as shells do."""
     return 128 + (stop.args[0] if isinstance(stop, Ended) else signal.SIGINT)
 
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Being asked to end is an end like any other: files are finished, and claims on them given up.
+    """Turn SIGTERM and SIGHUP into interrupts, so that files are finished and locks released.
 
-    Where Python drops an interrupt, since it came within a finalizer, it comes again. What is ignored stays
-    so: `nohup` has the terminal's end ignored. Of threads other than the main one, which get no signals,
-    nothing changes.
+    If Python drops an interrupt, because it came in a finalizer, the signal is sent again. Ignored signals
+    stay ignored: `nohup` ignores SIGHUP. In other threads than the main one, which get no signals, nothing
+    changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -87,7 +86,7 @@ def ended_by_signals() -> Iterator[None]:
         if not isinstance(dropped.exc_value, KeyboardInterrupt):
             hook(dropped)
             return
-        # To that thread: it is to be woken where it waits.
+        # Send it to the main thread, to wake it up if it waits.
         main = threading.main_thread().ident
         threading.Timer(0.01, signal.pthread_kill, [main, exit_code(dropped.exc_value) - 128]).start()
 

@@ -1,4 +1,4 @@
-"""`tracker track`: the object's pose in every frame of a recording."""
+"""`tracker track`: find the object's pose in every frame of a recording."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from tracker.recordings import Job
 
 CONTRADICTED = 0.02
-"""Share of the frames with a pose that cameras contradict, from which the calibration is named."""
+"""Share of frames with a pose that cameras contradict from which the calibration is reported."""
 
 
 @click.command(cls=Command)
@@ -123,7 +123,7 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
 
 
 def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> None:
-    """Track recordings side by side; messages about them are in their order."""
+    """Track recordings in parallel; report on them in order."""
     from tracker.batch.run import track_task
     from tracker.batch.workers import engine
 
@@ -136,7 +136,7 @@ def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> 
             while waiting and waiting[0] in results:
                 outcome = results.pop(waiting.popleft())
                 if isinstance(outcome, (TrackerError, OSError)):
-                    say(reason(outcome))  # others may well be whole; the exit code tells
+                    say(reason(outcome))  # other recordings may succeed; the exit code shows the failure
                     failed = True
                 elif isinstance(outcome, Exception):
                     raise outcome
@@ -148,7 +148,7 @@ def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> 
 
 
 def _warn(result: dict[str, Any]) -> None:
-    """Report the damage of a recording that is tracked in part."""
+    """Warn of a damaged recording, which was tracked in part, and of swapped cameras."""
     if result["fault"] is not None:
         ending = f", the last one is {result['last_frame']}" if result["frames"] else ""
         say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
@@ -164,7 +164,7 @@ def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
-    """Remarks on cameras that were often not used, with likely causes."""
+    """Return remarks on cameras that were often not used, with likely causes."""
     from tracker.summaries.summary import to_look_at
 
     uses = tracker.CameraUse
@@ -184,7 +184,7 @@ def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[lis
 
 
 def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
-    """Remarks on a calibration that the cameras contradict."""
+    """Return remarks on a calibration that does not fit the cameras."""
     numbers = statuses.get(tracker.Status.INCONSISTENT_VIEWS.value, {"share": 0.0, "with_pose": 0.0})
     share = numbers["share"] * numbers["with_pose"]
     if share < CONTRADICTED:
