@@ -20,7 +20,7 @@ Kind = TypeVar("Kind")
 
 
 def optional(package: str, extra: str, what: str, fault: type[TrackerError] = TrackerError) -> Any:
-    """Import a package (or submodule) of an extra; if it is missing, raise `fault`: `what` needs it."""
+    """Import a package (or submodule) of an extra; raise `fault`, that `what` needs it, if it is missing."""
     try:
         return import_module(package)
     except ImportError as error:

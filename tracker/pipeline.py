@@ -146,7 +146,7 @@ class ObjectTracker:
 
         Raises:
             ImageError: wrong number, names, type, shape or size.
-            TrackerError: wrong number of timestamps, one that is not in seconds, all too early, or
+            TrackerError: wrong number of timestamps, one not in seconds, all earlier than the last ones, or
                 `update` or `reset` is running in another thread. A call that raises changes nothing.
         """
         with self._gate:

@@ -192,7 +192,7 @@ def _estimator() -> PoseEstimator:
 
 
 def _sight() -> Sight:
-    """Return a view of random labels, made without compiling the kernels that read pictures."""
+    """Return pictures with random labels, made without compiling the kernels that read pictures."""
     estimator, image = _estimator(), np.zeros((_SIZE, _SIZE, 3), np.uint8)
     labels = np.random.default_rng(0).integers(0, 7, estimator.reader.shape).astype(np.uint8)
     pictures = np.zeros(1, PICTURE)

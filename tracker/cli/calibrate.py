@@ -161,7 +161,7 @@ def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
 
 
 def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, float], list[str]]:
-    """Return the focal lengths' deviations that the calibration files state, and warnings of halved files."""
+    """Return the stated standard deviations of focal lengths, and warnings about halved calibrations."""
     from tracker.calibration.files.platform import (
         calibration_files,
         focal_deviations,

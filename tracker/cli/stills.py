@@ -70,7 +70,7 @@ def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
     given = [Path(path) for path in paths if path != NO_IMAGE]
     if not given:
         raise ImageError(f"images: found only '{NO_IMAGE}', expected at least one file")
-    shared = len(given) > 1 and len({path.parent for path in given}) == 1  # the folder of all names none
+    shared = len(given) > 1 and len({path.parent for path in given}) == 1  # a common folder names none
     called = [
         camera_in(path.stem, names) or (None if shared else camera_in(path.parent.name, names))
         for path in given

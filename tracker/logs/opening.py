@@ -90,7 +90,7 @@ def _refuse(error: OSError) -> None:
 
 @functools.lru_cache(maxsize=64)
 def _calibration_in(folder: Path, _: int) -> list[str]:
-    """Return the calibration files in a folder; cached by its time, as many recordings may share it."""
+    """Return the calibration files in a folder, cached by its modification time: recordings share it."""
     names = sorted(entry.name for entry in os.scandir(folder))
     chosen = [n for n in names if n == "arena.toml" or ("camera" in n and n.endswith((".yml", ".yaml")))]
     return [os.path.join(folder, name) for name in chosen]

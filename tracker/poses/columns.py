@@ -19,7 +19,7 @@ UNIT_TOLERANCE = 1e-6
 """Largest deviation of a quaternion's length from 1."""
 
 COVARIANCE_TOLERANCE = 1e-6
-"""Largest asymmetry and largest negative eigenvalue (absolute) of a covariance scaled to a unit diagonal."""
+"""Largest asymmetry, and magnitude of a negative eigenvalue, of a covariance scaled to a unit diagonal."""
 
 Columns = TypeVar("Columns", bound="PoseColumns")
 

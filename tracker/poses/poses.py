@@ -113,7 +113,7 @@ class Poses:
     """
 
     index: Array
-    """(n,) int64: increasing numbers of the frames in the recording, whose first frame is 0."""
+    """(n,) int64: increasing frame numbers; the recording's first frame is 0."""
     timestamp: FloatArray
     """(n,) time of each frame [s]."""
     status: Array

@@ -89,7 +89,7 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
     if _confidence(answer) >= UNSURE:
         return None
     turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
-    # Do not use `_confidence`: a contradicting camera, from which the object may be hidden, is no matter.
+    # Accept a camera that contradicts, unlike `_confidence`: the object may be hidden from it.
     pose = tracker.detect(turned).object_pose
     if pose is not None and pose.confidence >= UNSURE:
         return f"{tracker.model.name} is found if red and blue are swapped: images must be BGR"
