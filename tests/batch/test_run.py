@@ -238,6 +238,10 @@ def test_the_table_says_what_is_in_the_files_and_a_bad_goal_costs_the_score_alon
         assert rows[int(name)]["reward_total"] == ""
     assert "found no goal" in rows[3]["goal_fault"]
     assert rows[0]["worst_camera"] in ("camera180", "")
+    before = (one.folder / "summary.csv").read_bytes()
+    (one.folder / "summary.csv").write_text("of an earlier run")
+    tables.write_tables(one, tables.state(one), as_csv=False)
+    assert (one.folder / "summary.csv").read_bytes() == before
     parquet = pytest.importorskip("pyarrow.parquet", reason="cluster: no module pyarrow")
     table = parquet.read_table(one.folder / "summary.parquet")
     assert table.column_names == list(COLUMNS)

@@ -72,9 +72,9 @@ def _rate(stamps: list[float]) -> float | None:
 
 
 def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
-    """Write `summary.parquet`, `summary.csv` if requested, and `failures.json`, removed if nothing failed.
+    """Write `summary.parquet` and `failures.json`, which is removed if nothing failed.
 
-    Without the package pyarrow the table is CSV only.
+    `summary.csv` is written if requested, if it exists already, or without the package pyarrow.
 
     Raises:
         LogError: a file cannot be written; the others are. The message says what is done and what to do.
@@ -84,7 +84,7 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
     writers: dict[str, Callable[[Path], object]] = {}
     if find_spec("pyarrow") is not None:
         writers[f"{results.TABLE}.parquet"] = lambda path: write_parquet(path, rows)
-    if as_csv or not writers:
+    if as_csv or not writers or (batch.folder / f"{results.TABLE}.csv").exists():
         writers[f"{results.TABLE}.csv"] = lambda path: write_whole(
             path, csv_text(COLUMNS, map(dict.values, rows))
         )
