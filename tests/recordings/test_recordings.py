@@ -169,6 +169,17 @@ def test_a_run_that_fails_leaves_nothing(changes, while_it_runs, raised, message
     assert os.listdir(tmp_path) == ["log"]
 
 
+@pytest.mark.parametrize("given", ["log/camera_data.dat", "log"], ids=["a file", "its folder"])
+@pytest.mark.parametrize("output", ["log/camera_data.dat", "link.h5"])
+def test_a_recording_is_never_overwritten_by_its_poses(given, output, tmp_path):
+    log = write_log(tmp_path / "log", 3)
+    (tmp_path / "link.h5").symlink_to(log)
+    before = log.read_bytes()
+    with pytest.raises(LogError, match=r"output .*: that is the recording, expected another file"):
+        track(tmp_path / given, "cube_v2", output=tmp_path / output)
+    assert log.read_bytes() == before
+
+
 def with_a_stamp_that_cannot_be(content: bytes) -> bytes:
     record = (len(content) - 12) // FRAMES
     return content[: 12 + 7 * record] + struct.pack("<d", -1.0) + content[20 + 7 * record :]

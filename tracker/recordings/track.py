@@ -18,7 +18,7 @@ from tracker.files import claimed
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, LogFrame, open_log
 from tracker.logs.log import Progress
-from tracker.logs.opening import fitted_to
+from tracker.logs.opening import fitted_to, recording_files
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation
 from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, write_poses
@@ -74,7 +74,7 @@ def track(
 
     Raises:
         LogError: the recording is damaged (without `recover`) or changed while it was read, or the file
-            cannot be written.
+            cannot be written or is the recording's own.
         TrackerError: a name is unknown, or a calibration is missing or does not fit.
         OSError: a file cannot be read or written; BlockingIOError: another run is writing the file.
     """
@@ -95,6 +95,7 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
     Raises:
         LogError, TrackerError, OSError: see `track`.
     """
+    _refuse_overwriting(job)
     with claimed(job.output):
         kept = _kept(job)
         if kept is not None:
@@ -104,6 +105,13 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
         tracked = _tracked(job, progress)
         write_poses(job.output, tracked.poses)
         return tracked
+
+
+def _refuse_overwriting(job: Job) -> None:
+    """LogError where the file to write is one of the recording's own."""
+    files = recording_files(job.log) if job.output.is_file() and job.log.exists() else []
+    if any(job.output.samefile(path) for path in files):
+        raise LogError(f"output {job.output}: that is the recording, expected another file")
 
 
 def chosen(log: Log, job: Job) -> tuple[int, int]:
