@@ -105,7 +105,7 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
 def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> list[Any]:
     """Return the given values in the rig's order; ImageError unless there is one (`one`) per camera."""
     by_name, valid = isinstance(given, Mapping), f"{one} for each camera: {', '.join(names)}"
-    ones: Sequence[Any] = _by_camera(what, given, names, ImageError) if by_name else given
+    ones: Sequence[Any] = _by_camera(what, given, names, ImageError, "None") if by_name else given
     check_sequence(ones, what, ImageError, valid)
     if len(ones) != len(names):
         found = described(given) if isinstance(given, np.ndarray) else len(ones)
@@ -114,9 +114,12 @@ def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> li
 
 
 def _by_camera(
-    what: str, values: Mapping[str, Any], names: Sequence[str], error: type[TrackerError]
+    what: str, values: Mapping[str, Any], names: Sequence[str], error: type[TrackerError], nothing: str
 ) -> list[Any]:
-    """Return the values in the rig's order; the error lists cameras that are unknown or missing."""
+    """Return the values in the rig's order; the error lists cameras that are unknown or missing.
+
+    nothing: what stands for the value of a camera that gave no image.
+    """
     unknown = ", ".join(repr(name) for name in values if name not in names)
     missing = ", ".join(name for name in names if name not in values)
     found = [f"unknown {unknown}"] if unknown else []
@@ -124,7 +127,7 @@ def _by_camera(
     if found:
         raise error(
             f"{what} by camera: {'; '.join(found)}; one for each of {', '.join(names)} is needed "
-            "(None where a camera gave none)"
+            f"({nothing} where a camera gave none)"
         )
     return [values[name] for name in names]
 
@@ -139,7 +142,7 @@ def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) 
         TrackerError: not numbers, not one per camera, or not finite for a camera that gave an image.
     """
     if isinstance(timestamp, Mapping):
-        timestamp = _by_camera("timestamp", timestamp, names, TrackerError)
+        timestamp = _by_camera("timestamp", timestamp, names, TrackerError, "nan")
     stamps = seconds(timestamp, "timestamp")
     if stamps.ndim == 0:
         return float(in_range(stamps, "timestamp")), np.zeros(len(given))

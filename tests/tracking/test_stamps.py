@@ -73,6 +73,7 @@ def test_the_latest_picture_counts_others_are_older_and_those_without_do_not_cou
         ([1.0, np.nan, 3.0], "finite"),
         ([1.0, [2.0], 3.0], "expected finite numbers of seconds"),
         ({"camera60": 1.0, "camera180": 1.0, "top": 1.0}, "unknown 'top'; missing camera300"),
+        ({"camera60": 1.0, "camera180": 1.0}, r"missing camera300; .*\(nan where a camera gave none\)$"),
     ],
 )
 def test_wrong_stamps_are_named(rig, film, given, says):
