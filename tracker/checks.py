@@ -106,8 +106,10 @@ def _array(given: object) -> Array:
 def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) -> FloatArray:
     """Return float64 rows (N, width); raise `fault`, which names `what`, if the input does not fit."""
     array = _array(given)
-    if array.dtype.kind not in "iuf" or array.size % width:
-        raise fault(f"{what}: found {shown(given)}, expected numbers of shape (N, {width})")
+    numeric = array.dtype.kind in "iuf"
+    if not numeric or (array.size and array.shape[-1:] != (width,)):
+        found = f"shape {array.shape}" if numeric else shown(given)
+        raise fault(f"{what}: found {found}, expected numbers of shape (N, {width})")
     return array.astype(np.float64, copy=False).reshape(-1, width)
 
 

@@ -185,8 +185,12 @@ def test_impossible_parameters_are_named(key, value, message):
         pytest.param(lambda: CAMERA.resized(3, 10**400), "height: found a whole number above", id="large"),
         (lambda: CAMERA.cropped("a", 0, 3, 3), "left and top: found tuple"),
         (lambda: CAMERA.cropped(1e300, 0, 3, 3), "principal point"),
+        (lambda: CAMERA.project(np.zeros((3, 8))), r"points: found shape \(3, 8\), expected .* \(N, 3\)"),
+        (lambda: CAMERA.project_in_view(np.zeros((2, 6))), r"points: found shape \(2, 6\)"),
+        (lambda: CAMERA.undistort(np.zeros((2, 5))), r"pixels: found shape \(2, 5\), expected .* \(N, 2\)"),
+        (lambda: CAMERA.rays(np.zeros(4)), r"pixels: found shape \(4,\)"),
     ],
 )
-def test_impossible_parts_and_sizes_are_named(change, message):
+def test_impossible_parts_sizes_and_points_are_named(change, message):
     with pytest.raises(CalibrationError, match=message):
         change()
