@@ -213,6 +213,7 @@ def test_names_and_paths_do_as_well_as_what_they_name(trackers, scenes, tmp_path
         ("cube_v2", tmp_path, None),
         (tmp_path / "mine.toml", files, tmp_path / "mine.npz"),
         (one.model, str(tmp_path), "cube_v2"),
+        ("cube_v2", iter(files), None),
     ):
         named = tracker.ObjectTracker(model, rig, colors)
         pose = named.detect(scenes["cube_v2"][1].images).object_pose

@@ -39,7 +39,8 @@ def rig_of(rig: CameraRig | PathLike | Iterable[PathLike]) -> CameraRig:
     if isinstance(rig, CameraRig):
         return rig
     valid = "a CameraRig (tracker.CameraRig.load gives one), or the folder of its calibration files"
-    return CameraRig.load(rig if isinstance(rig, list | tuple) else path_of(rig, "rig", TrackerError, valid))
+    several = isinstance(rig, Iterable) and not isinstance(rig, str | bytes | np.ndarray)
+    return CameraRig.load(rig if several else path_of(rig, "rig", TrackerError, valid))
 
 
 def colors_of(colors: ColorModel | PathLike | None, model: CuboidModel) -> ColorModel:
