@@ -104,6 +104,10 @@ def image_to(path):
     write_image(path, BLACK[0])
 
 
+def fractions_to(path):
+    write_image(path, BLACK[0] / 255)
+
+
 def film_to(path):
     return write_film(path, film(), 10)
 
@@ -120,6 +124,9 @@ def plot_to(path):
         (image_to, "nowhere/a.png", "cannot be written: there is no folder /.*nowhere"),
         (image_to, "taken.png", "cannot be written"),
         (image_to, "a\0.png", "cannot be written"),
+        (fractions_to, "a.png", r"found float64 of shape .*, expected uint8 of shape \(H, W\)"),
+        (lambda path: write_image(path, None), "a.png", "found None, expected uint8"),
+        (lambda path: write_image(path, np.zeros(5, np.uint8)), "a.png", r"found uint8 of shape \(5,\)"),
         (film_to, "film.gif", r"expected \.mp4"),
         (plot_to, "plot.pdf", r"found suffix '\.pdf', expected \.png"),
     ],

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tracker.checks import optional
+from tracker.checks import described, optional
 from tracker.conventions import Array, Image
-from tracker.errors import ImageError
+from tracker.errors import ImageError, shown
 from tracker.files import check_suffix, told_as, whole_file, write_whole
 
 if TYPE_CHECKING:
@@ -30,13 +30,18 @@ _LOOK = 100  # number of frames from which the rate is estimated
 
 
 def write_image(path: str | os.PathLike[str], image: Array) -> None:
-    """Write a PNG or JPEG file atomically.
+    """Write uint8 pixels, grey (H, W) or BGR (H, W, 3), as a PNG or JPEG file, atomically.
 
     Raises:
-        ImageError: the suffix is not one of IMAGE_SUFFIXES, or the file cannot be written.
+        ImageError: the suffix is not one of IMAGE_SUFFIXES, the image is none, or the file cannot be written.
     """
     target = Path(path)
     check_suffix(target, IMAGE_SUFFIXES, "image", ImageError)
+    is_array = isinstance(image, np.ndarray)
+    of_pixels = is_array and image.size and (image.ndim == 2 or image.shape[2:] == (3,))
+    if not of_pixels or image.dtype != np.uint8:
+        found = described(image) if is_array else shown(image)
+        raise ImageError(f"image {target}: found {found}, expected uint8 of shape (H, W) or (H, W, 3)")
     suffix = target.suffix.lower()
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
     content = cv2.imencode(suffix, image, options)[1].tobytes()
