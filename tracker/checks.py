@@ -95,7 +95,7 @@ def described(array: Any) -> str:
     return f"{array.dtype} of shape {array.shape}"
 
 
-def _array(given: object) -> Array:
+def array_of(given: object) -> Array:
     """Convert to an array; a ragged sequence gives one of dtype object."""
     try:
         return np.asarray(given)
@@ -105,7 +105,7 @@ def _array(given: object) -> Array:
 
 def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) -> FloatArray:
     """Return float64 rows (N, width); raise `fault`, which names `what`, if the input does not fit."""
-    array = _array(given)
+    array = array_of(given)
     numeric = array.dtype.kind in "iuf"
     if not numeric or (array.size and array.shape[-1:] != (width,)):
         found = f"shape {array.shape}" if numeric else shown(given)
@@ -117,7 +117,7 @@ def float_array(
     given: object, shape: tuple[int, ...], what: str, fault: type[TrackerError], *, finite: bool = True
 ) -> FloatArray:
     """Return a read-only float64 copy; raise `fault`, which names `what`, if the shape or type is wrong."""
-    array = _array(given)
+    array = array_of(given)
     numeric = array.dtype.kind in "iuf"
     if not numeric or array.shape != shape:
         other = described(array) if isinstance(given, np.ndarray) else shown(given)
@@ -139,7 +139,7 @@ def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) 
 
     Strings and datetime64 are refused, since neither states its unit.
     """
-    stamps = _array(given)
+    stamps = array_of(given)
     if stamps.dtype.kind not in "iuf":
         hint = "; of datetime64 take t.astype('datetime64[ns]').astype(float) / 1e9"
         raise fault(

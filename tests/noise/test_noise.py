@@ -156,8 +156,9 @@ def test_what_is_no_model_or_start_is_refused_with_the_reason(tmp_path):
         load("platform").start(rng, 0)
     with pytest.raises(tracker.TrackerError, match="rng: found 3"):
         load("platform").start(3, 1)  # type: ignore[arg-type]
-    with pytest.raises(tracker.TrackerError, match="which: found"):
-        state_of(2).reset([2])
+    for which in ([2], [[0], [1, 0]], ["a", None]):
+        with pytest.raises(tracker.TrackerError, match="which: found a list"):
+            state_of(2).reset(which)
     preset = (tracker.noise.model._DATA / "platform.toml").read_text(encoding="utf-8")
     path = tmp_path / "own.toml"
     path.write_text(preset, encoding="utf-8")

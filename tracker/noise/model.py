@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.checks import float_array, is_number, is_whole
+from tracker.checks import array_of, float_array, is_number, is_whole
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError, shown
 from tracker.files.toml import found_by, read_toml
@@ -229,11 +229,11 @@ class NoiseState:
         return Seen(seen, turned, found, np.where(found, confidence, 0.0), late)
 
     def _rows(self, which: Any) -> Array:
-        chosen = np.asarray(which)
+        chosen = array_of(which)
         if chosen.dtype == bool and chosen.shape == (self.count,):
             return np.flatnonzero(chosen)
-        rows = np.unique(chosen)
         numbers = chosen.size == 0 or chosen.dtype.kind in "iu"
+        rows = np.unique(chosen) if numbers else chosen
         if not numbers or (rows.size and not 0 <= rows[0] <= rows[-1] < self.count):
             valid = f"({self.count},) bool, or numbers from 0 to {self.count - 1}"
             raise TrackerError(f"which: found {shown(which)}, expected {valid}")
