@@ -28,5 +28,6 @@ for step in range(100):
     ended = rng.random(COUNT) < 0.001
     errors.reset(ended)
     known[ended] = np.nan
+    coming[0][1].found[ended] = False  # what is on its way is of the episode before
 off = 1e3 * np.linalg.norm(known - position, axis=1)
 print(f"{np.isfinite(off).mean():.0%} known, median error {np.nanmedian(off):.1f} mm")

@@ -1,6 +1,7 @@
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -67,6 +68,14 @@ def test_a_policy_sees_late_and_noisy_poses(tmp_path, run_script):
     known, off = re.fullmatch(r"(\d+)% known, median error (\d+\.\d) mm\n", printed).groups()
     assert int(known) > 90
     assert 1.0 < float(off) < 8.0
+
+
+def test_a_new_episode_gets_no_pose_of_the_one_before(capsys):
+    often = (EXAMPLES / "noisy_poses.py").read_text(encoding="utf-8").replace("< 0.001", "< 0.5")
+    names: dict[str, Any] = {}
+    exec(often, names)
+    assert names["ended"].sum() > 100
+    assert not names["coming"][0][1].found[names["ended"]].any()
 
 
 def test_a_wrapper_makes_poses_late_noisy_and_missed(run_script, tmp_path, monkeypatch):
