@@ -1,5 +1,6 @@
 import dataclasses
 
+import cv2
 import h5py
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
 from tracker.logs.frame import RecordedPose
-from tracker.logs.hdf5_writer import Hdf5LogWriter
+from tracker.logs.hdf5_writer import Hdf5LogWriter, write_hdf5
 from tracker.logs.pictures import from_bayer, to_bayer
 
 
@@ -110,6 +111,8 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
         writer.append(images, 1.0)
         for given, stamp, stamps, message in [
             (images[:2], 2.0, None, "2 images, expected 3"),
+            (dict(zip(CAMERAS, images, strict=True)), 2.0, None, "images: found a mapping of 3, expected"),
+            ([images[0].tolist(), *images[1:]], 2.0, None, "camera60: found a list of 24, expected uint8"),
             ([images[0][1:], *images[1:]], 2.0, None, "camera60: found uint8 of shape"),
             ([images[0].astype(float), *images[1:]], 2.0, None, "float64"),
             (images, -1e9, None, "stamp -1e.09 s, expected at least -3600 s"),
@@ -125,10 +128,27 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
             with pytest.raises(LogError, match=message):
                 writer.append(given, stamp, stamps)
         writer.append(images, 2.0, [2.0, float("nan"), 2.5])
+    with pytest.raises(LogError, match="frame 2: the log is closed"):
+        writer.append(images, 3.0)
+    with Hdf5LogWriter(tmp_path / "poses.h5", tiny_rig(), poses=True) as writer:
+        with pytest.raises(LogError, match="frame 0: pose: found 3, expected one with position, orient"):
+            writer.append(images, 1.0, pose=3)
+        assert len(writer) == 0
     with tracker.open_log(tmp_path / "log.h5") as log:
         assert [frame.timestamp for frame in log] == [1.0, 2.0]
         assert log[1].camera_timestamps.tolist() == [2.0, 2.0, 2.5]
         assert log.camera_names == CAMERAS
+
+
+def test_a_recording_that_could_not_be_read_back_is_not_converted(tmp_path):
+    rig, folder = tiny_rig(), tmp_path / "pictures"
+    for camera in rig:
+        (folder / camera.name).mkdir(parents=True)
+        for stamp in ("1700000000.0", "1700007200.0"):
+            cv2.imwrite(str(folder / camera.name / f"{stamp}.png"), np.zeros((24, 28, 3), np.uint8))
+    with tracker.open_log(folder) as log, pytest.raises(LogError, match=r"frame 1: .* forward by 7200 s"):
+        write_hdf5(tmp_path / "log.h5", log, rig, lambda count: None)
+    assert not (tmp_path / "log.h5").exists()
 
 
 def test_all_that_a_log_of_the_platform_has_is_there_in_its_type_and_shape(real, tmp_path):

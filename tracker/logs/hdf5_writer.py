@@ -14,12 +14,12 @@ import h5py
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import seconds
+from tracker.checks import check_sequence, described, seconds
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import LogError
+from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
 from tracker.files.hdf5 import Disk
-from tracker.logs.frame import checked_stamp
+from tracker.logs.frame import StampOrder, checked_stamp
 from tracker.logs.hdf5_reader import FLUSHED, MAGIC, POSE
 from tracker.logs.log import Log, Progress, Settings
 from tracker.logs.pictures import to_bayer
@@ -102,7 +102,8 @@ class Hdf5LogWriter:
             images: one per camera: raw Bayer pixels (H, W), red at even rows and columns, or BGR (H, W, 3),
                 of which each pixel keeps the colour that such a sensor measures there. None, a missing
                 image, is recorded as black.
-            timestamp: timestamp of the frame [s].
+            timestamp: timestamp of the frame [s]; `open_log` refuses frames whose timestamps go back, or jump by
+                more than an hour.
             camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's.
             pose: the object's pose, with `position`, `orientation` and `confidence`, or None; recorded only
                 if the log was opened with `poses`.
@@ -111,6 +112,8 @@ class Hdf5LogWriter:
             LogError: images or timestamps do not fit the log, or writing fails; the log is unchanged.
         """
         where = f"{self._path}: frame {self._count}"
+        if not self._file:
+            raise LogError(f"{where}: the log is closed")
         raw = self._raw(images, where)
         stamp = checked_stamp(timestamp, what=where)
         stamps = np.full(len(self._rig), stamp)
@@ -125,6 +128,8 @@ class Hdf5LogWriter:
         if "object_pose" in self._file:
             rows["object_pose/has_pose"] = pose is not None
             for name, width in POSE.items():
+                if pose is not None and not hasattr(pose, name):
+                    raise LogError(f"{where}: pose: found {shown(pose)}, expected one with {', '.join(POSE)}")
                 rows[f"object_pose/{name}"] = np.zeros(width) if pose is None else getattr(pose, name)
         try:
             for name, row in rows.items():
@@ -212,23 +217,27 @@ class Hdf5LogWriter:
     def _raw(self, images: Sequence[Image | None], where: str) -> Array:
         """Return (C, H, W) raw pixels."""
         (width, height), cameras = self._size, self._rig.names
+        check_sequence(images, f"{where}: images", LogError)
         if len(images) != len(cameras):
             raise LogError(f"{where}: found {len(images)} images, expected {len(cameras)}")
         raw = np.zeros((len(cameras), height, width), np.uint8)
         for c, (name, image) in enumerate(zip(cameras, images, strict=True)):
             if image is None:
                 continue
-            if image.dtype != np.uint8 or image.shape not in ((height, width), (height, width, 3)):
-                raise LogError(
-                    f"{where}: {name}: found {image.dtype} of shape {image.shape}, expected uint8 of "
-                    f"{(height, width)} or {(height, width, 3)}"
-                )
+            shapes, is_array = ((height, width), (height, width, 3)), isinstance(image, np.ndarray)
+            if not is_array or image.dtype != np.uint8 or image.shape not in shapes:
+                found, valid = described(image) if is_array else shown(image), f"{shapes[0]} or {shapes[1]}"
+                raise LogError(f"{where}: {name}: found {found}, expected uint8 of {valid}")
             raw[c] = image if image.ndim == 2 else to_bayer(image)
         return raw
 
 
 def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
-    """Write frames as a platform HDF5 log, whole or not at all; raw pixels are copied unchanged."""
+    """Write frames as a platform HDF5 log, whole or not at all; raw pixels are copied unchanged.
+
+    LogError: it cannot be written, or its timestamps go back or jump, so that it could not be read.
+    """
+    order = StampOrder(gaps=False)
     has_poses = any(frame.recorded_pose is not None for frame in log)
     with (
         told_as(LogError, path),
@@ -236,6 +245,7 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
         Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path) as writer,
     ):
         for frame in log:
+            order.check(frame, what=f"{path}: frame {frame.index}")
             images = frame.images if frame.raw is None else frame.raw
             writer.append(images, frame.timestamp, frame.camera_timestamps, frame.recorded_pose)
             progress(1)
