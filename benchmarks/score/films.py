@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -54,6 +55,11 @@ def losses(rows: pd.DataFrame) -> float:
         lost = (film.status == Status.LOST.value).to_numpy()
         total += int(np.count_nonzero(lost[1:] & ~lost[:-1]))
     return float(total)
+
+
+def single(rows: pd.DataFrame) -> float:
+    """Share of frames that `detect` alone gets right [%]; nan where it was not asked."""
+    return percent(right(rows, "single_")) if rows.single_mm.notna().any() else math.nan
 
 
 def over_single(unit: str) -> Callable[[pd.DataFrame], float]:

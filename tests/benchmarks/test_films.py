@@ -66,6 +66,8 @@ def test_shares_flips_and_ratios():
     (row,) = figures_of(own, "films")
     found = [row[key] for key in ("within_5", "single", "flips", "n", "inside_95")]
     assert found == [80.0, 100.0, 1, 10, 100]
+    (unasked,) = figures_of(film(group="world", single_mm=np.nan, single_deg=np.nan), "films")
+    assert "single" not in unasked or np.isnan(unasked["single"])
     at_rest, moving = figures_of(film(), "films, at rest")
     assert (at_rest["over_single_mm"], at_rest["over_single_deg"]) == pytest.approx((0.5, 0.25))
     assert at_rest["n"] + moving["n"] == 10
