@@ -10,7 +10,7 @@ from tracker.color_learning.fit import FitOptions, combine, image_histograms
 from tracker.color_learning.labelled import LabelledImage, intersection_over_union, read_image, read_labelled
 from tracker.errors import ColorModelError, ImageError
 from tracker.objects.labels import COLOR_NAMES
-from tracker.segmentation import load_colors, segment
+from tracker.segmentation import ColorModel, load_colors, segment
 from tracker.segmentation.light import apply_gains
 
 SIZE = 160
@@ -217,6 +217,15 @@ def test_both_layouts_of_labelled_images_are_read(layout, tmp_path):
     [
         (lambda folder: load_colors("pink"), r"'pink'.*cube_v1.*simulation"),
         (lambda folder: load_colors("missing.npz"), r"missing\.npz: no such file"),
+        (
+            lambda folder: load_colors("dice").save(folder / "no" / "a.npz"),
+            r"a\.npz: cannot be written: there",
+        ),
+        (
+            lambda folder: ColorModel("high", load_colors("dice").log_posterior + 1),
+            "'high': .*found 1, expect",
+        ),
+        (lambda folder: ColorModel("no", load_colors("dice").log_posterior, "no"), "normalise: found 'no'"),
         (lambda folder: read_labelled(folder / "empty"), "none found"),
         (lambda folder: read_labelled(folder / "nowhere"), "no such folder"),
         (lambda folder: read_labelled(folder), "01_mask_red"),

@@ -16,7 +16,7 @@ from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option
 from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import ColorModelError, ImageError
-from tracker.files import told_as, write_whole
+from tracker.files import write_whole
 
 if TYPE_CHECKING:
     from tracker.color_learning.adapt import Adapted
@@ -78,8 +78,7 @@ class Lesson:
         say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
         draws, name = FitOptions(seed=self.seed), self.output.stem
         learned = learn_colors(model, footage, start, draws, name=name, rounds=self.rounds, say=say)
-        with told_as(ColorModelError, f"colour model {self.output}"):
-            learned.colors.save(self.output)
+        learned.colors.save(self.output)
         if not self.quiet:
             click.echo(_learned(learned, self.output))
 
@@ -229,8 +228,7 @@ def fit(folders: tuple[str, ...], name: str | None, output: Path | None, fitting
         OutFile(".npz").check("--name", output)
     images = _read(folders)
     model = fitting.to(images)(range(len(images)), name or output.stem)
-    with told_as(ColorModelError, f"colour model {output}"):
-        model.save(output)
+    model.save(output)
     print_counts(images)
     click.echo(f"\n{model.name}: written to {output}")
 

@@ -19,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.checks import float_array, path_of
+from tracker.checks import float_array, of_kind, path_of
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ColorModelError, shown
-from tracker.files import read_bounded, write_whole
+from tracker.files import read_bounded, told_as, write_whole
 from tracker.objects.labels import COLOR_NAMES
 
 CLASSES = len(COLOR_NAMES)
@@ -55,7 +55,11 @@ def fill_channels(gains, channels):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class ColorModel:
-    """Log posteriors of the classes by colour, and whether images are normalised to grey first."""
+    """Log posteriors of the classes over colour, and whether images are normalised to grey first.
+
+    Raises:
+        ColorModelError: a value has the wrong type or shape, or the log posteriors are impossible.
+    """
 
     name: str
     log_posterior: FloatArray
@@ -66,6 +70,9 @@ class ColorModel:
     def __post_init__(self) -> None:
         shape, what = (CLASSES, NODES, NODES, NODES), f"colour model {shown(self.name)}: log posteriors"
         values = float_array(self.log_posterior, shape, what, ColorModelError)
+        if values.max() > 0:
+            raise ColorModelError(f"{what}: found {values.max():g}, expected 0 of the best class, else less")
+        of_kind(self.normalise, bool, f"colour model {shown(self.name)}: normalise", ColorModelError)
         object.__setattr__(self, "log_posterior", values)
 
     def __repr__(self) -> str:
@@ -102,13 +109,18 @@ class ColorModel:
         return channels
 
     def save(self, path: str | Path) -> None:
-        """Write the model atomically to one small file (.npz)."""
+        """Write the model atomically to one small file (.npz).
+
+        Raises:
+            ColorModelError: it cannot be written.
+        """
         codes = np.clip(np.rint(-self.log_posterior / _STEP), 0, 255).astype(np.uint8)
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes
         )
-        write_whole(path, buffer.getvalue())
+        with told_as(ColorModelError, f"colour model {os.fspath(path)}"):
+            write_whole(path, buffer.getvalue())
 
 
 def _read(path: Path, name: str) -> ColorModel:
