@@ -21,11 +21,12 @@ GROUP = "udpm://239.255.76.67"
 
 WRONG = [
     *((lambda rate=rate: CameraSet([], [], rate=rate), "rate") for rate in (0.0, -1.0, NAN, 2000.0)),
-    *((lambda speed=speed: Replay([], speed=speed), "speed") for speed in (0.0, -1.0, NAN)),
+    *((lambda speed=speed: Replay([], speed=speed), "speed") for speed in (0.0, -1.0, NAN, "fast")),
     (lambda: open_cameras("opencv:0", RIG), "found 1 cameras"),
     (lambda: open_cameras("opencv:0", RIG), "camera60, camera180, camera300"),
     (lambda: open_cameras("opencv", RIG), "found 0 cameras"),
     (lambda: open_cameras("webcam:0", RIG), "webcam:0"),
+    (lambda: open_cameras(None, RIG), "source: found None, expected str"),
     (lambda: open_cameras("webcam:0", RIG), "simulation"),
     (lambda: ImageSet((None,), (1.0, 2.0)), "1 images and 2 stamps"),
     (lambda: ImageSet((None,), (NAN,)), "finite"),

@@ -301,6 +301,13 @@ def test_a_place_that_cannot_be_written_is_reported_in_one_line(name, read_only,
         assert not (folder / name).exists()
 
 
+@pytest.mark.parametrize("name", [name for name in WRITERS if name not in ("camera60.yml", *NEW)])
+@pytest.mark.parametrize("path", [None, 3, b"poses"])
+def test_what_is_no_path_is_named(path, name, whole):
+    with pytest.raises(LogError, match=f"output: found {path!r}, expected a path"):
+        WRITERS[name](path, *whole)
+
+
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_is_reported_in_one_line_and_leaves_what_was_there(name, tmp_path, whole):
     (tmp_path / "out").mkdir()

@@ -333,7 +333,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, name):
         ("goal", PLACES, "found no suffix"),
         ("nowhere/goal.json", PLACES, "cannot be written: there is no folder .*nowhere"),
         ("taken.json", PLACES, "cannot be written"),
-        ("a\0.json", PLACES, "cannot be written"),
+        ("a\0.json", PLACES, "found a null byte"),
         ("goal.json", np.zeros((25, 3)), "height 0 m"),
         ("goal.txt", PLACES * 0.9 + [0, 0, 0.01], "expected the centre of a cell"),
     ],
@@ -343,3 +343,5 @@ def test_a_goal_that_cannot_be_written_is_named_and_leaves_nothing(tmp_path, nam
     with pytest.raises(TaskError, match=message):
         dice.write_goal(f"{tmp_path}/{name}", goal)
     assert os.listdir(tmp_path) == ["taken.json"]
+    with pytest.raises(TaskError, match="goal: found None, expected a path"):
+        dice.write_goal(None, PLACES)

@@ -206,5 +206,7 @@ def test_dice_moved_and_shuffled_a_little_find_their_places(rng):
     np.testing.assert_allclose(found.distance, 0.003)
     assert found.count_within() == 25
     assert found.count_within(0.002) == 0
+    with pytest.raises(TaskError, match="distance: found 'far', expected a finite distance"):
+        found.count_within("far")
     with pytest.raises(ValueError, match="read-only"):
         found.die[0] = 3

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from io import BufferedReader
 from pathlib import Path
 
-from tracker.errors import LogError
+from tracker.errors import LogError, shown
 
 
 @contextlib.contextmanager
@@ -82,6 +82,8 @@ _MOST_BYTES = 200
 @contextlib.contextmanager
 def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> Iterator[None]:
     """Turn an error raised while `what` is written into a `fault` with a one-line message."""
+    if not isinstance(what, str | os.PathLike):
+        raise fault(f"output: found {shown(what)}, expected a path")
     try:
         yield
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, seconds
+from tracker.checks import check_sequence, is_number, of_kind, seconds
 from tracker.conventions import FloatArray, Image
-from tracker.errors import LiveError, TrackerError, install
+from tracker.errors import LiveError, TrackerError, install, shown
 from tracker.files.toml import read_toml
 from tracker.live.cameras import RATE, CameraSet, LiveCamera
 from tracker.live.drivers import OpenCvCamera, PylonCamera, pylon_serials
@@ -48,8 +48,8 @@ class Replay:
     """
 
     def __init__(self, log: Log | str | os.PathLike[str], *, speed: float = 1.0) -> None:
-        if not (np.isfinite(speed) and speed > 0):
-            raise LiveError(f"replay: speed: found {speed:g}, expected above 0")
+        if not is_number(speed) or speed <= 0:
+            raise LiveError(f"replay: speed: found {shown(speed)}, expected above 0")
         self.log = log if isinstance(log, Log) else open_log(log)
         self._speed = speed
         self._plan = self._planned()
@@ -283,7 +283,7 @@ def open_cameras(
         LiveError: the text is malformed or names another number of cameras, the settings cannot be read, or
             a camera with a name of the rig is missing.
     """
-    kind, _, listed = source.partition(":")
+    kind, _, listed = of_kind(source, str, "source", LiveError).partition(":")
     which = [part.strip() for part in listed.split(",") if part.strip()]
     sizes = [(camera.width, camera.height) for camera in rig]
     openers: list[Callable[[], LiveCamera]]

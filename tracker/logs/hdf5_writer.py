@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described, seconds
+from tracker.checks import check_sequence, described, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
@@ -61,6 +61,7 @@ class Hdf5LogWriter:
         name: str | os.PathLike[str] | None = None,
         settings: Sequence[Settings] = (),
     ) -> None:
+        path = path_of(path, "log", LogError)
         self._path = os.fspath(path if name is None else name)
         sizes = {(camera.width, camera.height) for camera in rig}
         if len(sizes) != 1:

@@ -142,7 +142,7 @@ def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
     Raises:
         LogError: the file cannot be written.
     """
-    with naming(os.fspath(path), LogError, LogError, UnicodeEncodeError):
+    with naming(path, LogError, LogError, UnicodeEncodeError):
         content = _content(poses)
     with told_as(LogError, path):
         write_whole(path, content)

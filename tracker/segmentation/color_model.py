@@ -119,8 +119,9 @@ class ColorModel:
         np.savez_compressed(
             buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes
         )
-        with told_as(ColorModelError, f"colour model {os.fspath(path)}"):
-            write_whole(path, buffer.getvalue())
+        target = path_of(path, "colour model", ColorModelError)
+        with told_as(ColorModelError, f"colour model {target}"):
+            write_whole(target, buffer.getvalue())
 
 
 def _read(path: Path, name: str) -> ColorModel:

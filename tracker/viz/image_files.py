@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tracker.checks import described, optional
+from tracker.checks import described, is_number, optional, path_of
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, shown
 from tracker.files import check_suffix, told_as, whole_file, write_whole
@@ -35,7 +34,7 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
     Raises:
         ImageError: the suffix is not one of IMAGE_SUFFIXES, the image is none, or the file cannot be written.
     """
-    target = Path(path)
+    target = path_of(path, "image", ImageError)
     check_suffix(target, IMAGE_SUFFIXES, "image", ImageError)
     is_array = isinstance(image, np.ndarray)
     of_pixels = is_array and image.size and (image.ndim == 2 or image.shape[2:] == (3,))
@@ -66,8 +65,10 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
         ImageError: the suffix differs, or the file cannot be written.
         TrackerError: the optional package `av` is missing.
     """
-    target = Path(path)
+    target = path_of(path, "film", ImageError)
     check_suffix(target, (".mp4",), "film", ImageError)
+    if not is_number(rate) or rate <= 0:
+        raise ImageError(f"film {target}: rate: found {shown(rate)}, expected more than 0 per second")
     av = optional("av", "video", "a film")
     count = 0
     with (

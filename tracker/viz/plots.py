@@ -11,12 +11,11 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tracker.checks import optional
+from tracker.checks import optional, path_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ImageError
 from tracker.files import check_suffix, told_as, write_whole
@@ -68,7 +67,7 @@ def figure(size: tuple[float, float]) -> Iterator[Figure]:
 @contextmanager
 def figure_file(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator[Figure]:
     """Like `figure`; at the end of the `with` block the figure is written as a PNG file, atomically."""
-    target = Path(path)
+    target = path_of(path, "plot", ImageError)
     check_suffix(target, (".png",), "plot", ImageError)
     with figure(size) as drawn:
         yield drawn

@@ -213,7 +213,7 @@ def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
     Raises:
         TaskError: the goal is not valid, a pattern cannot show it, or the file cannot be written.
     """
-    target = Path(path)
+    target = path_of(path, "goal", TaskError)
     places = validate_goal(goal)
     check_suffix(target, (_JSON, _PATTERN), "goal", TaskError)
     rows = ",\n".join(f"  {json.dumps(place)}" for place in places.tolist())

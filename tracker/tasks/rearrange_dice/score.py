@@ -11,9 +11,9 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, freeze, of_kind
+from tracker.checks import check_sequence, freeze, is_number, of_kind
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import TaskError
+from tracker.errors import TaskError, shown
 from tracker.geometry import cuboid
 from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, TOLERANCE, finite_positions
@@ -187,7 +187,9 @@ class Assignment:
         return float(np.nansum(self.distance))
 
     def count_within(self, distance: float = TOLERANCE) -> int:
-        """Return the number of places with a die at most `distance` [m] away."""
+        """Return the number of places with a die at most `distance` [m] away; TaskError if that is no number."""
+        if not is_number(distance):
+            raise TaskError(f"distance: found {shown(distance)}, expected a finite distance [m]")
         return int(np.count_nonzero(self.distance <= distance))
 
 
