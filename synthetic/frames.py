@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from synthetic.camera.rigs import sized, standard_rig
+from synthetic.camera.sensor import PATHS
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
 from synthetic.camera.units import STILL, Crew, crew_of, motion_px
 from synthetic.closing import Closing
@@ -29,8 +30,9 @@ from synthetic.world.look_alikes import KINDS, look_alike
 from synthetic.world.platform import DICE, Platform
 from synthetic.world.scenes import random_scene
 from tracker.calibration.rig import CameraRig
+from tracker.checks import is_number, is_whole
 from tracker.conventions import FloatArray, Image
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, shown
 
 CHUNK = 100
 """Default number of frames of one motion in a sequence."""
@@ -87,7 +89,10 @@ class FrameOptions:
     `old`, whose small images are mosaics again."""
 
     def __post_init__(self) -> None:
-        valid = {"quality": tuple(QUALITIES), "size": (270, 540), "look_alike": (None, *KINDS)}
+        valid = {
+            "quality": tuple(QUALITIES), "size": (270, 540), "path": (None, *PATHS),
+            "look_alike": (None, *KINDS),
+        }  # fmt: skip
         for key, values in valid.items():
             if getattr(self, key) not in values:
                 known = ", ".join(map(str, values))
@@ -96,18 +101,18 @@ class FrameOptions:
         object.__setattr__(self, "effects", Effects.of(self.effects).names)
         if self.look_alike is not None and self.object_name == DICE:
             raise DatasetError("look_alike: found dice, expected a cube or cuboid")
-        if self.seed < 0:
-            raise DatasetError(f"seed: found {self.seed}, expected 0 or more")
-        if not 0.0 <= self.dropped <= 0.3:
-            raise DatasetError(f"dropped: found {self.dropped:g}, expected 0 to 0.3")
-        if not 0.1 <= self.rate <= 1000:
-            raise DatasetError(f"rate: found {self.rate:g}, expected 0.1 to 1000 Hz")
+        for key, least in (("seed", 0), ("length", 1)):
+            number = getattr(self, key)
+            if not is_whole(number) or number < least:
+                raise DatasetError(f"{key}: found {shown(number)}, expected a whole number from {least}")
+        for key, low, high in (("dropped", 0.0, 0.3), ("empty", 0.0, 1.0), ("rate", 0.1, 1000.0)):
+            number = getattr(self, key)
+            if not is_number(number) or not low <= number <= high:
+                raise DatasetError(f"{key}: found {shown(number)}, expected {low:g} to {high:g}")
         if self.raw and self.size != 540 and self.path != "old":
             raise DatasetError(
                 f"raw: found size {self.size} and path {self.path!r}, expected size 540, or path 'old'"
             )
-        if self.length < 1:
-            raise DatasetError(f"length: found {self.length}, expected 1 or more")
 
     @property
     def chunk(self) -> int:
