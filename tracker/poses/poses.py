@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import LATEST, described, float_array, freeze, of_kind
+from tracker.checks import LATEST, described, float_array, freeze, is_whole, of_kind
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError, TrackerError
 from tracker.geometry import cuboid, so3
@@ -166,6 +166,8 @@ class Poses:
         return len(self.index)
 
     def __getitem__(self, rows: slice | Array) -> Poses:
+        if is_whole(rows):
+            raise LogError(f"frames of poses: found the number {rows}, expected a slice, a mask or numbers")
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
         for name, value in parts.items():
             if isinstance(value, PoseColumns):
