@@ -103,8 +103,8 @@ class Hdf5LogWriter:
             images: one per camera: raw Bayer pixels (H, W), red at even rows and columns, or BGR (H, W, 3),
                 of which each pixel keeps the colour that such a sensor measures there. None, a missing
                 image, is recorded as black.
-            timestamp: timestamp of the frame [s]; `open_log` refuses frames whose timestamps go back, or jump by
-                more than an hour.
+            timestamp: timestamp of the frame [s]; `open_log` refuses timestamps that go back, or jump by more
+                than an hour.
             camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's.
             pose: the object's pose, with `position`, `orientation` and `confidence`, or None; recorded only
                 if the log was opened with `poses`.

@@ -73,7 +73,7 @@ def _colored(integrals, c, box):  # type: ignore[no-untyped-def]
 
 @compiled
 def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def]
-    """Fill votes (N,): share of the object seen around a point, averaged over the cameras that view it.
+    """Fill votes (N,): share of the object seen around a point, over the cameras that view it and DOUBT.
 
     This is equation (4) of docs/how-it-works.md.
     labels (C, h, w) of pictures (C,) of PICTURE; boxes (N, C) of BOXES. The tight box centres the vote, the

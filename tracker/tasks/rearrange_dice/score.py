@@ -187,7 +187,7 @@ class Assignment:
         return float(np.nansum(self.distance))
 
     def count_within(self, distance: float = TOLERANCE) -> int:
-        """Return the number of places with a die at most `distance` [m] away; TaskError if that is no number."""
+        """Return how many places have a die at most `distance` [m] away; TaskError if that is no number."""
         if not is_number(distance):
             raise TaskError(f"distance: found {shown(distance)}, expected a finite distance [m]")
         return int(np.count_nonzero(self.distance <= distance))
