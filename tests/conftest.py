@@ -5,6 +5,7 @@ import runpy
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -71,13 +72,18 @@ def camera() -> Camera:
 
 @pytest.fixture
 def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Like `run` but in this process, which is faster; what compiled libraries print is seen too."""
+    """Like `run` but in this process, which is faster; what compiled libraries print is seen too.
 
-    def run_it(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    `main` may be that of another program.
+    """
+
+    def run_it(
+        *arguments: object, folder: Path = ROOT, main: Callable[[list[str]], object] = cli.main
+    ) -> subprocess.CompletedProcess[str]:
         monkeypatch.chdir(folder)
         capfd.readouterr()  # what a library printed before, as PyBullet does when it is imported
         with pytest.raises(SystemExit) as stop:
-            cli.main([str(argument) for argument in arguments])
+            main([str(argument) for argument in arguments])
         printed = capfd.readouterr()
         return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
 

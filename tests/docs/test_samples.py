@@ -14,10 +14,12 @@ import pytest
 
 import tracker
 from benchmarks.program import main as benchmark_commands
+from synthetic.camera.shot import QUALITIES
 from synthetic.cli import commands as synthetic_commands
+from synthetic.export.workers import run_tasks
 from tests.calibration.board.test_extrinsics import PLACES, TRUE
 from tests.docs.samples import blocks, commands, inline_commands, languages, samples
-from tests.helpers import ROOT, robot_stores, run_python
+from tests.helpers import ROOT, robot_stores
 from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.command import Run
 from tests.helpers.filmed import RIG, write_recording
@@ -29,6 +31,7 @@ from tests.logs.test_robot_log import text
 from tracker import Camera, CameraRig, cli
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import read_arena
+from tracker.cli.colors import adapt
 from tracker.poses.file import read_poses, write_poses
 from tracker.viz import write_film
 
@@ -129,8 +132,19 @@ def boards(working: Path) -> Path:
     return working
 
 
+@pytest.fixture
+def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain pictures, one process and few rounds of learning, which change nothing but numbers."""
+    monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
+    monkeypatch.setattr("synthetic.export.dataset.run_tasks", lambda *given: run_tasks(*given[:2], 1))
+    monkeypatch.setattr("tracker.batch.workers.cores", lambda: 1)
+    fewer = {"frames": 10, "rounds": 2}
+    for option in adapt.params:
+        monkeypatch.setattr(option, "default", fewer.get(option.name, option.default))
+
+
 @pytest.mark.slow
-@pytest.mark.usefixtures("boards", "calibrated", "stores")
+@pytest.mark.usefixtures("boards", "calibrated", "stores", "quickly")
 def test_the_pages_commands_run_and_print_what_is_shown(working, tmp_path, run_here):
     needed = {"distributed": "cluster", "matplotlib": "plot", "pandas": "bench", "numcodecs": "datasets"}
     for module, extra in {**needed, "rerun": "rerun"}.items():
@@ -161,10 +175,11 @@ def test_the_pages_commands_run_and_print_what_is_shown(working, tmp_path, run_h
 def output_of(command: str, folder: Path, run_here: Run) -> str:
     """What a command prints, which ends well."""
     words = [found for word in shlex.split(command) for found in expanded(word, folder)]
-    in_process = words[0] == "tracker"
-    result = run_here(*words[1:], folder=folder) if in_process else run_python(words[1:], folder)
+    start = next(start for start in PROGRAMS if command.startswith(f"{start} "))
+    main = cli.main if start == "tracker" else PROGRAMS[start].main
+    result = run_here(*words[len(start.split()) :], folder=folder, main=main)
     assert result.returncode == 0, f"{command}: {result.stderr}"
-    quiet = in_process and not command.startswith("tracker batch")
+    quiet = start == "tracker" and not command.startswith("tracker batch")
     assert not quiet or result.stderr == "", f"{command}: {result.stderr}"
     return result.stdout
 
