@@ -1,3 +1,5 @@
+import functools
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 REARRANGED = ("permuted", "plain", "layers", "other_object", "mirrored", "pairs")
 
 
-def make(look_alike, name="cube_v2", seed=31, count=2, **more):
+def make(look_alike, name="cube_v2", seed=31, count=1, **more):
     options = {"quality": "fast", "empty": 0.0, "shadows": False, "look_alike": look_alike, **more}
     return list(frames(name, count, seed, **options))
 
@@ -27,44 +29,42 @@ def marked(scene):
     return [body for body in scene.bodies if body.labels.any()]
 
 
-def ratios(frame, usual):
-    sizes = [np.ptp(one.scene.bodies[-1].mesh.vertices, axis=0) for one in (frame, usual)]
+def ratios(scene, kind, rng):
+    """Sizes of a look-alike over those of the object that a scene shows."""
+    ((other,), (usual,)) = (marked(one) for one in (look_alike(scene, kind, rng), scene))
+    sizes = [np.ptp(body.mesh.vertices, axis=0) for body in (other, usual)]
     return np.round(sizes[0] / sizes[1], 9)
 
 
-@pytest.fixture(scope="module")
-def tidy():
-    return {name: make(None, name) for name in OBJECTS}
-
-
-@pytest.fixture(scope="module")
-def shown():
-    return {(kind, name): make(kind, name) for kind in KINDS for name in OBJECTS}
+@functools.cache
+def shown(kind, name):
+    """A frame of a kind; of None, the tidy one."""
+    return make(kind, name)[0]
 
 
 @pytest.mark.parametrize("name", OBJECTS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_kind_is_seen_has_no_truth_and_leaves_all_else_alone(kind, name, shown, tidy):
-    for frame, usual in zip(shown[kind, name], tidy[name], strict=True):
-        assert frame.objects == ()
-        assert frame.truth(("a", "b", "c"))["object"] is None
-        assert frame.scene.about["look_alike"] == kind
-        assert max(frame.visible_px) > 60
-        assert (frame.visible_fraction <= 1).all()
-        assert not marked(frame.scene.emptied())
-        others = {body.name: body for body in usual.scene.bodies if not body.labels.any()}
-        for body in frame.scene.bodies:
-            if not body.labels.any():
-                assert np.array_equal(body.world_from_body, others.pop(body.name).world_from_body)
-        assert not others
+def test_a_kind_is_seen_has_no_truth_and_leaves_all_else_alone(kind, name):
+    frame, usual = shown(kind, name), shown(None, name)
+    assert frame.objects == ()
+    assert frame.truth(("a", "b", "c"))["object"] is None
+    assert frame.scene.about["look_alike"] == kind
+    assert max(frame.visible_px) > 60
+    assert (frame.visible_fraction <= 1).all()
+    assert not marked(frame.scene.emptied())
+    others = {body.name: body for body in usual.scene.bodies if not body.labels.any()}
+    for body in frame.scene.bodies:
+        if not body.labels.any():
+            assert np.array_equal(body.world_from_body, others.pop(body.name).world_from_body)
+    assert not others
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_faces_that_are_seen_have_the_colors_of_their_labels(name, shown, tidy):
-    (usual,) = (body for body in tidy[name][0].scene.bodies if body.faces)
+def test_faces_that_are_seen_have_the_colors_of_their_labels(name):
+    (usual,) = (body for body in shown(None, name).scene.bodies if body.faces)
     paints = {int(label): color for label, color in zip(usual.labels, usual.colors, strict=True)}
     for kind in KINDS:
-        frame = shown[kind, name][0]
+        frame = shown(kind, name)
         for body in marked(frame.scene):
             assert set(body.labels.tolist()) <= set(range(7))
             for label, color in zip(body.labels, body.colors, strict=True):
@@ -99,22 +99,28 @@ def test_no_other_arrangement_is_the_true_one_turned(kind, name):
                 assert (slabs[1:] != slabs[0]).all()
 
 
-def test_sizes_plates_photos_and_prisms_are_what_their_names_say(shown, tidy):
-    for name in OBJECTS:
-        for frame, usual in zip(shown["size", name], tidy[name], strict=True):
-            (scale,) = np.unique(ratios(frame, usual))
+@pytest.mark.parametrize("name", OBJECTS)
+def test_sizes_are_what_their_names_say(name):
+    with Platform(name) as platform:
+        for seed in range(10):
+            rng = np.random.default_rng(seed)
+            scene = random_scene(platform, rng, fingers="none")
+            (scale,) = np.unique(ratios(scene, "size", rng))
             assert SMALLER[0] <= scale <= SMALLER[1] or LARGER[0] <= scale <= LARGER[1]
-        for frame, usual in zip(shown["stretched", name], tidy[name], strict=True):
-            one, same, other = np.sort(ratios(frame, usual))
+            one, same, other = np.sort(ratios(scene, "stretched", rng))
             assert same == 1.0
             least, most = SHORTER if other == 1.0 else LONGER
             assert least <= one * other <= most
             assert 1.0 in (one, other)
-        (cylinder,), (prism,) = (marked(shown[kind, name][0].scene) for kind in ("round", "prism"))
+
+
+def test_plates_photos_and_prisms_are_what_their_names_say():
+    for name in OBJECTS:
+        (cylinder,), (prism,) = (marked(shown(kind, name).scene) for kind in ("round", "prism"))
         assert 5 <= len(cylinder.labels) <= 8
         assert len(prism.labels) in (5, 8)
         for kind, most in (("plates", 3), ("photo", 1)):
-            bodies = marked(shown[kind, name][0].scene)
+            bodies = marked(shown(kind, name).scene)
             assert 1 <= len(bodies) <= most
             assert all(np.ptp(body.mesh.vertices, axis=0).min() < 0.005 for body in bodies)
 
@@ -136,10 +142,9 @@ def test_a_mirrored_object_and_one_in_pairs_keep_what_their_names_say():
 
 
 def test_look_alikes_repeat_to_the_bit_and_stay_through_a_film():
-    once, again = make("layers", effects=("chamfers", "table")), make("layers", effects=("chamfers", "table"))
-    for one, other in zip(once, again, strict=True):
-        assert all(np.array_equal(a, b) for a, b in zip(one.images, other.images, strict=True))
-    film = make("permuted", sequence=True, kind="push", length=2)
+    (one,), (other,) = (make("layers", effects=("chamfers", "table")) for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(one.images, other.images, strict=True))
+    film = make("permuted", count=2, sequence=True, kind="push", length=2)
     assert len({body.labels.tobytes() for frame in film for body in marked(frame.scene)}) == 1
 
 
