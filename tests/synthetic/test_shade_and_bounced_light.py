@@ -78,7 +78,7 @@ def test_none_is_the_old_picture_and_a_lifted_box_has_none():
 
 
 def test_colours_end_the_farther_above_the_contour_the_stronger_the_shade():
-    ends, near = [], Lens(default_cameras(540)[0], 4).view
+    ends, near = [], Lens(default_cameras()[0], 4).view
     for strength in (0.0, 0.6, 0.8, 1.0):
         light = Renderer().render(scene(strength), near)
         sides = light.color[(light.labels > 0) & (light.labels < 5), 0]
