@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 import tracker
+from benchmarks.data.store import CACHE
 from benchmarks.judge import gate
 from benchmarks.judge.compare import compare, text
 from benchmarks.judge.results import Results, ResultsError, read_results, write_results
@@ -133,10 +134,10 @@ def test_the_committed_baseline_is_of_these_scenes_and_says_why_it_stands(baseli
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory):
+def measured():
     """Measures a part of the gate's scenes, as often as it is called."""
     skip_without_platform()
-    plan = dataclasses.replace(gate.plan(tmp_path_factory.mktemp("scenes")), scenes=4, workers=1)
+    plan = dataclasses.replace(gate.plan(CACHE), scenes=4, workers=1)
     workloads = [w for w in gate.WORKLOADS if w.base == "realistic"]
 
     def run() -> Results:
