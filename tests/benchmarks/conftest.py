@@ -7,7 +7,7 @@ from synthetic.camera.shot import QUALITIES
 @pytest.fixture(autouse=True)
 def _few_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Intervals of tests need not be as fine as published ones."""
-    monkeypatch.setattr(shares, "RESAMPLES", 99)
+    monkeypatch.setattr(shares, "RESAMPLES", 39)
 
 
 @pytest.fixture

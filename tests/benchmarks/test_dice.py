@@ -184,6 +184,7 @@ def test_a_recorded_picture_is_compared_with_its_mask(tmp_path):
 
 
 @pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("sketched")
 def test_a_smoke_run_of_the_command(tmp_path):
     skip_without_platform()
     out = tmp_path / "out"
