@@ -1,8 +1,11 @@
 import importlib
 import re
+from functools import cache
 
 from scripts.public_api import SNAPSHOT, public_api
 from tests.helpers import ROOT
+
+stated = cache(public_api)
 
 NAME = re.compile(r"^(?:class )?(tracker[\w.]*)\.(\w+)", re.MULTILINE)
 
@@ -11,13 +14,13 @@ NO_NAMES = {"tracker.update", "tracker.reset", "tracker.h", "tracker.yml"}
 
 
 def test_the_public_names_and_their_signatures_are_those_of_the_snapshot():
-    assert public_api() == SNAPSHOT.read_text(encoding="utf-8"), (
+    assert stated() == SNAPSHOT.read_text(encoding="utf-8"), (
         "The public interface has changed. If that is meant: python scripts/public_api.py, and CHANGELOG.md."
     )
 
 
 def test_every_name_of_the_snapshot_is_there():
-    names = NAME.findall(public_api())
+    names = NAME.findall(stated())
     assert len(names) > 60
     for module, name in names:
         assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
@@ -29,7 +32,7 @@ def test_what_a_page_or_an_example_recommends_is_public_and_in_the_reference():
         page for page in (ROOT / "docs").glob("*.md") if page.name not in ("commands.md", "reference.md")
     ]
     texts = [p.read_text(encoding="utf-8") for p in (*pages, *(ROOT / "examples").glob("*.py"))]
-    public = {".".join(parts) for parts in NAME.findall(public_api())}
+    public = {".".join(parts) for parts in NAME.findall(stated())}
     named = {name for text in texts for name in re.findall(r"\btracker(?:\.[a-z_]\w*)*\.[A-Za-z]\w*", text)}
     for module, names in re.findall(r"^from (tracker[\w.]*) import (.+)$", "\n".join(texts), re.MULTILINE):
         named |= {f"{module}.{name.strip()}" for name in names.split(",")}
