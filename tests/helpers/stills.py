@@ -1,8 +1,10 @@
 """Scenes of the platform without the robot and pictures of them, or a reason to skip the tests."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from synthetic.errors import AssetError
@@ -13,6 +15,9 @@ pytest.importorskip("trimesh", reason="platform: no module trimesh")
 from synthetic import stills
 from synthetic.scene import PlatformScene
 from synthetic.stills import Still, take
+from synthetic.world.platform import Platform
+from synthetic.world.scenes import random_scene
+from tracker import CuboidModel
 
 __all__ = ["Still", "bare_scene", "posed_scene", "scene_with_fingers", "take"]
 
@@ -29,4 +34,12 @@ def _or_skip(make: Callable[..., PlatformScene]) -> Callable[..., PlatformScene]
 
 bare_scene = _or_skip(stills.bare_scene)
 posed_scene = _or_skip(stills.posed_scene)
-scene_with_fingers = _or_skip(stills.scene_with_fingers)
+
+# A scene does not depend on those before it, and to load the robot takes as long as to draw one.
+_platform = functools.cache(Platform)
+
+
+@_or_skip
+def scene_with_fingers(model: CuboidModel, rng: np.random.Generator, *, near: float = 0.5) -> PlatformScene:
+    """As `synthetic.stills.scene_with_fingers`, of platforms that stay open."""
+    return random_scene(_platform(model), rng, occlusion=near)
