@@ -1,4 +1,5 @@
 import shutil
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -8,9 +9,15 @@ import pytest
 import tracker
 from tests.helpers.command import assert_one_line_error, assert_refused, well
 from tests.helpers.filmed import shots, write_recording
+from tracker.color_learning.fit import FitOptions
 from tracker.segmentation.color_model import ColorModel
 
 QUICK = ("--rounds", "2")
+
+
+@pytest.fixture(autouse=True)
+def _few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
 
 
 @pytest.fixture(scope="module")

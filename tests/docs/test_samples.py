@@ -5,6 +5,7 @@ import json
 import re
 import shlex
 import shutil
+from functools import partial
 from pathlib import Path
 
 import click
@@ -32,6 +33,7 @@ from tracker import Camera, CameraRig, cli
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import read_arena
 from tracker.cli.colors import adapt
+from tracker.color_learning.fit import FitOptions
 from tracker.poses.file import read_poses, write_poses
 from tracker.viz import write_film
 
@@ -134,10 +136,11 @@ def boards(working: Path) -> Path:
 
 @pytest.fixture
 def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plain pictures, one process and few rounds of learning, which change nothing but numbers."""
+    """Plain pictures, one process and little learning, which change nothing but numbers."""
     monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
     monkeypatch.setattr("synthetic.export.dataset.run_tasks", lambda *given: run_tasks(*given[:2], 1))
     monkeypatch.setattr("tracker.batch.workers.cores", lambda: 1)
+    monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
     fewer = {"frames": 10, "rounds": 2}
     for option in adapt.params:
         monkeypatch.setattr(option, "default", fewer.get(option.name, option.default))
