@@ -23,9 +23,10 @@ from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_health import film  # noqa: F401
 from tests.helpers import ROOT, contents
 from tests.helpers.command import assert_one_line_error, assert_refused, begin, until, well
+from tests.helpers.kept_stills import take
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
-from tests.helpers.stills import posed_scene, take
+from tests.helpers.stills import posed_scene
 from tracker.cli.export import _of_height, observation
 from tracker.cli.track import CONTRADICTED, _calibration_rows
 from tracker.files import claimed

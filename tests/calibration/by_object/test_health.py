@@ -8,7 +8,8 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_check import moved
 from tests.helpers import ROOT
-from tests.helpers.stills import bare_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
 from tracker.calibration.by_object.health import HEIGHT, MOST, QUANTITIES, health
 from tracker.logs import open_log
 from tracker.recordings.track import track
