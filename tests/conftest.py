@@ -13,7 +13,7 @@ import pytest
 from hypothesis import settings
 
 from synthetic.camera.rigs import default_cameras
-from tests.helpers import ROOT, make_camera, run_python
+from tests.helpers import ROOT, make_camera
 from tests.helpers.command import Run
 from tests.helpers.needs import (  # noqa: F401
     lack,
@@ -21,7 +21,6 @@ from tests.helpers.needs import (  # noqa: F401
     pytest_make_collect_report,
     pytest_runtest_makereport,
 )
-from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import Camera, CameraRig, cli
 
 # What nohup ignores stays ignored, in the commands that tests begin, too.
@@ -42,15 +41,6 @@ def real() -> Path:
     if not folder.is_dir():
         lack("real", "no recorded data; set TRACKER_REAL_DATA to its folder")
     return folder
-
-
-@pytest.fixture(scope="session")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder that `examples/still.py` has filled: an image and a calibration of each camera, overlay.png."""
-    skip_without_platform()
-    working = tmp_path_factory.mktemp("working")
-    run_python([ROOT / "examples" / "still.py"], working, check=True)
-    return working / "demo"
 
 
 @pytest.fixture(scope="session")
