@@ -23,9 +23,11 @@ from tests.helpers.needs import (  # noqa: F401
 )
 from tracker import Camera, CameraRig, cli
 
-# What nohup ignores stays ignored, in the commands that tests begin, too.
+# What nohup ignores stays ignored, in the commands that tests begin, too; in the background so does Ctrl-C.
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Derandomised: a run never depends on chance or on earlier runs. Without a deadline, since the first
 # call may compile.
