@@ -59,7 +59,7 @@ def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, run_he
 
 
 def test_it_ends_on_request(recording, run_here):
-    result = well(run_here("live", recording, "--object", "cube_v2", "--seconds", "0.05", "--speed", "0.1"))
+    result = well(run_here("live", recording, "--object", "cube_v2", "--seconds", "0.5", "--speed", "0.02"))
     assert "sets of images  1," in result.stdout
 
 
