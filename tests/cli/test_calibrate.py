@@ -8,7 +8,7 @@ import pytest
 
 import tracker
 from tests.calibration.board.test_extrinsics import GIVEN, PLACES, TRUE
-from tests.helpers.boards import LENS, photo, pose_towards
+from tests.helpers.boards import LENS, photo, pose_towards, write_photos
 from tests.helpers.command import assert_one_line_error, assert_refused, well
 from tests.helpers.filmed import RIG, write_recording
 from tests.helpers.kept_stills import bare
@@ -17,7 +17,6 @@ from tracker.calibration.by_object.table import moved
 from tracker.calibration.files.platform import read_calibrated
 from tracker.cli.calibrate import save_object
 from tracker.geometry import so3
-from tracker.geometry.camera import Camera
 
 CUBE = ("--object", "cube_v2")
 BOARD = ("--squares", "5x7", "--square", "0.04", "--marker", "0.03")
@@ -40,15 +39,8 @@ def photos(tmp_path_factory):
 @pytest.fixture(scope="module")
 def triplets(tmp_path_factory):
     """Two places of the board before three cameras, and lenses of these."""
-    root, rng = tmp_path_factory.mktemp("triplets"), np.random.default_rng(92)
-    matrix, distortion = LENS.arrays
-    (root / "lenses").mkdir()
-    for place in range(2):
-        (root / f"{place}").mkdir()
-        for name, true in zip(NAMES, TRUE, strict=True):
-            cv2.imwrite(str(root / f"{place}" / f"{name}.png"), photo(true @ PLACES[place], rng))
-    cameras = [Camera(name, LENS.width, LENS.height, matrix, distortion, np.eye(4)) for name in NAMES]
-    tracker.CameraRig(tuple(cameras)).save(root / "lenses")
+    root, places = tmp_path_factory.mktemp("triplets"), {"0": PLACES[0], "1": PLACES[1]}
+    write_photos(root, dict(zip(NAMES, TRUE, strict=True)), places, np.random.default_rng(92))
     return root
 
 

@@ -21,7 +21,7 @@ from synthetic.export.workers import run_tasks
 from tests.calibration.board.test_extrinsics import PLACES, TRUE
 from tests.docs.samples import blocks, commands, inline_commands, languages, samples
 from tests.helpers import ROOT, robot_stores
-from tests.helpers.boards import LENS, photo, pose_towards
+from tests.helpers.boards import photo, pose_towards, write_photos
 from tests.helpers.command import Run
 from tests.helpers.filmed import RIG, write_recording
 from tests.helpers.log_writers import make_content, write_native
@@ -29,7 +29,7 @@ from tests.helpers.moving_cube import carried, knocked, rests
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.synthetic_needs import skip_without_platform
 from tests.logs.test_robot_log import text
-from tracker import Camera, CameraRig, cli
+from tracker import CameraRig, cli
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import read_arena
 from tracker.cli.colors import adapt
@@ -120,17 +120,11 @@ def stores(working: Path) -> Path:
 def boards(working: Path) -> Path:
     """Photos of a board: of one camera, and of three with lenses that are known, in two places."""
     rng = np.random.default_rng(93)
-    matrix, distortion = LENS.arrays
-    names = ("camera60", "camera180", "camera300")
-    cameras = [Camera(name, LENS.width, LENS.height, matrix, distortion, np.eye(4)) for name in names]
-    CameraRig(tuple(cameras)).save(working / "lenses")
-    for folder in ("photos", "board_on_table", "board_elsewhere"):
-        (working / folder).mkdir()
+    (working / "photos").mkdir()
     for number in range(8):
         cv2.imwrite(str(working / "photos" / f"{number}.png"), photo(pose_towards(rng), rng))
-    for place, folder in zip(PLACES, ("board_on_table", "board_elsewhere"), strict=False):
-        for name, true in zip(names, TRUE, strict=True):
-            cv2.imwrite(str(working / folder / f"{name}.png"), photo(true @ place, rng))
+    places = {"board_on_table": PLACES[0], "board_elsewhere": PLACES[1]}
+    write_photos(working, dict(zip(RIG.names, TRUE, strict=True)), places, rng)
     return working
 
 

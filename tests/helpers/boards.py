@@ -2,10 +2,13 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
+from pathlib import Path
 
 import cv2
 import numpy as np
 
+from tracker import Camera, CameraRig
 from tracker.calibration.board.board import Board, Page, page_image
 from tracker.calibration.board.sighting import BoardView
 from tracker.conventions import FloatArray, Image
@@ -81,6 +84,19 @@ def photo(pose: FloatArray, rng: np.random.Generator, *, board: Board = BOARD, b
     image = fine.reshape(LENS.height, OFTEN, LENS.width, OFTEN).mean(axis=(1, 3)) * 0.75 + 20
     image = cv2.GaussianBlur(image, (0, 0), blur) + rng.normal(0, 1.5, image.shape)
     return np.repeat(np.clip(np.rint(image), 0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
+
+
+def write_photos(
+    root: Path, cameras: Mapping[str, FloatArray], places: Mapping[str, FloatArray], rng: np.random.Generator
+) -> None:
+    """The lenses of cameras (name: camera_from_world), and their photos of each place of the board."""
+    matrix, distortion = LENS.arrays
+    lenses = [Camera(name, LENS.width, LENS.height, matrix, distortion, np.eye(4)) for name in cameras]
+    CameraRig(tuple(lenses)).save(root / "lenses")
+    for folder, place in places.items():
+        (root / folder).mkdir()
+        for name, true in cameras.items():
+            cv2.imwrite(str(root / folder / f"{name}.png"), photo(true @ place, rng))
 
 
 @functools.cache
