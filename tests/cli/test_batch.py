@@ -164,7 +164,8 @@ def test_status_is_reported_for_people_and_programs(recordings, tmp_path, run_he
     assert (tmp_path / "failures.json").is_file()
 
 
-def test_a_recording_may_be_called_as_a_command(tmp_path, run_here):
+def test_a_recording_may_be_called_as_a_command(tmp_path, run_here, monkeypatch):
+    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
     for name in ("status", "run"):
         write_log(tmp_path / name, 2)
     asked = ("--object", "cube_v2", "-o", "out", "--jobs", 1)
