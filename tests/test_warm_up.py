@@ -1,13 +1,13 @@
 import io
 import subprocess
 import sys
-import time
 
 import pytest
 from numba import njit
 from numba.core.types import BaseFunction
 
 from tests.helpers import ROOT, run_python
+from tests.helpers.command import until
 from tracker import warm_up
 from tracker.processes import python_command
 
@@ -92,8 +92,7 @@ def test_a_terminal_shows_how_many_kernels_there_are(tmp_path, monkeypatch):
     monkeypatch.setattr(warm_up, "_folder", lambda: str(folder))
     monkeypatch.setattr(warm_up.sys, "stderr", Terminal())
     with warm_up._counted():
-        time.sleep(1.0)
-    assert f"compiled 1 of {warm_up.KERNELS} kernels" in warm_up.sys.stderr.getvalue()
+        until(lambda: f"compiled 1 of {warm_up.KERNELS} kernels" in warm_up.sys.stderr.getvalue())
 
 
 def test_what_compiles_beside_runs_nothing_of_the_present_folder(tmp_path, monkeypatch):

@@ -93,10 +93,10 @@ def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, run_
     arguments = (f"opencv:{absent}", "--object", "cube_v2", "--calibration", recording)
     # However long the machine takes to begin.
     monkeypatch.setattr("tracker.live.cameras.OPENING", 60.0)
-    result = run_here("live", *arguments, "--seconds", "0.5")
+    result = run_here("live", *arguments, "--seconds", "0.1")
     assert result.returncode == 2
     assert "no camera ever gave an image" in result.stdout
-    assert "no camera ever gave an image" in run_here("live", *arguments, "--seconds", "0.5", "-q").stderr
+    assert "no camera ever gave an image" in run_here("live", *arguments, "--seconds", "0.1", "-q").stderr
     monkeypatch.setattr("tracker.live.cameras.OPENING", 0.5)
     names = ("not one of 3", "absent0.mp4", "absent1.mp4", "absent2.mp4")
     assert_one_line_error(run_here("live", *arguments, "-q"), *names)
