@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,7 @@ REFUSED = {
     "convert": [
         ("job -o no/folder", "there is no folder no"),
         ("job -o folder", "exists, expected a new name"),
+        ("job -o ''", "'-o'|found an empty path"),
         ("job -o new.zip", ".zip"),
         ("job -o job/camera_data.dat", "that is the recording"),
         ("cut -o new.h5", "camera_data.dat"),
@@ -147,6 +149,8 @@ REFUSED = {
         ("log -o log/camera_data.dat", "that is the recording"),
         ("log -o other/camera60.yml --calibration other", "that is an input"),
         ("log -o new", "no suffix"),
+        ("log -o ''", "'-o'|found an empty path"),
+        ("'' -o new.h5", "LOG...|found an empty path"),
         ("log -o linked.h5", "that is the recording"),
         ("log -o hard.h5", "that is the recording's calibration"),
         ("log -o goal.h5", "that is a file of the recording's folder"),
@@ -164,6 +168,8 @@ REFUSED = {
         ("cube_v2 --csv a.csv --bop ./a.csv --camera camera60", "same file"),
         ("cube_v2 --pattern *.yml", "--calibration"),
         ("cube_v2 --calibration other", "28×24"),
+        ("cube_v2 --calibration ''", "--calibration|found an empty path"),
+        ("cube_v2 --colors ''", "--colors|found an empty path"),
     ],
     "batch": [
         ("run job --object cube_v2 -o poses.h5", "found a file, expected a folder"),
@@ -175,6 +181,8 @@ REFUSED = {
         ("run log --object cube_v2 -o out --from 3 --to 2", "beyond"),
         ("run log --object cube_v2 -o out --workers 2", "No such option"),
         ("run log --object cube_v9 -o out", "cube_v9"),
+        ("run log --object cube_v2 -o ''", "'-o'|found an empty path"),
+        ("run '' --object cube_v2 -o out", "RECORDING|found an empty path"),
         ("run none/* --object cube_v2 -o out", "fits this pattern"),
         ("status log", "batch.json"),
     ],
@@ -279,7 +287,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_cannot_be_done_is_one_line_and_changes_nothing(command, words, folder, run_here):
     if ".mp4" in command:
         pytest.importorskip("av", reason="video: no module av")
-    assert_refused(run_here, folder, command.split(), *words.split("|"))
+    assert_refused(run_here, folder, shlex.split(command), *words.split("|"))
 
 
 def files_written(group: click.Group = commands) -> list[Any]:

@@ -61,7 +61,7 @@ as_csv_option = click.option("--csv", "as_csv", is_flag=True, help="Write the ta
 
 
 @batch.command()
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=InFile(str))
 @output_option(OutFolder(), "DIR", "Folder of the results.")
 @options.asked
 @click.option("--robot", metavar="NAME", help="Robot of image stores, e.g. r1.  [default: each episode's]")

@@ -16,6 +16,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.options import gathered, option
 from tracker.cli.outputs import (
+    AnyPath,
     Command,
     InFile,
     Recording,
@@ -214,7 +215,7 @@ def export(
 @click.command(cls=Command)
 @click.argument("source", metavar="LOG", type=Recording())
 @output_option(
-    click.Path(path_type=Path),
+    AnyPath(path_type=Path),
     "FILE|DIR",
     "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
 )

@@ -21,7 +21,17 @@ _PACKAGES = {"plot": "matplotlib", "video": "av"}  # package of each extra
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-class InFile(click.Path):
+class AnyPath(click.Path):
+    """A path that is not empty: an unset variable would otherwise name the working folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """See click.ParamType."""
+        if value == "":
+            self.fail("found an empty path, expected a file or a folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class InFile(AnyPath):
     """An input file or folder."""
 
     def __init__(self, path_type: type = Path) -> None:
@@ -32,7 +42,7 @@ class Recording(InFile):
     """An input recording or pictures, including the calibration and other files beside them."""
 
 
-class _Output(click.Path):
+class _Output(AnyPath):
     """An output, refused before any work is done if its name or folder is invalid."""
 
     def __init__(self) -> None:

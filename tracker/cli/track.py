@@ -15,6 +15,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.export import Outputs, output_options, write_tracked_film
 from tracker.cli.outputs import (
+    AnyPath,
     Command,
     OutFile,
     OutFolder,
@@ -37,7 +38,7 @@ CONTRADICTED = 0.02
 
 @click.command(cls=Command)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=Recording())
-@output_option(click.Path(path_type=Path), "FILE|DIR", "File of poses (.h5), or a folder.")
+@output_option(AnyPath(path_type=Path), "FILE|DIR", "File of poses (.h5), or a folder.")
 @click.option("--overwrite", is_flag=True, help="Replace poses of another object.")
 @options.asked
 @output_options
