@@ -61,6 +61,17 @@ def test_another_size_is_scaled_only_where_that_is_asked_for(folder):
         fitted(folder, rig_of(*CAMERAS, size=(90, 80)), resize=True)
 
 
+@pytest.mark.parametrize("resize", [False, True])
+def test_a_camera_none_of_whose_pictures_can_be_read_is_no_fault_of_the_calibration(folder, resize):
+    picture = folder / "camera180" / "000000.png"
+    picture.unlink()
+    picture.mkdir()
+    assert fitted(folder, rig_of(*CAMERAS), resize=resize)[1].width == 30
+    with tracker.open_log(folder) as log, pytest.raises(LogError) as raised:
+        log.frame(0)
+    assert str(raised.value) == f"{picture}: cannot be read: Is a directory"
+
+
 def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
     rig_of(*CAMERAS).save(folder)
     with tracker.open_log(folder) as log:

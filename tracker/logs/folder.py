@@ -95,8 +95,9 @@ def _picture(file: Picture, size: tuple[int, int]) -> Image:
     """Read a picture; LogError if its size differs from that of the camera's first."""
     if isinstance(file, FilmPicture):
         return file.film.picture(file.number)
+    content = _content(file)
     with naming(file, LogError):
-        image = decode(_content(file))
+        image = decode(content)
         check_same_size(image.shape[1::-1], size)
         return image
 

@@ -169,7 +169,8 @@ def fitted_to(
         )
     ordered = [rig[rig.names.index(name)] for name in names] if known else list(rig)
     for number, size in enumerate(log.image_sizes):
-        ordered[number] = sized_for(size, ordered[number], where, resize=resize)
+        if any(size):  # else none of the camera's pictures states one, and reading them tells why
+            ordered[number] = sized_for(size, ordered[number], where, resize=resize)
     return dataclasses.replace(rig, cameras=tuple(ordered))
 
 
