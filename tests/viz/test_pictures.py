@@ -112,6 +112,11 @@ def film_to(path):
     return write_film(path, film(), 10)
 
 
+def empty_film_to(path):
+    pytest.importorskip("av", reason="video: no module av")
+    return write_film(path, film(0), 10)
+
+
 def plot_to(path):
     write_trajectory_plot(path, random_poses(np.random.default_rng(1), 3))
 
@@ -132,6 +137,7 @@ def plot_to(path):
         (lambda path: write_film(None, film(), 10), "", "film: found None, expected a path"),
         (lambda path: write_image(None, BLACK[0]), "", "image: found None, expected a path"),
         (lambda path: plot_to(None), "", "plot: found None, expected a path"),
+        (empty_film_to, "film.mp4", r"film\.mp4: found no pictures for it, expected at least one"),
         (plot_to, "plot.pdf", r"found suffix '\.pdf', expected \.png"),
     ],
 )

@@ -62,7 +62,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
         The number of images.
 
     Raises:
-        ImageError: the suffix differs, or the file cannot be written.
+        ImageError: the suffix differs, there are no images, or the file cannot be written.
         TrackerError: the optional package `av` is missing.
     """
     target = path_of(path, "film", ImageError)
@@ -86,8 +86,9 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
             frame = av.VideoFrame.from_ndarray(picture[:height, :width].copy(), format="bgr24")
             film.mux(stream.encode(frame))
             count += 1
-        if count:
-            film.mux(stream.encode())
+        if not count:
+            raise ImageError(f"film {target}: found no pictures for it, expected at least one")
+        film.mux(stream.encode())
     return count
 
 
