@@ -113,6 +113,7 @@ REFUSED = {
         ("poses.h5 --bop a.csv", "--camera"),
         ("poses.h5 --video a.mp4", "--log"),
         ("poses.h5 --tum a.tum --keypoints", "--keypoints: found no table"),
+        ("poses.h5 --csv a.csv --keypoints --object cuboid_2x2x8_v2", "poses of cube_v2"),
         ("job --csv x.csv", "job: found a folder, expected a file of poses"),
         ("none --csv x.csv", "none: found no such file, expected a file of poses"),
         ("other.h5 --video film.mp4 --log job", "poses of another recording"),

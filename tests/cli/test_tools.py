@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from tests.helpers.log_writers import make_content, write_hdf5, write_native
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
 from tracker.errors import LogError
-from tracker.objects.model import load_object
+from tracker.objects.model import load_object, to_toml
 from tracker.poses.exports import write_bop, write_csv, write_tum
 from tracker.poses.file import write_poses
 from tracker.poses.poses import CSV_HEADER
@@ -102,7 +103,8 @@ def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
     found = table[[f"filtered_keypoint{i}_{axis}_m" for i in range(8) for axis in "xyz"]]
     np.testing.assert_allclose(found.to_numpy().reshape(-1, 8, 3), expected, atol=1e-15)
     assert poses.to_dataframe(model)["measured_keypoint7_z_m"].notna().sum() == poses.measured.has_pose.sum()
-    other = ["--keypoints", "--object", "cuboid_2x2x8_v2"]
+    (tmp_path / "mine.toml").write_text(to_toml(replace(model, size=model.size / 2)))
+    other = ["--keypoints", "--object", "mine.toml"]
     run_here("export", "poses.h5", "--csv", "b.csv", *other, folder=tmp_path).check_returncode()
     assert (tmp_path / "a.csv").read_bytes() != (tmp_path / "b.csv").read_bytes()
     with pytest.raises(LogError, match="keypoints: found 'cube_v2', expected CuboidModel"):

@@ -192,20 +192,23 @@ def export(
     for name, given in {"--keypoints": keypoints, "--robot-log": robot_log}.items():
         if given and outputs.csv is None and parquet is None:
             raise click.UsageError(f"{name}: found no table to add to, expected --csv or --parquet")
-    poses = tracker.read_poses(source)
+    model: tracker.CuboidModel | None = None
+    if keypoints or video is not None or object_name is not None:
+        poses, model = poses_of(source, object_name)
+    else:  # for which an object need not be known by its name
+        poses = tracker.read_poses(source)
     outputs.check_camera(poses.about.rig)
-    corners_of = tracker.load_object(object_name or poses.about.object_name) if keypoints else None
+    corners_of = model if keypoints else None
     more = read_robot_log(robot_log).at(poses.timestamp).columns() if robot_log else None
     outputs.write(poses, corners_of, more)
     if parquet is not None:
         from tracker.poses.exports import write_parquet
 
         write_parquet(parquet, poses, keypoints_of=corners_of, more=more)
-    if video is not None and log is not None:
+    if video is not None and log is not None and model is not None:
         from tracker.logs.opening import fitted_to
         from tracker.summaries.row import refuse_others
 
-        model = tracker.load_object(object_name or poses.about.object_name)
         with tracker.open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
             fitted_to(log, opened, poses.about.rig)
             refuse_others(source, poses, log, opened)
