@@ -181,9 +181,14 @@ def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
-def test_a_scheduler_that_does_not_answer_is_named(recordings, tmp_path, run_here, monkeypatch):
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "foo://127.0.0.1:9", ""])
+def test_a_scheduler_that_does_not_answer_is_named(address, recordings, tmp_path, run_here, monkeypatch):
     monkeypatch.setattr("tracker.batch.workers.CONNECT_SECONDS", 0.5)
+    if not address.startswith("tcp"):  # what is begun with it would hold up this process's end
+        monkeypatch.delattr(
+            pytest.importorskip("distributed", reason="cluster: no module distributed"), "Client"
+        )
     base = ["batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out"]
-    result = run_here(*base, "--scheduler", "tcp://127.0.0.1:9")
-    assert_one_line_error(result, "scheduler tcp://127.0.0.1:9: does not answer")
+    result = run_here(*base, "--scheduler", address)
+    assert_one_line_error(result, f"scheduler {address}: does not answer")
     assert not list(tmp_path.rglob("*.poses.h5"))

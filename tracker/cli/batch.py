@@ -45,7 +45,8 @@ class Engine:
     )
 
     def __post_init__(self) -> None:
-        chosen = [f"--{name}" for name in ("jobs", "scheduler", "htcondor", "slurm") if getattr(self, name)]
+        every = ("jobs", "scheduler", "htcondor", "slurm")
+        chosen = [f"--{name}" for name in every if getattr(self, name) not in (None, False)]
         if len(chosen) > 1:
             raise click.UsageError(f"found {' and '.join(chosen)}, expected one of them")
         if self.dry_run and self.submits is None:
@@ -147,7 +148,8 @@ def _run(work: Batch | Retracking, engine: Engine, as_csv: bool, quiet: bool) ->
         try:
             with bar("recordings", len(batch.pairs), quiet, "recordings") as advance:
                 address = engine.scheduler
-                begin = functools.partial(dask_workers, address) if address else lambda: processes(count)
+                local = functools.partial(processes, count)
+                begin = local if address is None else functools.partial(dask_workers, address)
                 stores.run(begin, tell) if stores else run_batch(batch, begin, tell)
         except BaseException:
             with suppress(LogError):  # report the reason why the run ended instead
