@@ -121,15 +121,25 @@ def test_a_check_of_dark_cameras_exits_with_1(tmp_path, run_here):
     assert f"{RIG.names[0]}: " not in result.stdout
 
 
-def test_a_recording_that_ends_is_reported_even_with_quiet(recording, tmp_path, run_here, monkeypatch):
+@pytest.mark.parametrize(
+    ("option", "writes", "what"),
+    [
+        ("--record=log.h5", "tracker.logs.hdf5_writer.Hdf5LogWriter.append", "recording"),
+        ("--rrd=view.rrd", "tracker.viz.rerun_scene.Scene.show", "view"),
+    ],
+)
+def test_a_file_that_ends_is_reported_even_with_quiet(
+    option, writes, what, recording, tmp_path, run_here, monkeypatch
+):
     def refuse(*_):
         raise tracker.errors.LogError("no space is left")
 
-    monkeypatch.setattr("tracker.logs.hdf5_writer.Hdf5LogWriter.append", refuse)
-    arguments = ("--record", tmp_path / "log.h5", "--quiet")
-    result = run_here("live", recording, "--object", "cube_v2", *arguments)
+    if what == "view":
+        pytest.importorskip("rerun", reason="rerun: no module rerun")
+    monkeypatch.setattr(writes, refuse)
+    result = run_here("live", recording, "--object", "cube_v2", option, "--quiet", folder=tmp_path)
     assert result.returncode == 2
-    assert (result.stdout, result.stderr) == ("", "the recording has ended: no space is left\n")
+    assert (result.stdout, result.stderr) == ("", f"tracker: the {what} has ended: no space is left\n")
 
 
 FAILED = {"camera60": "the buffer failed"}

@@ -155,7 +155,7 @@ def _track(
         click.echo(statistics.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
     if statistics.only_faults:
         raise LiveError(f"{name}: no camera ever gave an image")
-    if outputs.recorder is not None and outputs.recorder.fault is not None:
+    if not outputs.whole:
         raise click.exceptions.Exit(2)
     if stopped is not None:
         raise stopped

@@ -17,7 +17,7 @@ import click
 import tracker
 from tracker.cli.options import option
 from tracker.cli.outputs import file_option
-from tracker.cli.terminal import listing, table
+from tracker.cli.terminal import listing, say, table
 
 if TYPE_CHECKING:
     from tracker.live import ImageSource, Moment
@@ -87,6 +87,7 @@ class LiveOutputs:
         self.page: WebPage | None = None
         self._fallible: dict[Listener | Publisher, str] = {}
         self._told: set[Listener | Publisher] = set()
+        self._files: list[Listener] = []
 
         def add(output: Listener | Publisher, what: str = "") -> None:
             stack.callback(output.close)
@@ -96,16 +97,24 @@ class LiveOutputs:
         if requested.record is not None:
             self.recorder = Recorder(requested.record, rig, lambda: getattr(source, "settings", ()))
             add(self.recorder, "the recording has ended: ")
+            self._files.append(self.recorder)
         for address in requested.addresses:
             add(open_publisher(address, model, body=requested.body, public=requested.public))
         if requested.view or requested.rrd:
-            add(RerunView(requested.rrd, rig, model), "the view has ended: ")
+            view = RerunView(requested.rrd, rig, model)
+            add(view, "the view has ended: ")
+            self._files += [view] if requested.rrd else []
         if requested.page is not None:
             self.page = WebPage(requested.page, finder)
             add(self.page, "the page has ended: ")
             click.echo(f"page: {self.page.address}", err=True)
         if requested.as_json:
             self.listeners.append(lambda moment: click.echo(message_of(moment).decode()))
+
+    @property
+    def whole(self) -> bool:
+        """Whether the files that are written could take all."""
+        return not any(one.fault for one in self._files)
 
     def faults(self) -> list[str]:
         """Return the messages of outputs that ended or failed, except the recorder."""
@@ -117,7 +126,7 @@ class LiveOutputs:
         for one, what in self._fallible.items():
             if one.fault and one not in self._told:
                 self._told.add(one)
-                click.echo(f"{what}{one.fault}", err=True)
+                say(f"{what}{one.fault}")
 
 
 _LATENCIES = 100_000  # number of latencies kept for percentiles
