@@ -142,7 +142,7 @@ def refuse_overwriting(
             hit = existing.get(_identity(path) or (0, 0))
             if hit is not None:
                 raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
-    _refuse_pictures(files, recordings)
+    _refuse_new_recordings(files, recordings)
 
 
 def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
@@ -200,16 +200,21 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
             yield "an input", file
 
 
-def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
-    """Refuse pictures and films in an input folder: the next run would read them as part of the recording."""
+def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
+    """Refuse outputs that the next run would read as the recording of a folder or as a part of it.
+
+    The latter are pictures and films in an input folder.
+    """
     from tracker.logs.opening import JOB_LOGS
 
-    folders = {
-        os.path.realpath(recording)
-        for recording in recordings
-        if recording.is_dir() and not any((recording / name).exists() for name in JOB_LOGS)
-    }
+    opened = {os.path.realpath(recording): recording for recording in recordings if recording.is_dir()}
+    folders = {real for real, one in opened.items() if not any((one / name).exists() for name in JOB_LOGS)}
     for name, path in files.items():
+        recording = opened.get(os.path.dirname(os.path.realpath(path)))
+        if recording is not None and path.name in JOB_LOGS:
+            raise click.UsageError(
+                f"{name} {path}: would be read in place of {recording}, expected another name"
+            )
         inside = not folders.isdisjoint(map(str, Path(os.path.realpath(path)).parents))
         if inside and path.suffix.lower() in (*PICTURE, ".mp4"):
             raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
