@@ -197,6 +197,7 @@ REFUSED = {
         ("log --publish tcp://0.0.0.0:5555", "other machines could connect"),
         ("log --publish udpm://239.255.76.67:7667?ttl=1", "other machines could receive it"),
         ("log --publish tcp://127.0.0.1:5555 --body box", "--body|lcm://"),
+        *((f"log {name} nan", f"{name}|found nan") for name in ("--seconds", "--speed", "--rate")),
         ("log --page 70000", "--page|70000|65535"),
         ("log --view --rrd a.rrd", "--view|--rrd"),
         ("log --check --record new.h5", "--check|does not track"),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,7 +25,19 @@ from tracker.errors import LiveError
 if TYPE_CHECKING:
     from tracker.live import ImageSource, Live
 
-_POSITIVE = click.FloatRange(0, min_open=True)
+
+class _Range(click.FloatRange):
+    """One that NaN is not in; in click's it is."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """See click.ParamType."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"found {value}, expected a number", param, ctx)
+        return number
+
+
+_POSITIVE = _Range(0, min_open=True)
 _ERRORS = 2  # OpenCV's LOG_LEVEL_ERROR
 _CAMERAS = ("pylon", "opencv")  # the same as in tracker.live.sources, which is not imported for --help
 
@@ -36,7 +49,7 @@ class Pace:
     rate: float | None = option(
         "--rate",
         metavar="HZ",
-        type=click.FloatRange(0, 1000, min_open=True),
+        type=_Range(0, 1000, min_open=True),
         help="Sets of images per second.  [default: 10]",
     )
     settings: Path | None = option(
