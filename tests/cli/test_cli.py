@@ -79,6 +79,13 @@ def test_output_that_cannot_be_written_is_one_line():
     assert line.startswith("tracker: output: ")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="system: no /dev/full")
+def test_an_error_that_cannot_be_told_is_still_an_error():
+    command = [sys.executable, "-m", "tracker", "info", "nowhere"]
+    with open("/dev/full", "w") as full:
+        assert subprocess.run(command, cwd=ROOT, stderr=full, check=False).returncode == 2
+
+
 @pytest.mark.parametrize(
     ("raised", "code", "message"),
     [

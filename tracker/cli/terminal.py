@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import zip_longest
 
 import click
@@ -30,8 +30,9 @@ def listing(rows: Sequence[Sequence[str]]) -> str:
 
 
 def say(message: str) -> None:
-    """Print a message on stderr on one line, whatever names it contains."""
-    click.echo(f"tracker: {' '.join(message.split())}", err=True)
+    """Print a message on stderr on one line, whatever names it contains; ignore a closed or full stderr."""
+    with suppress(OSError):
+        click.echo(f"tracker: {' '.join(message.split())}", err=True)
 
 
 @contextmanager
