@@ -1,5 +1,6 @@
 import io
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 from tests.helpers import ROOT
 from tests.helpers.command import well
 from tracker import cli
-from tracker.cli.terminal import bar
+from tracker.cli.terminal import Ended, bar
 
 
 @pytest.mark.parametrize(
@@ -86,9 +87,16 @@ def test_an_error_that_cannot_be_told_is_still_an_error():
         assert subprocess.run(command, cwd=ROOT, stderr=full, check=False).returncode == 2
 
 
+def error_after(stop: KeyboardInterrupt) -> ImportError:
+    error = ImportError("initialization failed")
+    error.__cause__ = stop
+    return error
+
+
 @pytest.mark.parametrize(
     ("raised", "code", "message"),
     [
+        (error_after(Ended(signal.SIGHUP)), 129, "tracker: interrupted\n"),
         (KeyboardInterrupt(), 130, "tracker: interrupted\n"),
         (RuntimeError("two\nlines"), 2, "RuntimeError in test_cli.py"),
     ],
