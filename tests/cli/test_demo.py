@@ -3,6 +3,7 @@ import shlex
 
 from tests.docs.samples import blocks
 from tests.helpers.command import assert_one_line_error, well
+from tests.helpers.full_disk import no_file_longer_than
 
 
 def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
@@ -32,3 +33,11 @@ def test_the_demo_works_after_one_that_was_interrupted(tmp_path, run_here, monke
     assert not list(tmp_path.iterdir())
     assert run_here("demo", folder=tmp_path).returncode == 0
     assert_one_line_error(run_here("demo", "-o", "nowhere/mine", folder=tmp_path), "nowhere")
+
+
+def test_a_disk_that_takes_no_demo_is_told_of_once(tmp_path, run_here):
+    with no_file_longer_than(2000):
+        result = run_here("demo", "-o", "mine", folder=tmp_path)
+    assert_one_line_error(result, "mine: cannot be written: File too large")
+    assert result.stderr.count("File too large") == 1
+    assert not list(tmp_path.iterdir())

@@ -44,7 +44,7 @@ def demo(output: Path) -> None:
     with (
         told_as(TrackerError, output),
         whole_file(output) as folder,
-        tracker.open_log(shutil.copytree(DATA, folder)) as log,
+        tracker.open_log(_copied(DATA, folder)) as log,
     ):
         if log.rig is None:
             raise TrackerError(f"{output}: found no calibration in the recording")
@@ -68,6 +68,15 @@ def demo(output: Path) -> None:
     click.echo("\nnext:")
     click.echo(f"  tracker detect --object {model.name} {output} --frame 7")
     click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
+
+
+def _copied(source: Path, target: Path) -> Path:
+    """The copy of a folder. That of shutil would name every file that a full disk does not take."""
+    target.mkdir()
+    for path in source.iterdir():
+        copy = _copied if path.is_dir() else shutil.copyfile
+        copy(path, target / path.name)
+    return target
 
 
 def _error(pose: tracker.PoseEstimate | None, truth: dict[str, list[float]]) -> tuple[float, float]:
