@@ -5,6 +5,7 @@ import json
 import os
 import shlex
 import shutil
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +99,10 @@ REFUSED = {
         ("top.jpg left.jpg", "top.jpg: named after no camera|left, right"),
         ("left.jpg top.jpg", "top.jpg: named after no camera|left, right"),
     ],
-    "detect --object cube_v2 --json": [("demo --frame 20", "no frame 20|from 0 to 19")],
+    "detect --object cube_v2 --json": [
+        ("demo --frame 20", "no frame 20|from 0 to 19"),
+        ("empty.dat --calibration demo", "no frame 0, expected one from a recording that has some"),
+    ],
     "dice --json --calibration demo": [
         *COUNTS,
         (f"{ONE} {TWO} {THREE} --goal nowhere.json", "nowhere.json|cannot be read"),
@@ -267,6 +271,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             (root / name).parent.mkdir(exist_ok=True)
             shutil.copy(root / ONE, root / name)
     write_hdf5(root / "log.h5", make_content(1))
+    (root / "empty.dat").write_bytes(struct.pack("<IQ", 1, 0))
     write_picture(root / "imgs" / "camera60" / "000000.png", np.zeros((24, 28, 3), np.uint8))
     tracker.CameraRig(default_cameras()).save(root / "other")
     write_poses(root / "poses.h5", random_poses(np.random.default_rng(20240607), 20))

@@ -47,7 +47,8 @@ def _one_set(
         with tracker.open_log(path) as log:
             rig = cameras.rig_of(path, log)
             if number >= len(log):
-                raise LogError(f"{path}: found no frame {number}, expected one from 0 to {len(log) - 1}")
+                there = f"0 to {len(log) - 1}" if len(log) else "a recording that has some"
+                raise LogError(f"{path}: found no frame {number}, expected one from {there}")
             return rig, list(log[number].images)
     if frame is not None:
         raise click.UsageError("--frame is for recordings and folders; found image files")
