@@ -1,4 +1,5 @@
 import dataclasses
+import signal
 
 import cv2
 import h5py
@@ -209,3 +210,36 @@ def test_a_full_disk_is_reported_and_what_was_flushed_before_stays(tmp_path):
                 assert [frame.index for frame in log] == list(range(flushed[-1]))
     assert flushed[:2] == [0, 0]
     assert flushed[-1] >= 10
+
+
+INTERRUPTED = """
+import os, signal, sys
+from tests.helpers.log_writers import make_content
+from tests.helpers.recording_stubs import tiny_rig
+from tracker.logs import hdf5_writer
+
+class Asked(hdf5_writer.Disk):
+    def write(self, data):
+        if len(writer) == 3:
+            os.kill(os.getpid(), number)
+        return super().write(data)
+
+number, content, writer = int(sys.argv[2]), make_content(5), ()
+signal.signal(number, signal.default_int_handler)
+hdf5_writer.Disk = Asked
+try:
+    with hdf5_writer.Hdf5LogWriter(sys.argv[1], tiny_rig(), flush_every=1) as writer:
+        for raw, stamp in zip(content.raw, content.stamps):
+            writer.append(list(raw), stamp)
+except KeyboardInterrupt:
+    print(len(writer))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupt_waits_until_a_frame_is_written(number, tmp_path):
+    """In a process of its own: the HDF5 library ends it where it is interrupted."""
+    result = run_python(["-c", INTERRUPTED, tmp_path / "log.h5", int(number)])
+    assert (result.stdout, result.stderr, result.returncode) == ("4\n", "", 0)
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        assert len(list(log)) == 4

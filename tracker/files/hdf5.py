@@ -16,7 +16,9 @@ import contextlib
 import io
 import math
 import os
+import signal
 import struct
+import threading
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -267,8 +269,33 @@ def _check_stored(dataset: h5py.Dataset) -> None:
         raise LogError(f"found {stored} bytes stored, expected blocks of {block}")
 
 
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Signals that a handler in Python waits for come when the block ends.
+
+    What a handler raised within `Disk`, the library would drop, lose track as of a full disk, and crash. Of
+    threads other than the main one, which get no signals, nothing changes.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before: dict[signal.Signals, Any] = {}
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if callable(handler := signal.getsignal(number)):
+                before[number] = handler
+                signal.signal(number, lambda its, _: came.append(its))
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for first in came[:1]:
+            signal.raise_signal(first)
+
+
 class Disk(io.FileIO):
-    """A new file for h5py to write through, which keeps in memory what a full disk refuses."""
+    """The new file that h5py writes through, `uninterrupted`; it keeps in memory what a full disk refuses."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path, "xb+")

@@ -18,7 +18,7 @@ from tracker.checks import check_sequence, described, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
-from tracker.files.hdf5 import Disk
+from tracker.files.hdf5 import Disk, uninterrupted
 from tracker.logs.frame import StampOrder, checked_stamp
 from tracker.logs.hdf5_reader import FLUSHED, MAGIC, POSE
 from tracker.logs.log import Log, Progress, Settings
@@ -72,7 +72,7 @@ class Hdf5LogWriter:
         self._count = 0
         if os.path.lexists(path):
             raise LogError(f"{self._path}: there is such a file, expected a new one")
-        with contextlib.ExitStack() as undo:
+        with uninterrupted(), contextlib.ExitStack() as undo:
             with told_as(LogError, self._path):
                 self._disk = undo.enter_context(Disk(path))
             self._file = undo.enter_context(h5py.File(self._disk, "w"))
@@ -126,6 +126,11 @@ class Hdf5LogWriter:
             for value in stamps.tolist():
                 checked_stamp(value, what=where)
         rows: dict[str, Any] = {"images": raw, "timestamps": stamps, "sensor_data_timestamps": 1000 * stamp}
+        with uninterrupted():
+            self._write(rows, pose)
+
+    def _write(self, rows: dict[str, Any], pose: Any) -> None:
+        """Add these rows of a frame, and those of its pose; LogError where the log stays as before."""
         if "object_pose" in self._file:
             rows["object_pose/has_pose"] = pose is not None
             for name, width in POSE.items():
@@ -154,8 +159,9 @@ class Hdf5LogWriter:
         Raises:
             LogError: they cannot be written.
         """
-        self._flush(self._count)
-        self._check_disk()
+        with uninterrupted():
+            self._flush(self._count)
+            self._check_disk()
 
     def close(self) -> None:
         """Finish the file.
@@ -163,11 +169,12 @@ class Hdf5LogWriter:
         Raises:
             LogError: it cannot be written.
         """
-        if self._file:
-            del self._file.attrs[FLUSHED]
-            self._file.close()
-            self._disk.close()
-            self._check_disk()
+        with uninterrupted():
+            if self._file:
+                del self._file.attrs[FLUSHED]
+                self._file.close()
+                self._disk.close()
+                self._check_disk()
 
     def _flush(self, count: int) -> None:
         self._file.attrs.modify(FLUSHED, np.uint64(count))
