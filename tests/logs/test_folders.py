@@ -1,4 +1,5 @@
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,12 +8,14 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_rig
+from tests.helpers import make_camera, make_rig
 from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.reading import frames_of, recovered
 from tests.helpers.stated_sizes import png_of_size
 from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
+from tracker.logs.folder import write_folder
 from tracker.logs.layout import stamps_of_names
 from tracker.logs.opening import recording_files
 
@@ -363,3 +366,14 @@ def test_a_malformed_file_is_refused(tmp_path, text, message):
     (tmp_path / "recording.toml").write_text(text)
     with pytest.raises(LogError, match=message):
         tracker.open_log(tmp_path)
+
+
+def test_two_pictures_of_one_stamp_are_named_as_the_user_knows_them(tmp_path):
+    for k in range(2):
+        write_picture(tmp_path / "left" / f"{k}.png", picture(k, 0))
+    (tmp_path / "recording.toml").write_text("[cameras]\ncamera60 = 'left/*.png'\n")
+    (tmp_path / "stamps.csv").write_text("0\n0\n")
+    place = f"{tmp_path}/new: frame 1: camera60/0.000000000.png: found two pictures of one stamp"
+    with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match=f"^{re.escape(place)}"):
+        write_folder(tmp_path / "new", log, CameraRig((make_camera(60),)), lambda _: None)
+    assert not (tmp_path / "new").exists()

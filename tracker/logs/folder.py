@@ -138,5 +138,6 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> No
                 if not file.exists():
                     file.write_bytes(content)
                 elif file.read_bytes() != content:
-                    raise LogError(f"{file}: found two pictures of one stamp, expected each at its own time")
+                    where = f"{path}: frame {frame.index}: {name}/{file.name}"
+                    raise LogError(f"{where}: found two pictures of one stamp, expected each at its own time")
             progress(1)
