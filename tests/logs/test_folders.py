@@ -16,6 +16,7 @@ from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.logs.folder import write_folder
+from tracker.logs.hdf5_writer import write_hdf5
 from tracker.logs.layout import stamps_of_names
 from tracker.logs.opening import recording_files
 
@@ -368,12 +369,19 @@ def test_a_malformed_file_is_refused(tmp_path, text, message):
         tracker.open_log(tmp_path)
 
 
-def test_two_pictures_of_one_stamp_are_named_as_the_user_knows_them(tmp_path):
+@pytest.mark.parametrize(
+    ("write", "stamp", "message"),
+    [
+        (write_folder, 0, "camera60/0.000000000.png: found two pictures of one stamp"),
+        (write_hdf5, 7200, "the frame's stamp goes forward by 7200 s since frame 0, expected 0 to 3600 s"),
+    ],
+)
+def test_stamps_that_another_format_cannot_have_are_refused(write, stamp, message, tmp_path):
     for k in range(2):
         write_picture(tmp_path / "left" / f"{k}.png", picture(k, 0))
     (tmp_path / "recording.toml").write_text("[cameras]\ncamera60 = 'left/*.png'\n")
-    (tmp_path / "stamps.csv").write_text("0\n0\n")
-    place = f"{tmp_path}/new: frame 1: camera60/0.000000000.png: found two pictures of one stamp"
+    (tmp_path / "stamps.csv").write_text(f"0\n{stamp}\n")
+    rig, place = CameraRig((make_camera(60).resized(30, 20),)), f"{tmp_path}/new: frame 1: {message}"
     with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match=f"^{re.escape(place)}"):
-        write_folder(tmp_path / "new", log, CameraRig((make_camera(60),)), lambda _: None)
+        write(tmp_path / "new", log, rig, lambda _: None)
     assert not (tmp_path / "new").exists()

@@ -252,6 +252,7 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
         whole_file(path) as temporary,
         Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path) as writer,
     ):
+        order = StampOrder(gaps=False)  # as a log's is read; a folder's may have gaps
         for frame in log:
             order.check(frame, what=f"{path}: frame {frame.index}")
             images = frame.images if frame.raw is None else frame.raw
