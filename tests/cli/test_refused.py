@@ -113,7 +113,7 @@ REFUSED = {
     ],
     "export": [
         ("poses.h5", "--csv"),
-        ("poses.h5 --csv poses.csv", "that is an input"),
+        ("poses.h5 --csv poses.csv", "that is an input (see tracker export --help)"),
         ("poses.h5 --bop a.csv", "--camera"),
         ("poses.h5 --video a.mp4", "--log"),
         ("poses.h5 --tum a.tum --keypoints", "--keypoints: found no table"),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import augment_usage_errors
 
 import tracker
 from tracker.errors import LogError, install
@@ -119,7 +120,8 @@ class Command(click.Command):
             elif isinstance(param.type, InFile) and value is not None:
                 several = value if isinstance(value, tuple) else (value,)
                 read[isinstance(param.type, Recording)] += map(Path, several)
-        refuse_overwriting(files, read[True], read[False])
+        with augment_usage_errors(ctx):
+            refuse_overwriting(files, read[True], read[False])
         return super().invoke(ctx)
 
 
