@@ -135,7 +135,8 @@ class Hdf5LogWriter:
             rows["object_pose/has_pose"] = pose is not None
             for name, width in POSE.items():
                 if pose is not None and not hasattr(pose, name):
-                    raise LogError(f"{where}: pose: found {shown(pose)}, expected one with {', '.join(POSE)}")
+                    at = f"{self._path}: frame {self._count}: pose"
+                    raise LogError(f"{at}: found {shown(pose)}, expected one with {', '.join(POSE)}")
                 rows[f"object_pose/{name}"] = np.zeros(width) if pose is None else getattr(pose, name)
         try:
             for name, row in rows.items():
@@ -245,7 +246,6 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
 
     LogError: it cannot be written, or its timestamps go back or jump, so that it could not be read.
     """
-    order = StampOrder(gaps=False)
     has_poses = any(frame.recorded_pose is not None for frame in log)
     with (
         told_as(LogError, path),
