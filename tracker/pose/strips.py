@@ -34,7 +34,7 @@ STRIP = np.dtype(
         ("edge", np.int64),  # which of the cuboid's twelve edges
         ("inside", np.int64),  # label of the face
         ("outside", np.int64),  # label of the neighbouring face; 0: background
-        ("in_view", np.bool_),  # whether it lies in the image and no mask hides its middle
+        ("in_view", np.bool_),  # whether it lies in the image and no mask hides it
         ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic in turn
         ("count", np.int64, (3,)),  # number of its pixels
         ("squares", np.float64),  # sum of their squared values
@@ -58,6 +58,9 @@ MAX_PIXELS = 1024
 
 BLOCK = 8
 """Each strip's pixels begin at a multiple of this, so that sums consist of whole vectors."""
+
+BESIDE = 2.0
+"""Distance from a strip's middle, to both sides, at which no mask may hide the pixel [px]."""
 
 FAR = 1e6
 """Distance that fills the gaps [px]."""
@@ -328,7 +331,10 @@ def collect(shown, picture, camera, strips, every, pixels):  # type: ignore[no-u
         strip = strips[s]
         strip.in_view = _in_view(strip, reach, image.shape[1], image.shape[0])
         if picture.hidden != 0 and strip.in_view:
-            strip.in_view = not mask[int(strip.pixel[1] + 0.5), int(strip.pixel[0] + 0.5)]
+            # The contour of what hides the object is none of its edges.
+            for side in (-BESIDE, 0.0, BESIDE):
+                u, v = strip.pixel[0] + side * strip.normal[0], strip.pixel[1] + side * strip.normal[1]
+                strip.in_view = strip.in_view and not mask[int(v + 0.5), int(u + 0.5)]
         strip.squares = 0.0
         for part in range(3):
             strip.first[part], strip.count[part] = start, 0
