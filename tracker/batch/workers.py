@@ -164,7 +164,7 @@ def dask_workers(address: str) -> Iterator[Engine]:
     with optional("dask.config", "cluster", "--scheduler").set({"logging.distributed": "critical"}):
         distributed = optional("distributed", "cluster", "--scheduler")
     try:
-        distributed.comm.get_address_host_port(address)  # of none that is one a client is never quite closed
+        distributed.comm.get_address_host_port(address)  # a client of an invalid address cannot be closed
         client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise TrackerError(f"scheduler {address}: does not answer: {error}") from error

@@ -113,9 +113,7 @@ def _run(arguments: list[str]) -> int:
         _drop_output_that_cannot_be_written()
         return _fail(reason(error))
     except Exception as error:
-        if isinstance(
-            error.__cause__, KeyboardInterrupt
-        ):  # compiled modules make it an error of their import
+        if isinstance(error.__cause__, KeyboardInterrupt):  # while a compiled module was imported
             return _fail("interrupted", code=exit_code(error.__cause__))
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{os.path.basename(last.filename)}:{last.lineno}"

@@ -71,7 +71,7 @@ def demo(output: Path) -> None:
 
 
 def _copied(source: Path, target: Path) -> Path:
-    """The copy of a folder. That of shutil would name every file that a full disk does not take."""
+    """Copy a folder; on a full disk, shutil.copytree would list every file that failed."""
     target.mkdir()
     for path in source.iterdir():
         copy = _copied if path.is_dir() else shutil.copyfile

@@ -195,7 +195,7 @@ def export(
     model: tracker.CuboidModel | None = None
     if keypoints or video is not None or object_name is not None:
         poses, model = poses_of(source, object_name)
-    else:  # for which an object need not be known by its name
+    else:  # no output needs the object, which may be unknown
         poses = tracker.read_poses(source)
     outputs.check_camera(poses.about.rig)
     corners_of = model if keypoints else None

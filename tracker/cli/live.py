@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class _Range(click.FloatRange):
-    """One that NaN is not in; in click's it is."""
+    """A range that excludes NaN, which click's own accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """See click.ParamType."""

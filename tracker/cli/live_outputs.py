@@ -113,7 +113,7 @@ class LiveOutputs:
 
     @property
     def whole(self) -> bool:
-        """Whether the files that are written could take all."""
+        """Whether everything could be written to the files."""
         return not any(one.fault for one in self._files)
 
     def faults(self) -> list[str]:

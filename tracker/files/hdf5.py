@@ -271,10 +271,10 @@ def _check_stored(dataset: h5py.Dataset) -> None:
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Signals that a handler in Python waits for come when the block ends.
+    """Defer signals that have a Python handler until the `with` block ends.
 
-    What a handler raised within `Disk`, the library would drop, lose track as of a full disk, and crash. Of
-    threads other than the main one, which get no signals, nothing changes.
+    The HDF5 library drops what a handler raises within a write, loses track of the file, and crashes. Other
+    threads than the main one receive no signals, so nothing changes there.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -295,7 +295,7 @@ def uninterrupted() -> Iterator[None]:
 
 
 class Disk(io.FileIO):
-    """The new file that h5py writes through, `uninterrupted`; it keeps in memory what a full disk refuses."""
+    """The new file that h5py writes to, `uninterrupted`; it keeps in memory what a full disk refuses."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path, "xb+")

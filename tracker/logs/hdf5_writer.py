@@ -130,7 +130,7 @@ class Hdf5LogWriter:
             self._write(rows, pose)
 
     def _write(self, rows: dict[str, Any], pose: Any) -> None:
-        """Add these rows of a frame, and those of its pose; LogError where the log stays as before."""
+        """Append a frame's rows and its pose; LogError if that fails: the log is unchanged."""
         if "object_pose" in self._file:
             rows["object_pose/has_pose"] = pose is not None
             for name, width in POSE.items():
@@ -252,7 +252,7 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
         whole_file(path) as temporary,
         Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path) as writer,
     ):
-        order = StampOrder(gaps=False)  # as a log's is read; a folder's may have gaps
+        order = StampOrder(gaps=False)  # a folder may have gaps, but such a log could not be read
         for frame in log:
             order.check(frame, what=f"{path}: frame {frame.index}")
             images = frame.images if frame.raw is None else frame.raw

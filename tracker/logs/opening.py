@@ -169,7 +169,7 @@ def fitted_to(
         )
     ordered = [rig[rig.names.index(name)] for name in names] if known else list(rig)
     for number, size in enumerate(log.image_sizes):
-        if any(size):  # else none of the camera's pictures states one, and reading them tells why
+        if any(size):  # else no picture of the camera can be read, and reading them reports why
             ordered[number] = sized_for(size, ordered[number], where, resize=resize)
     return dataclasses.replace(rig, cameras=tuple(ordered))
 

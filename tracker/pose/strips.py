@@ -331,7 +331,7 @@ def collect(shown, picture, camera, strips, every, pixels):  # type: ignore[no-u
         strip = strips[s]
         strip.in_view = _in_view(strip, reach, image.shape[1], image.shape[0])
         if picture.hidden != 0 and strip.in_view:
-            # The contour of what hides the object is none of its edges.
+            # The contour of an occluder is not an edge of the object.
             for side in (-BESIDE, 0.0, BESIDE):
                 u, v = strip.pixel[0] + side * strip.normal[0], strip.pixel[1] + side * strip.normal[1]
                 strip.in_view = strip.in_view and not mask[int(v + 0.5), int(u + 0.5)]

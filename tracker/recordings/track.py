@@ -108,7 +108,7 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
 
 
 def _refuse_overwriting(job: Job) -> None:
-    """LogError where the file to write is one of the recording's own."""
+    """Raise LogError if the output is one of the recording's own files."""
     files = recording_files(job.log) if job.output.is_file() and job.log.exists() else []
     if any(job.output.samefile(path) for path in files):
         raise LogError(f"output {job.output}: that is the recording, expected another file")
