@@ -105,10 +105,11 @@ class FrameOptions:
             number = getattr(self, key)
             if not is_whole(number) or number < least:
                 raise DatasetError(f"{key}: found {shown(number)}, expected a whole number from {least}")
-        for key, low, high in (("dropped", 0.0, 0.3), ("empty", 0.0, 1.0), ("rate", 0.1, 1000.0)):
+        limits = {"dropped": (0.0, 0.3, ""), "empty": (0.0, 1.0, ""), "rate": (0.1, 1000.0, " Hz")}
+        for key, (low, high, unit) in limits.items():
             number = getattr(self, key)
             if not is_number(number) or not low <= number <= high:
-                raise DatasetError(f"{key}: found {shown(number)}, expected {low:g} to {high:g}")
+                raise DatasetError(f"{key}: found {shown(number)}, expected {low:g} to {high:g}{unit}")
         if self.raw and self.size != 540 and self.path != "old":
             raise DatasetError(
                 f"raw: found size {self.size} and path {self.path!r}, expected size 540, or path 'old'"

@@ -119,7 +119,7 @@ def test_default_quality_halves_and_540_does_not():
         ({"seed": 1.5}, "seed: found 1.5, expected a whole number from 0"),
         ({"seed": None}, "seed: found None"),
         ({"length": 2.5}, "length: found 2.5"),
-        ({"rate": "fast"}, "rate: found 'fast', expected 0.1 to 1000"),
+        ({"rate": "fast"}, "rate: found 'fast', expected 0.1 to 1000 Hz"),
         ({"empty": 5}, "empty: found 5, expected 0 to 1"),
         ({"path": "straight"}, "path: found 'straight', expected one of None, plain, new, old"),
     ],
