@@ -1,6 +1,7 @@
 import json
 import os
 import signal
+import struct
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -97,6 +98,9 @@ def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, run_
     assert result.returncode == 2
     assert "no camera ever gave an image" in result.stdout
     assert "no camera ever gave an image" in run_here("live", *arguments, "--seconds", "0.1", "-q").stderr
+    (tmp_path / "empty.dat").write_bytes(struct.pack("<IQ", 1, 0))
+    empty = run_here("live", tmp_path / "empty.dat", *arguments[1:], "-q")
+    assert (empty.returncode, empty.stderr.count("no camera ever gave an image")) == (2, 1)
     monkeypatch.setattr("tracker.live.cameras.OPENING", 0.5)
     names = ("not one of 3", "absent0.mp4", "absent1.mp4", "absent2.mp4")
     assert_one_line_error(run_here("live", *arguments, "-q"), *names)
@@ -156,7 +160,6 @@ def test_a_jump_is_not_taken_for_a_fault_of_a_camera_that_is_called_stamps():
 
 def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
     statistics, counts = Statistics(), {"camera60": 0, "camera180": 3}
-    assert not statistics.only_faults
     for number in range(3):
         faults = {"camera180": "too small", "camera60": "frozen"}
         statistics.hear(replace(moment(number), faults=faults, fault_counts=counts))
@@ -165,9 +168,9 @@ def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
     begins = ["sets", "status", "no", "latency", "camera60", "camera180", "recorded", "fault"]
     assert [line.split()[0] for line in lines] == begins
     assert lines[-2].split() == ["recorded", "nothing"]
-    assert statistics.only_faults
+    assert statistics.blind
     statistics.hear(moment(3, (np.zeros((16, 16, 3), np.uint8),)))
-    assert not statistics.only_faults
+    assert not statistics.blind
     assert "never found" in statistics.summary(0, ())
     assert lines[-1].endswith("a listener")
 

@@ -166,7 +166,7 @@ def _track(
     if not (quiet or isinstance(stopped, Ended)):
         left_out = getattr(given, "skipped", 0)
         click.echo(statistics.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
-    if statistics.only_faults:
+    if statistics.blind and stopped is None:
         raise LiveError(f"{name}: no camera ever gave an image")
     if not outputs.whole:
         raise click.exceptions.Exit(2)

@@ -167,9 +167,9 @@ class Statistics:
             self._reasons.update(faults)
 
     @property
-    def only_faults(self) -> bool:
-        """Whether there were sets of images, but no image in any of them."""
-        return bool(self._statuses) and not self._seen
+    def blind(self) -> bool:
+        """Whether no set had an image so far."""
+        return not self._seen
 
     def due(self) -> str | None:
         """Return a line about the last second, once it has passed; None after ten seconds without images."""
