@@ -60,7 +60,7 @@ OFFSET = np.dtype(
     [
         ("offset", np.float64),  # of the edge from its expected place, along the normal [px]
         ("variance", np.float64),  # of the offset, from noise [px²]
-        ("bloom", np.float64),  # offset that a response of exponent 2 instead of 1 feigns [px]
+        ("bloom", np.float64),  # apparent offset by a response of exponent 2 instead of 1 [px]
         ("wider", np.float64),  # how much wider the edge looks than the blur [px], …
         ("sharpness", np.float64),  # … and the weight of that; 0: unknown
         ("usable", np.bool_),  # whether there is an offset
