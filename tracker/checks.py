@@ -95,6 +95,11 @@ def described(array: Any) -> str:
     return f"{array.dtype} of shape {array.shape}"
 
 
+def described_input(given: object) -> str:
+    """Describe what should be an array, for messages: its dtype and shape, or whatever else it is."""
+    return described(given) if isinstance(given, np.ndarray) else shown(given)
+
+
 def array_of(given: object) -> Array:
     """Convert to an array; a ragged sequence gives one of dtype object."""
     try:
@@ -120,8 +125,7 @@ def float_array(
     array = array_of(given)
     numeric = array.dtype.kind in "iuf"
     if not numeric or array.shape != shape:
-        other = described(array) if isinstance(given, np.ndarray) else shown(given)
-        found = f"shape {array.shape}" if numeric else other
+        found = f"shape {array.shape}" if numeric else described_input(given)
         raise fault(f"{what}: found {found}, expected numbers of shape {shape}")
     result: FloatArray = array.astype(np.float64)
     if finite and not np.isfinite(result).all():

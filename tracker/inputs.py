@@ -9,9 +9,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described, in_range, path_of, seconds
+from tracker.checks import check_sequence, described, described_input, in_range, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import ImageError, TrackerError, shown
+from tracker.errors import ImageError, TrackerError
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel, load_object
 from tracker.segmentation.color_model import ColorModel, load_colors
@@ -95,9 +95,10 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
     given = _of_each_camera("hidden", hidden, rig.names, "a mask (H, W) of bool or None")
     masks: list[Array | None] = []
     for mask, camera in zip(given, rig, strict=True):
-        size, is_array = (camera.height, camera.width), isinstance(mask, np.ndarray)
-        if mask is not None and (not is_array or (mask.dtype, mask.shape) != (bool, size)):
-            found = described(mask) if is_array else shown(mask)
+        size = camera.height, camera.width
+        fits = isinstance(mask, np.ndarray) and (mask.dtype, mask.shape) == (bool, size)
+        if mask is not None and not fits:
+            found = described_input(mask)
             raise ImageError(f"hidden of {camera.name}: found {found}, expected bool of shape {size}")
         masks.append(np.ascontiguousarray(mask) if mask is not None and mask.any() else None)
     return masks if any(mask is not None for mask in masks) else None

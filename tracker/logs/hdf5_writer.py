@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described, path_of, seconds
+from tracker.checks import check_sequence, described_input, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
@@ -127,16 +127,16 @@ class Hdf5LogWriter:
                 checked_stamp(value, what=where)
         rows: dict[str, Any] = {"images": raw, "timestamps": stamps, "sensor_data_timestamps": 1000 * stamp}
         with uninterrupted():
-            self._write(rows, pose)
+            self._write(rows, pose, where)
 
-    def _write(self, rows: dict[str, Any], pose: Any) -> None:
+    def _write(self, rows: dict[str, Any], pose: Any, where: str) -> None:
         """Append a frame's rows and its pose; LogError if that fails: the log is unchanged."""
         if "object_pose" in self._file:
             rows["object_pose/has_pose"] = pose is not None
             for name, width in POSE.items():
                 if pose is not None and not hasattr(pose, name):
-                    at = f"{self._path}: frame {self._count}: pose"
-                    raise LogError(f"{at}: found {shown(pose)}, expected one with {', '.join(POSE)}")
+                    valid = f"one with {', '.join(POSE)}"
+                    raise LogError(f"{where}: pose: found {shown(pose)}, expected {valid}")
                 rows[f"object_pose/{name}"] = np.zeros(width) if pose is None else getattr(pose, name)
         try:
             for name, row in rows.items():
@@ -233,9 +233,9 @@ class Hdf5LogWriter:
         for c, (name, image) in enumerate(zip(cameras, images, strict=True)):
             if image is None:
                 continue
-            shapes, is_array = ((height, width), (height, width, 3)), isinstance(image, np.ndarray)
-            if not is_array or image.dtype != np.uint8 or image.shape not in shapes:
-                found, valid = described(image) if is_array else shown(image), f"{shapes[0]} or {shapes[1]}"
+            shapes = (height, width), (height, width, 3)
+            if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape not in shapes:
+                found, valid = described_input(image), f"{shapes[0]} or {shapes[1]}"
                 raise LogError(f"{where}: {name}: found {found}, expected uint8 of {valid}")
             raw[c] = image if image.ndim == 2 else to_bayer(image)
         return raw

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tracker.checks import described, is_number, optional, path_of
+from tracker.checks import described_input, is_number, optional, path_of
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, shown
 from tracker.files import check_suffix, told_as, whole_file, write_whole
@@ -36,10 +36,9 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
     """
     target = path_of(path, "image", ImageError)
     check_suffix(target, IMAGE_SUFFIXES, "image", ImageError)
-    is_array = isinstance(image, np.ndarray)
-    of_pixels = is_array and image.size and (image.ndim == 2 or image.shape[2:] == (3,))
-    if not of_pixels or image.dtype != np.uint8:
-        found = described(image) if is_array else shown(image)
+    of_pixels = isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.size
+    if not (of_pixels and (image.ndim == 2 or image.shape[2:] == (3,))):
+        found = described_input(image)
         raise ImageError(f"image {target}: found {found}, expected uint8 of shape (H, W) or (H, W, 3)")
     suffix = target.suffix.lower()
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
