@@ -90,8 +90,7 @@ def correlation(errors: Array, lag: int) -> float:
 def usual(episodes: Array, part: int) -> Array:
     """Return errors (N, T, 3) of a part (0: position, 1: rotation); nan where either is gross."""
     errors = episodes[..., 2:8].reshape(*episodes.shape[:2], 2, 3)
-    size = np.linalg.norm(errors, axis=3)
-    return np.where(np.all(size < GROSS, axis=2)[..., None], errors[:, :, part], np.nan)
+    return np.where(np.all(_sizes(episodes) < GROSS, axis=2)[..., None], errors[:, :, part], np.nan)
 
 
 def figures(episodes: Array, part: int) -> FloatArray:
@@ -124,7 +123,8 @@ def fit(episodes: Sequence[Array], films: Sequence[int], values: Values) -> dict
     """
     whole, rng = np.stack(episodes), np.random.default_rng(0)
     of_film = [np.flatnonzero(np.array(films) == film) for film in np.unique(films)]
-    drawn = [whole[np.concatenate(rng.choice(of_film, len(of_film)))] for _ in range(DRAWS)]
+    draws = rng.integers(len(of_film), size=(DRAWS, len(of_film)))
+    drawn = [whole[np.concatenate([of_film[k] for k in chosen])] for chosen in draws]
     found: dict[str, dict[str, Any]] = {}
     for group, measure in (("missed", _missed), ("gross", _gross), ("confidence", _confidence)):
         values[group] = measure(whole)
