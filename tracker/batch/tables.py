@@ -82,12 +82,11 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
     rows = [{name: line[name] for name in COLUMNS} for line in found.lines]
     why = [{"recording": log, "reason": why} for log, why in found.failures.items()]
     writers: dict[str, Callable[[Path], object]] = {}
+    table = f"{results.TABLE}.csv"
     if find_spec("pyarrow") is not None:
         writers[f"{results.TABLE}.parquet"] = lambda path: write_parquet(path, rows)
-    if as_csv or not writers or (batch.folder / f"{results.TABLE}.csv").exists():
-        writers[f"{results.TABLE}.csv"] = lambda path: write_whole(
-            path, csv_text(COLUMNS, map(dict.values, rows))
-        )
+    if as_csv or not writers or (batch.folder / table).exists():
+        writers[table] = lambda path: write_whole(path, csv_text(COLUMNS, map(dict.values, rows)))
     writers[results.FAILURES] = lambda path: (
         write_whole(path, json.dumps(why, indent=1) + "\n") if why else path.unlink(missing_ok=True)
     )
