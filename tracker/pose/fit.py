@@ -69,7 +69,7 @@ SEEN = np.dtype(
 )
 """What one camera's image shows of a pose."""
 
-_NUMBERS = [name for name in SEEN.names or () if not SEEN[name].shape]
+_NUMBERS = SEEN[[name for name in SEEN.names or () if not SEEN[name].shape]]
 
 
 class Evidence(NamedTuple):
@@ -144,4 +144,5 @@ class Fit:
     @functools.cached_property
     def counts(self) -> list[dict[str, float]]:
         """The records of SEEN as plain numbers: to read them one by one costs more than to judge them."""
-        return [dict(zip(_NUMBERS, row, strict=True)) for row in self.cameras[_NUMBERS].tolist()]
+        names = _NUMBERS.names or ()
+        return [dict(zip(names, row, strict=True)) for row in self.cameras.view(_NUMBERS).tolist()]

@@ -234,13 +234,14 @@ class Belief(NamedTuple):
 def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[float, float]:
     """Distance [m] and angle [rad] between a fit and a pose, accurate enough to compare with limits."""
     cosine = (float(np.vdot(fit.rotation, rotation)) - 1.0) / 2.0
-    shift = float(np.linalg.norm(fit.position - position))
-    return shift, math.acos(min(1.0, max(-1.0, cosine)))
+    return math.dist(fit.position, position), math.acos(min(1.0, max(-1.0, cosine)))
 
 
 def widened(covariance: FloatArray, spread: float) -> FloatArray:
     """Add a variance [m²] along each position axis to a pose's covariance (6, 6)."""
-    return covariance + np.diag([spread] * 3 + [0.0] * 3) if spread else covariance
+    wide = covariance.copy()
+    wide.flat[:15:7] += spread
+    return wide
 
 
 def measured(

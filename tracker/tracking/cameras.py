@@ -6,9 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import FloatArray, Image
 from tracker.pose.agreement import contradict, probably_fits, spread
 from tracker.pose.fit import Fit
 from tracker.pose.judge import contradicting, fits
@@ -46,7 +44,7 @@ the velocity is not known yet, they show the motion instead."""
 class CameraMemory(NamedTuple):
     """The state of one camera between frames."""
 
-    sample: Array | None = None
+    sample: bytes | None = None
     """Some rows of its last image."""
     age: int | None = None
     """Number of images since its light was last measured; None: never."""
@@ -63,11 +61,12 @@ def usable(
         if image is None:
             continue
         step = max(image.shape[0] // ROWS, 1)
-        sample, before = image[step // 2 :: step].copy(), memories[c].sample
+        rows = image[step // 2 :: step]
+        sample, before = rows.tobytes(), memories[c].sample
         remembered[c] = memories[c]._replace(sample=sample)
-        if sample.max() < BLACK:
+        if rows.max() < BLACK:
             result[c], uses[c] = None, CameraUse.BLACK
-        elif before is not None and np.array_equal(before, sample):
+        elif sample == before:
             unchanged.append(c)
         else:
             others_change = True
@@ -147,6 +146,6 @@ class Agreement(NamedTuple):
 def still(state: MotionState) -> bool:
     """Whether an object is so slow that the cameras' different moments of exposure do not matter."""
     return all(
-        float(np.linalg.norm(part)) < limit
+        math.hypot(*part) < limit
         for part, limit in zip((state.velocity[:3], state.velocity[3:]), STILL, strict=True)
     )
