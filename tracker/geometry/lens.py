@@ -10,6 +10,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array
 from tracker.geometry.camera import VIEW, Camera
+from tracker.geometry.cuboid import CORNER_SIGNS
 from tracker.geometry.distortion import padded, tilt
 
 LENS = np.dtype(
@@ -27,6 +28,8 @@ LENS = np.dtype(
     ]
 )
 """A camera as a record: compiled functions read its fields without reference counting of arrays."""
+
+_SIGNS = CORNER_SIGNS
 
 
 def stack_lenses(cameras: Sequence[Camera]) -> Array:
@@ -102,10 +105,17 @@ def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-unty
 
 
 @compiled
-def rotate(rotation, vector, out):  # type: ignore[no-untyped-def]
-    """Set out (3,) = rotation (3, 3) · vector (3,)."""
-    for i in range(3):
-        out[i] = rotation[i, 0] * vector[0] + rotation[i, 1] * vector[1] + rotation[i, 2] * vector[2]
+def project_corners(lenses, c, half, rotation, position, out):  # type: ignore[no-untyped-def]
+    """Fill out (8, 3) with pixel and depth, as of `project`, of the corners of a box in camera c."""
+    r = rotation
+    for k in range(8):
+        x, y, z = _SIGNS[k, 0] * half[0], _SIGNS[k, 1] * half[1], _SIGNS[k, 2] * half[2]
+        out[k, 0], out[k, 1], out[k, 2] = project(
+            lenses, c,
+            r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + position[0],
+            r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + position[1],
+            r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + position[2],
+        )  # fmt: skip
 
 
 @compiled

@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.geometry.cuboid import CORNER_SIGNS, FACE_CORNERS
-from tracker.geometry.lens import apply_update, clamped, copy_pose, face_heights, project
+from tracker.geometry.cuboid import FACE_CORNERS
+from tracker.geometry.lens import apply_update, clamped, copy_pose, face_heights, project, project_corners
 from tracker.geometry.linear import solve_positive
 from tracker.objects.labels import UNKNOWN
 from tracker.pose.fit import SEEN
@@ -40,14 +40,14 @@ RIM = 2.5
 INSIDE = 0.5
 """Distance from a face's outline [px of the label map] beyond which a pixel shows this face alone."""
 
-_SIGNS, _FACES = CORNER_SIGNS, FACE_CORNERS
+_FACES = FACE_CORNERS
 
 
 @compiled
 def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-untyped-def]
     """Fill counts (8,): pixels of one face by the label they show; the last entry counts unknown ones.
 
-    inner (7,), zero before, gets those wholly inside, without unknown ones. pixels (8, 2) are the corners;
+    inner (7,), zero before, gets those wholly inside, without unknown ones. pixels (8, 3) are the corners;
     the corners of a visible face turn clockwise.
     """
     left, right, top, bottom = area
@@ -87,19 +87,12 @@ def _count_camera(lenses, c, labels, box, rotation, position, one):  # type: ign
     box: half edge lengths (3,) [m] and labels of the faces (6,).
     """
     half, face_labels = box
-    heights, pixels = np.empty(6), np.empty((8, 2))
+    heights, pixels = np.empty(6), np.empty((8, 3))
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     u0, v0, z = project(lenses, c, position[0], position[1], position[2])
     if z < 1.5 * radius:
         return
-    for k in range(8):
-        x, y, w = _SIGNS[k, 0] * half[0], _SIGNS[k, 1] * half[1], _SIGNS[k, 2] * half[2]
-        pixels[k, 0], pixels[k, 1], _ = project(
-            lenses, c,
-            position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * w,
-            position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * w,
-            position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * w,
-        )  # fmt: skip
+    project_corners(lenses, c, half, rotation, position, pixels)
     face_heights(lenses, c, half, rotation, position, heights)
     reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + RIM
     left, right = (

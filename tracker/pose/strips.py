@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.cuboid import CORNER_SIGNS, EDGES
-from tracker.geometry.lens import face_heights, project, project_with_jacobian, rotate
+from tracker.geometry.lens import face_heights, project_corners, project_with_jacobian
 from tracker.segmentation.light import CLIPPED
 
 PIECES = 24
@@ -69,55 +69,34 @@ SUMS = {"reassoc", "contract", "nsz"}
 """Fast-math flags of sums: any order, but always the same."""
 
 
-@compiled
-def _face_depth(lenses, c, pose, corner, face, axis, line):  # type: ignore[no-untyped-def]
-    """Signed distance along the normal from a corner to the opposite edge of `face` [px].
+@compiled(inline="always")
+def _face_depth(corners, k, face, axis, nu, nv):  # type: ignore[no-untyped-def]
+    """Signed distance along a normal from corner k of an edge to the opposite edge of `face` [px].
 
-    line: the corner's pixel (u, v) and the normal.
+    corners: as of `project_corners`; axis: of the edge.
     """
-    rotation, position = pose
-    u, v, nu, nv = line
     # The in-face direction away from the edge is the face's axis that is neither its normal nor the edge.
-    inward = 3 - axis - face // 2
-    other = np.empty(3)
-    for i in range(3):
-        other[i] = corner[i]
-    other[inward] = -corner[inward]
-    world = np.empty(3)
-    rotate(rotation, other, world)
-    pu, pv, _ = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
-    return (pu - u) * nu + (pv - v) * nv
+    other = k ^ (1 << (3 - axis - face // 2))
+    return (corners[other, 0] - corners[k, 0]) * nu + (corners[other, 1] - corners[k, 1]) * nv
 
 
 @compiled
-def _edge_line(lenses, c, pose, a, b, near):  # type: ignore[no-untyped-def]
-    """Pixels of an edge's ends, corners a and b (3,) of the object; length 0 if one is closer than `near`."""
-    rotation, position = pose
-    world = np.empty(3)
-    rotate(rotation, a, world)
-    ua, va, za = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
-    rotate(rotation, b, world)
-    ub, vb, zb = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
-    return ua, va, ub, vb, math.hypot(ub - ua, vb - va) if za >= near and zb >= near else 0.0
+def _depths(corners, ends, faces, length):  # type: ignore[no-untyped-def]
+    """How far the face and the neighbour of an edge reach at its ends, and the face's outward normal.
 
-
-@compiled
-def _depths(lenses, c, pose, a, b, faces, line):  # type: ignore[no-untyped-def]
-    """How far the face and the neighbour of an edge reach at its ends a and b, and the face's outward normal.
-
-    faces: face, neighbour, whether that is visible, and the edge's axis; line: as of `_edge_line`.
+    corners: as of `project_corners`; ends: the edge's corners; faces: face, neighbour, whether that is
+    visible, and the edge's axis; length: of the edge [px].
     """
-    face, neighbour, inner, axis = faces
-    ua, va, ub, vb, length = line
-    nu, nv = (vb - va) / length, (ua - ub) / length
-    depth_a = _face_depth(lenses, c, pose, a, face, axis, (ua, va, nu, nv))
-    depth_b = _face_depth(lenses, c, pose, b, face, axis, (ub, vb, nu, nv))
+    (a, b), (face, neighbour, inner, axis) = ends, faces
+    nu, nv = (corners[b, 1] - corners[a, 1]) / length, (corners[a, 0] - corners[b, 0]) / length
+    depth_a = _face_depth(corners, a, face, axis, nu, nv)
+    depth_b = _face_depth(corners, b, face, axis, nu, nv)
     if depth_a + depth_b > 0.0:
         nu, nv, depth_a, depth_b = -nu, -nv, -depth_a, -depth_b
     out_a, out_b = 1e3, 1e3
     if inner:
-        out_a = _face_depth(lenses, c, pose, a, neighbour, axis, (ua, va, nu, nv))
-        out_b = _face_depth(lenses, c, pose, b, neighbour, axis, (ub, vb, nu, nv))
+        out_a = _face_depth(corners, a, neighbour, axis, nu, nv)
+        out_b = _face_depth(corners, b, neighbour, axis, nu, nv)
     return depth_a, depth_b, out_a, out_b, nu, nv
 
 
@@ -155,15 +134,15 @@ def _place(lenses, c, rotation, position, local, axis, outwards, jacobian, strip
 
 @compiled
 def _outwards(rotation, corner, one, other, out):  # type: ignore[no-untyped-def]
-    """Fill out (3,) with the mean of two faces' normals that meet at a corner (3,), along world axes.
+    """Fill out (3,) with the mean of two faces' normals that meet at a corner, along world axes.
 
     A face's colour ends a rim's width before its neighbour's plane. If both faces are visible, the edge is
     the middle between their borders.
     """
     for i in range(3):
         out[i] = 0.5 * (
-            math.copysign(1.0, corner[one // 2]) * rotation[i, one // 2]
-            + math.copysign(1.0, corner[other // 2]) * rotation[i, other // 2]
+            _SIGNS[corner, one // 2] * rotation[i, one // 2]
+            + _SIGNS[corner, other // 2] * rotation[i, other // 2]
         )
 
 
@@ -174,10 +153,10 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     Their motion is equation (7) of docs/how-it-works.md.
     spacing: distance between pieces [px]; margin: their distance from the corners [px].
     """
-    heights, pose = np.empty(6), (rotation, position)
+    heights, corners = np.empty(6), np.empty((8, 3))
     face_heights(lenses, c, half, rotation, position, heights)
-    a, b, local, outwards = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    jacobian = np.empty((2, 3))
+    project_corners(lenses, c, half, rotation, position, corners)
+    local, outwards, jacobian = np.empty(3), np.empty(3), np.empty((2, 3))
     # An edge so close to a camera exceeds its image.
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
@@ -189,16 +168,13 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
             face, neighbour = neighbour, face
         inner = heights[neighbour] > 0.0
         axis = 3 - _EDGES[e, 2] // 2 - _EDGES[e, 3] // 2
-        for i in range(3):
-            a[i] = _SIGNS[_EDGES[e, 0], i] * half[i]
-            b[i] = _SIGNS[_EDGES[e, 1], i] * half[i]
-        line = _edge_line(lenses, c, pose, a, b, near)
-        length = line[4]
+        a, b = _EDGES[e, 0], _EDGES[e, 1]
+        length = math.hypot(corners[b, 0] - corners[a, 0], corners[b, 1] - corners[a, 1])
         usable = length - 2.0 * margin
-        if not usable >= 0.5 * spacing:
+        if min(corners[a, 2], corners[b, 2]) < near or not usable >= 0.5 * spacing:
             continue
         depth_a, depth_b, out_a, out_b, nu, nv = _depths(
-            lenses, c, pose, a, b, (face, neighbour, inner, axis), line
+            corners, (a, b), (face, neighbour, inner, axis), length
         )
         if -0.5 * (depth_a + depth_b) < MIN_FACE or 0.5 * (out_a + out_b) < MIN_FACE:
             continue
@@ -207,7 +183,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
         for k in range(n):
             share = (margin + usable * (k + 0.5) / n) / length
             for i in range(3):
-                local[i] = a[i] + share * (b[i] - a[i])
+                local[i] = _SIGNS[a, i] * half[i] + share * ((_SIGNS[b, i] - _SIGNS[a, i]) * half[i])
             strip = out[count]
             strip.normal[0], strip.normal[1] = nu, nv
             _place(lenses, c, rotation, position, local, axis, outwards, jacobian, strip)
