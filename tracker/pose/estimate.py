@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -176,7 +175,7 @@ class PoseEstimator:
         # A pose outside the arena is refused, but if it ranks above the best one inside, that is in doubt.
         for best in sorted(fits, key=lambda one: not one.inside):
             evidence = best.evidence._replace(resized=self.search.resized(sight, best))
-            fit = replace(best, lead=lead(best, fits, self.box.radius), evidence=evidence)
+            fit = best.changed(lead=lead(best, fits, self.box.radius), evidence=evidence)
             refused = refusal(fit)
             if refused is None:
                 return self.examined(sight, fit, lag)
@@ -228,7 +227,7 @@ class PoseEstimator:
         """The fit, with what all cameras of a sight say about it; `left_out` only bear witness."""
         cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, left_out)
         evidence = evidence._replace(resized=fit.evidence.resized)
-        return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(left_out))
+        return fit.changed(cameras=cameras, evidence=evidence, left_out=tuple(left_out))
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """Refit without the camera that agrees least; return whichever fit is more certain."""
@@ -275,7 +274,7 @@ class PoseEstimator:
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
         inside = self.arena.holds(fit.position, lowest, std)
         evidence = evidence._replace(resized=resized)
-        return replace(fit, cameras=cameras, evidence=evidence, inside=inside)
+        return fit.changed(cameras=cameras, evidence=evidence, inside=inside)
 
     def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
         """Other poses that the only camera sees as well, if it sees little but one face."""
@@ -300,10 +299,10 @@ class PoseEstimator:
             if other is not None:
                 views.information[c], views.moved[c], views.inliers[c] = other
         if np.count_nonzero(views.information[:, 0, 0] > 0.0) < 2:
-            return replace(fit, own=views)
+            return fit.changed(own=views)
         lenses = self.search.lenses
         found = disagreement(views, lenses["rotation"], lenses["position"], fit.position, self.box.radius)
-        return replace(fit, own=views, disagreement=found)
+        return fit.changed(own=views, disagreement=found)
 
     def _own_search(
         self, sight: Sight, fit: Fit, c: int, lag: Lag | None

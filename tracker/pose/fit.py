@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -136,6 +136,14 @@ class Fit:
     """Where each camera by itself sees the object; None: not worked out."""
     disagreement: FloatArray | None = None
     """(S,) log likelihoods of how far the calibration is off (`agreement.SCALES`); None: not judged."""
+
+    def changed(self, **fields: Any) -> Fit:
+        """Return a copy with other values of some fields, which keeps `counts` while `cameras` stay."""
+        other = object.__new__(Fit)
+        other.__dict__.update(self.__dict__, **fields)
+        if "cameras" in fields:
+            other.__dict__.pop("counts", None)
+        return other
 
     def total(self, name: str) -> float:
         """Sum of a field of SEEN over the cameras."""
