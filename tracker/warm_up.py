@@ -209,8 +209,9 @@ def _read() -> None:
 
 def _search() -> None:
     estimator, sight = _estimator(), _sight()
-    place = next(estimator.search.positions(sight.labels, sight.pictures, 1), _POSITION)
-    estimator.search.begun(sight, place, range(2))
+    next(estimator.search.positions(sight.labels, sight.pictures, 1), None)
+    first = estimator.search.begun(sight, _POSITION, range(1))[0]
+    estimator.search.near(sight, [(first.rotation, first.position)])
     estimator.search.window(0, _POSITION)
     estimator.search.judged(sight, np.eye(3), _POSITION)
     explanation_score(np.zeros(1, SEEN))

@@ -98,7 +98,7 @@ class PoseEstimator:
     """Find one cuboid in images of fixed cameras; any number of threads may use it at once."""
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel, support: bool = True) -> None:
-        self.box, self.arena = box, rig.arena
+        self.box, self.arena, self._radius = box, rig.arena, box.radius
         # Whether any file states deviations; otherwise the calibration counts as exact.
         self.stated = any(map(is_stated, rig.cameras))
         self.search = Search(box, rig, colors)
@@ -175,7 +175,7 @@ class PoseEstimator:
         # A pose outside the arena is refused, but if it ranks above the best one inside, that is in doubt.
         for best in sorted(fits, key=lambda one: not one.inside):
             evidence = best.evidence._replace(resized=self.search.resized(sight, best))
-            fit = best.changed(lead=lead(best, fits, self.box.radius), evidence=evidence)
+            fit = best.changed(lead=lead(best, fits, self._radius), evidence=evidence)
             refused = refusal(fit)
             if refused is None:
                 return self.examined(sight, fit, lag)
@@ -199,7 +199,7 @@ class PoseEstimator:
         for one in hypotheses:
             if len(chosen) == COMPETING or (one.score < least and several):
                 break
-            if all(apart(one, other, self.box.radius) for other in (*known, *chosen)):
+            if all(apart(one, other, self._radius) for other in (*known, *chosen)):
                 chosen.append(one)
         if len(chosen) < 2:
             return [self._refined(sight, one, SCHEDULE, lag) for one in chosen]
@@ -209,7 +209,7 @@ class PoseEstimator:
         for fit, one in begun:
             if len(before) + len(found) == most or rank(fit) < rank(begun[0][0]) - BEHIND:
                 break
-            if all(apart(fit, other, self.box.radius) for other in known):
+            if all(apart(fit, other, self._radius) for other in known):
                 further = one._replace(rotation=fit.rotation, position=fit.position)
                 found.append(self._refined(sight, further, FROM_THERE, lag))
                 known += [fit, found[-1]]
@@ -301,7 +301,7 @@ class PoseEstimator:
         if np.count_nonzero(views.information[:, 0, 0] > 0.0) < 2:
             return fit.changed(own=views)
         lenses = self.search.lenses
-        found = disagreement(views, lenses["rotation"], lenses["position"], fit.position, self.box.radius)
+        found = disagreement(views, lenses["rotation"], lenses["position"], fit.position, self._radius)
         return fit.changed(own=views, disagreement=found)
 
     def _own_search(

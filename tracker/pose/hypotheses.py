@@ -140,13 +140,12 @@ class Search:
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()
     ) -> list[Hypothesis]:
-        """Hypotheses at a place (3,) [m] after one alignment step; which: of its most likely rotations."""
+        """Hypotheses at a place (3,) [m], not aligned yet; which: of its most likely rotations."""
         if not which:
             return []
         pictures, turns = sight.without(*left_out).pictures, np.empty((which.stop, 3, 3))
         likely_rotations(self.lenses, sight.labels, pictures, self.faces, place, self.grid, turns)
-        tried = [Hypothesis(0.0, turns[k], place, left_out) for k in which]
-        return self._aligned(sight, tried, REACHES[:1])
+        return [Hypothesis(0.0, turns[k], place, left_out) for k in which]
 
     def rounds(self, sight: Sight) -> Callable[[Round], list[Hypothesis]]:
         """Return a function that gives the new hypotheses of a round, best first."""
@@ -165,32 +164,32 @@ class Search:
             for c in used if wide.without and len(used) > ENOUGH else ():
                 for place in self.positions(sight.labels, sight.without(c).pictures, 1):
                     found += self.begun(sight, place, range(wide.without), (c,))
-            best = sorted(found, key=lambda one: -one.score)[:ALIGNED]
-            aligned = [hypothesis for one in best for hypothesis in self._aligned(sight, [one], REACHES[1:])]
-            return sorted(aligned, key=lambda one: -one.score)
+            return self._aligned(sight, self._aligned(sight, found, REACHES[:1])[:ALIGNED], REACHES[1:])
 
         return next_of
 
     def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:
         """The best hypothesis reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°."""
         tried = [Hypothesis(0.0, rotation, position) for rotation, position in poses]
-        return max(self._aligned(sight, tried, FAR_REACHES), key=lambda one: one.score, default=None)
+        return next(iter(self._aligned(sight, tried, FAR_REACHES)), None)
 
     def _aligned(self, sight: Sight, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:
-        """Align hypotheses by steps of these reaches; keep those whose edges are found.
+        """Align hypotheses by steps of these reaches; return those whose edges are found, best first.
 
-        All were found without the same cameras, and all cameras score them.
+        Cameras without which one was found score it, too.
         """
-        if not tried:
-            return []
-        rotations = np.array([one.rotation for one in tried])
-        positions, scores = np.array([one.position for one in tried]), np.empty(len(tried))
-        try_hypotheses(
-            self.lenses, sight.labels, sight.without(*tried[0].left_out).pictures, sight.pictures, self.faces,
-            rotations, positions, reaches, scores,
-        )  # fmt: skip
-        return [
-            one._replace(score=score, rotation=rotations[k], position=positions[k])
-            for k, (one, score) in enumerate(zip(tried, scores.tolist(), strict=True))
-            if score > IMPOSSIBLE / 2
-        ]
+        found = []
+        for left_out in dict.fromkeys(one.left_out for one in tried):
+            alike = [one for one in tried if one.left_out == left_out]
+            rotations = np.array([one.rotation for one in alike])
+            positions, scores = np.array([one.position for one in alike]), np.empty(len(alike))
+            try_hypotheses(
+                self.lenses, sight.labels, sight.without(*left_out).pictures, sight.pictures, self.faces,
+                rotations, positions, reaches, scores,
+            )  # fmt: skip
+            found += [
+                Hypothesis(score, rotations[k], positions[k], left_out)
+                for k, score in enumerate(scores.tolist())
+                if score > IMPOSSIBLE / 2
+            ]
+        return sorted(found, key=lambda one: -one.score)

@@ -130,8 +130,8 @@ class Refiner:
         end, one = start, solution[0]
         if one["converged"]:
             rim_std = max(math.sqrt(one["rim"]), SHOWN_RIM_STD)
-            exponent, rim = one["shared"][[EXPONENT, RIM]].tolist()
-            end = Start(float(one["blur"]), exponent, rim, rim_std)
+            shared = one["shared"]
+            end = Start(float(one["blur"]), float(shared[EXPONENT]), float(shared[RIM]), rim_std)
         return Fit(
             one["position"],
             one["rotation"],
