@@ -225,7 +225,9 @@ class PoseEstimator:
 
     def counted(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
         """The fit, with what all cameras of a sight say about it; `left_out` only bear witness."""
-        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, left_out)
+        cameras, evidence = self.search.judged(
+            sight, fit.rotation, fit.position, fit.cameras.copy(), fit.lags, fit.stands, left_out
+        )
         evidence = evidence._replace(resized=fit.evidence.resized)
         return fit.changed(cameras=cameras, evidence=evidence, left_out=tuple(left_out))
 
@@ -268,13 +270,13 @@ class PoseEstimator:
             ask: whether to work out what each camera sees by itself.
         """
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
-        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit)
+        _, evidence = self.search.judged(sight, fit.rotation, fit.position, fit.cameras, fit.lags, fit.stands)
         lowest = self.box.lowest(fit.position, fit.rotation)
         height = float(fit.covariance[2, 2])
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
         inside = self.arena.holds(fit.position, lowest, std)
         evidence = evidence._replace(resized=resized)
-        return fit.changed(cameras=cameras, evidence=evidence, inside=inside)
+        return fit.changed(evidence=evidence, inside=inside)
 
     def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
         """Other poses that the only camera sees as well, if it sees little but one face."""
@@ -283,7 +285,7 @@ class PoseEstimator:
         return [
             self.refine(sight, rotation, fit.position, FOLLOWING, lag=lag)
             for rotation in turned_about_face(fit.rotation, fit.position, self.box.half, camera)
-            if explanation_score(self.search.judged(sight, rotation, fit.position, fit)[0]) > least
+            if explanation_score(self.search.judged(sight, rotation, fit.position, lags=fit.lags)[0]) > least
         ]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:

@@ -108,7 +108,9 @@ class Search:
         sight: Sight,
         rotation: FloatArray,
         position: FloatArray,
-        fit: Fit | None = None,
+        seen: Array | None = None,
+        lags: FloatArray | None = None,
+        stands: float = 0.0,
         left_out: Sequence[int] = (),
     ) -> tuple[Array, Evidence]:
         """Count what the label maps show of a pose, (C,) of SEEN, and weigh it as evidence.
@@ -117,17 +119,17 @@ class Search:
             sight: the label maps.
             rotation: (3, 3) world_from_object.
             position: (3,) of the object's centre [m].
-            fit: what else is known of the pose; None: nothing.
+            seen: (C,) with the pose's edges, to which the counts are added in place; None: without edges.
+            lags: see Fit.
+            stands: see Fit.
             left_out: cameras that only bear witness.
         """
-        seen, lags, stands = np.zeros(len(self._still), SEEN), self._still, 0.0
-        if fit is not None:
-            seen, stands = fit.cameras.copy(), fit.stands
-            lags = self._still if fit.lags is None else fit.lags
+        seen = np.zeros(len(self._still), SEEN) if seen is None else seen
+        place = rotation, position, self._still if lags is None else lags
         witnesses = np.zeros(len(seen), bool)
         witnesses[list(left_out)] = True
         evidence = evidence_at(
-            self.lenses, sight.labels, sight.pictures, self.faces, (rotation, position, lags),
+            self.lenses, sight.labels, sight.pictures, self.faces, place,
             stands=stands, left_out=witnesses, seen=seen,
         )  # fmt: skip
         return seen, evidence
