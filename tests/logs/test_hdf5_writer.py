@@ -62,9 +62,30 @@ def test_the_layout_is_that_of_the_platform_s_writer(tmp_path):
         assert sorted(fields) == [names, images, states, stamps]
         group = file["camera_info/camera60"]
         assert {name: field.shape for name, field in group.items()} == {
-            **{"camera_matrix": (3, 3), "distortion_coefficients": (1, 5), "tf_world_to_camera": (4, 4)}
+            **{"camera_matrix": (3, 3), "distortion_coefficients": (1, 5), "tf_world_to_camera": (4, 4)},
+            "tf_world_to_camera_std": (4, 4),  # the platform's writer leaves it out
         }
         assert group.attrs["frame_rate_fps"] == 10
+
+
+@pytest.mark.parametrize("table", [0.002, None])
+def test_the_deviations_and_the_arena_come_back(tmp_path, table):
+    deviations = np.full((4, 4), 1e-3)
+    cameras = [dataclasses.replace(one, camera_from_world_std=deviations) for one in tiny_rig()]
+    arena = tracker.Arena((10.0, -3.0), 0.3, 0.2, table, (0.001, 0.002))
+    path = write(tmp_path / "log.h5", make_content(1), tracker.CameraRig(cameras, arena))
+    with tracker.open_log(path) as log:
+        assert log.rig.arena == arena
+        for camera in log.rig:
+            np.testing.assert_array_equal(camera.camera_from_world_std, deviations)
+    for text, message in (
+        ('{"radius": -1}', r"arena: radius: found -1\.0, exp"),
+        ("[1]", "arena: .* must be a mapping"),
+    ):
+        with h5py.File(path, "r+") as file:
+            file.attrs["arena"] = np.bytes_(text)
+        with tracker.open_log(path) as log, pytest.raises(LogError, match=message):
+            assert log.rig
 
 
 def test_a_colour_image_keeps_what_the_mosaic_measures(rng, tmp_path):

@@ -13,6 +13,7 @@ from tests.helpers import LENSES, make_camera
 from tests.helpers.pose_logs import assert_same, make_about, random_poses
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
+from tracker.geometry.arena import Arena
 from tracker.poses.file import FORMAT, GROUPS, read_poses, write_poses
 from tracker.poses.poses import KINDS
 
@@ -35,13 +36,14 @@ def test_a_file_gives_back_what_was_written_to_the_bit(
     assert_same(read_poses(path), poses)
 
 
-def test_cameras_come_back_with_and_without_deviations(path, rng):
+def test_cameras_and_arena_come_back_with_and_without_deviations(path, rng):
     other = dataclasses.replace(make_camera(60, "links ä"), distortion=np.array(LENSES[14]))
     cameras = (make_camera(300), dataclasses.replace(other, camera_from_world_std=None))
     poses = random_poses(rng, 2, cameras=False)
-    poses = dataclasses.replace(poses, about=make_about(rig=CameraRig(cameras)))
+    poses = dataclasses.replace(poses, about=make_about(rig=CameraRig(cameras, Arena((10.0, -3.0)))))
     write_poses(path, poses)
     rig = read_poses(path).about.rig
+    assert rig.arena == Arena((10.0, -3.0))
     assert rig.names == ("camera300", "links ä")
     assert rig[1].camera_from_world_std is None
     np.testing.assert_array_equal(rig[1].distortion, LENSES[14])

@@ -13,6 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from tracker.calibration.camera_info import DEVIATIONS, write_arena
 from tracker.calibration.rig import CameraRig
 from tracker.checks import check_sequence, described_input, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
@@ -195,6 +196,7 @@ class Hdf5LogWriter:
         ):  # fmt: skip
             file.attrs.create(name, value, dtype=np.uint32)
         file.attrs.create(FLUSHED, 0, dtype=np.uint64)
+        write_arena(file, self._rig.arena)
         shape = (count, height, width)
         file.create_dataset(
             "images", (0, *shape), np.uint8, maxshape=(None, *shape), chunks=(1, *shape),
@@ -212,6 +214,8 @@ class Hdf5LogWriter:
             group["camera_matrix"] = camera.matrix
             group["distortion_coefficients"] = camera.distortion[None]
             group["tf_world_to_camera"] = camera.camera_from_world
+            if camera.camera_from_world_std is not None:
+                group[DEVIATIONS] = camera.camera_from_world_std
             if frame_rate is not None:
                 group.attrs["frame_rate_fps"] = float(frame_rate)
             known = {key: one for key, one in values.items() if isinstance(one, str) or math.isfinite(one)}

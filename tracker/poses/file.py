@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tracker.calibration.camera_info import CAMERA_DATASETS, read_camera
+from tracker.calibration.camera_info import CAMERA_DATASETS, read_arena, read_camera, write_arena
 from tracker.calibration.rig import CameraRig
 from tracker.checks import described, float_array, naming, one_stamp, path_of
 from tracker.conventions import Array
@@ -200,6 +200,7 @@ def _content(poses: Poses) -> bytes:
                 group = file.create_group(name)
                 for column, array in columns.arrays().items():
                     _put(group, column, array)
+        write_arena(file, poses.about.rig.arena)
         _put(file, "camera_names", hdf5.encoded(list(poses.about.rig.names)))
         for camera in poses.about.rig:
             group = file.create_group(f"camera_info/{camera.name}")
@@ -296,4 +297,4 @@ def _rig(file: Any) -> CameraRig:
         with naming(f"/{path}", LogError):
             size = [int(hdf5.attribute(file[path], f"image_{key}", "iu")) for key in ("width", "height")]
         cameras.append(read_camera(file, name, (size[0], size[1]), "/"))
-    return CameraRig(tuple(cameras))
+    return CameraRig(tuple(cameras), read_arena(file))
