@@ -104,6 +104,13 @@ def test_a_colour_image_keeps_what_the_mosaic_measures(rng, tmp_path):
     assert frame.recorded_pose is None
 
 
+def test_a_pose_far_from_the_worlds_origin_comes_back(tmp_path):
+    content = make_content(1)
+    content.poses[0] = (40.0, -3.0, 0.03, 0.0, 0.0, 0.0, 1.0, 0.5)
+    with tracker.open_log(write(tmp_path / "log.h5", content, tiny_rig())) as log:
+        assert log[0].recorded_pose.position.tolist() == [40.0, -3.0, 0.03]
+
+
 KILLED = """
 import os, sys
 from tests.helpers.log_writers import make_content

@@ -186,7 +186,7 @@ def test_damage_is_named_and_whole_records_recovered(tmp_path, offset, new, fram
         ((0, 0, 0, np.inf, 0, 0, 1, 0.5), "quaternion of length inf"),
         ((0, 0, 0, 0.6, 0, 0, 1, 0.5), "quaternion of length 1.166"),
         ((0, np.inf, 0, 0, 0, 0, 1, 0.5), "position"),
-        ((0, 0, 99.0, 0, 0, 0, 1, 0.5), "position"),
+        ((0, 0, 99e3, 0, 0, 0, 1, 0.5), "position"),
         ((0, 0, 0, 0, 0, 0, 1, 1e200), "confidence"),
         ((0, 0, 0, 0, 0, 0, 0, 0.5), None),
         ((0, 0, 0, np.nan, np.nan, np.nan, 1, 0.5), None),

@@ -12,8 +12,8 @@ from tracker.checks import freeze, one_stamp
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 
-MAX_DISTANCE = 10.0
-"""Largest valid coordinate of a recorded position [m]; the arena's radius is 0.2 m."""
+MAX_DISTANCE = 2e4
+"""Largest valid coordinate of a recorded position [m]: cameras may be that far from the world's origin."""
 
 MAX_CONFIDENCE = 2.0
 """Largest valid recorded confidence: nominally 1, but a sum with hand-tuned weights may exceed it."""
