@@ -9,6 +9,7 @@ import tracker
 from tests.helpers import make_camera
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5, write_picture
 from tracker.errors import CalibrationError, LogError
+from tracker.logs.folder import write_folder
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.logs.opening import fitted_to
 
@@ -116,6 +117,21 @@ def test_recordings_keep_every_name_that_a_camera_can_have(name, tmp_path):
     for path in (tmp_path / "log.h5", write_described(tmp_path / "described", name)):
         with tracker.open_log(path) as log:
             assert log.camera_names == (name,)
+
+
+@pytest.mark.parametrize(
+    "names", [("right", "left"), ("180", "60"), ("links ä", "a.5"), ("CameraB", "CameraA")]
+)
+def test_a_folder_that_was_written_has_the_cameras_and_their_calibration(names, tmp_path):
+    rig = rig_of(*names)
+    with Hdf5LogWriter(tmp_path / "log.h5", rig) as writer:
+        for stamp in (1.0, 1.1):
+            writer.append([IMAGE, IMAGE], stamp)
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        write_folder(tmp_path / "folder", log, rig, lambda _: None)
+    with tracker.open_log(tmp_path / "folder") as log:
+        assert (log.camera_names, log.rig.names) == (names, names)
+        assert [frame.camera_timestamps.tolist() for frame in log] == [[1.0] * 2, [1.1] * 2]
 
 
 def test_the_folder_of_a_lone_camera_may_be_called_anything(tmp_path):

@@ -18,7 +18,7 @@ from tracker.errors import LogError
 from tracker.files import read_bounded, told_as, told_of, whole_file
 from tracker.logs.films import FilmPicture
 from tracker.logs.frame import LogFrame, checked_stamp
-from tracker.logs.layout import Picture, find_layout
+from tracker.logs.layout import CAMERA, RECORDING_FILE, Picture, find_layout
 from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, check_sides, rig_beside
 from tracker.logs.pictures import decode, head_of
 
@@ -141,3 +141,7 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> No
                     where = f"{path}: frame {frame.index}: {name}/{file.name}"
                     raise LogError(f"{where}: found two pictures of one stamp, expected each at its own time")
             progress(1)
+        if not all(map(CAMERA.fullmatch, rig.names)):  # folders with such names need not be found
+            seen = [name for name in rig.names if any((folder / name).iterdir())]
+            lines = "".join(f'"{name}" = "{name}/*.png"\n' for name in seen)
+            (folder / RECORDING_FILE).write_text(f"[cameras]\n{lines}", "utf-8")

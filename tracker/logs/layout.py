@@ -56,7 +56,9 @@ _MAX_RATE = 1e6
 _FIRST, _LAST = 10**9, 41 * 10**8  # the years 2001 to 2099 [s since the epoch]
 _PER_SECOND = (1, 10**3, 10**6, 10**9)
 _NAME = re.compile(r"(?:(?P<minus>-)|\D*?)(?P<whole>\d{1,20})(?P<fraction>\.\d{1,12})?")
-_CAMERA = re.compile(r"camera\w*")
+CAMERA = re.compile(r"camera\w*")
+"""Pattern of cameras' names by which their folders and pictures are found."""
+
 _NUMBER = re.compile(r"\d{1,20}(\.\d{1,12})?")
 
 Picture = Path | FilmPicture
@@ -126,7 +128,7 @@ def find_layout(root: Path, rate: float) -> Layout:
     if (root / RECORDING_FILE).is_file():
         return _of_stated(root, rate)
     folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
-    streams = _of_folders(folder for folder in folders if _CAMERA.fullmatch(folder.name))
+    streams = _of_folders(folder for folder in folders if CAMERA.fullmatch(folder.name))
     if streams:
         return _of_streams(streams, rate)
     frames = {folder.name: _of_cameras(folder) for folder in folders}
@@ -177,13 +179,13 @@ def _of_folders(folders: Iterable[Path]) -> _Streams:
 
 def _of_cameras(folder: Path) -> dict[str, Path]:
     """Return the pictures in a frame's folder that are named after cameras."""
-    return _by_name((one for one in _pictures(folder) if _CAMERA.fullmatch(one[0])), "camera")
+    return _by_name((one for one in _pictures(folder) if CAMERA.fullmatch(one[0])), "camera")
 
 
 def _films(root: Path) -> _Streams:
     """Return the films in a folder: those named after cameras if there are any, else all."""
     found = {file.stem: file for file in sorted(_visible(root)) if file.suffix.lower() in films.SUFFIXES}
-    named = {name: file for name, file in found.items() if _CAMERA.fullmatch(name)}
+    named = {name: file for name, file in found.items() if CAMERA.fullmatch(name)}
     return {name: _film(file) for name, file in (named or found).items()}
 
 

@@ -98,14 +98,16 @@ class Source(ABC):
 
 
 def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
-    """Load the calibration in the folder, camera60.yml or camera_calib_60.yml per camera; None without any.
+    """Load the calibration in the folder; None without any.
+
+    Files are camera60.yml or camera_calib_60.yml for each camera, camera_left.yml or left.yml for `left`.
 
     Raises:
         TrackerError: a file is malformed or belongs to another camera, or only some cameras have one.
     """
     files: dict[str, Path] = {}
     for name in names:
-        stems = (name, f"camera_calib_{name.removeprefix('camera').lstrip('_')}")
+        stems = (name, f"camera_{name}", f"camera_calib_{name.removeprefix('camera').lstrip('_')}")
         options = [folder / f"{stem}{suffix}" for stem in stems for suffix in (".yml", ".yaml")]
         if found := [file for file in options if file.is_file()]:
             files[name] = found[0]
