@@ -164,6 +164,13 @@ def test_a_rig_that_cannot_be_saved_is_reported_and_leaves_nothing(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_two_cameras_are_not_saved_to_one_file(tmp_path):
+    rig = CameraRig((make_camera(60, "left"), make_camera(180, "camera_left")))
+    with pytest.raises(CalibrationError, match=r"found two cameras for camera_left\.yml"):
+        rig.save(tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
 def test_resizing_a_rig_resizes_every_camera():
     rig = make_rig(60, 180).resized(540, 135)
     for camera, name in zip(rig, ("camera60", "camera180"), strict=True):

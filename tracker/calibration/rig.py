@@ -170,16 +170,19 @@ class CameraRig:
         existing `arena.toml` is removed.
 
         Raises:
-            CalibrationError: a file cannot be written.
+            CalibrationError: a file cannot be written, or two would have the same name (left, camera_left).
         """
+        stems = [name if "camera" in name else f"camera_{name}" for name in self.names]
+        if len(set(stems)) < len(stems):
+            twice = next(stem for stem in stems if stems.count(stem) > 1)
+            raise CalibrationError(f"camera rig: found two cameras for {twice}.yml, expected other names")
         try:
             root = Path(folder)
             root.mkdir(parents=True, exist_ok=True)
         except (OSError, TypeError, ValueError) as error:  # ValueError: a null byte in the path
             why = error.strerror if isinstance(error, OSError) else error
             raise CalibrationError(f"{shown(folder)}: cannot be made a folder: {why}") from error
-        for camera in self.cameras:
-            stem = camera.name if "camera" in camera.name else f"camera_{camera.name}"
+        for camera, stem in zip(self.cameras, stems, strict=True):
             write_calibrated(Calibrated(camera), root / f"{stem}.yml")
         write_arena(self.arena, root)
 
