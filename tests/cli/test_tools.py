@@ -11,6 +11,7 @@ from tests.helpers.log_writers import make_content, write_hdf5, write_native
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
 from tracker.errors import LogError
+from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.objects.model import load_object, to_toml
 from tracker.poses.exports import write_bop, write_csv, write_tum
 from tracker.poses.file import write_poses
@@ -196,6 +197,17 @@ def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):
     assert found["task"] == "rearrange_dice"
     assert found["rewards"] == [-error for error in errors]
     assert found["error_end"] == errors[-1]
+
+
+def test_a_frame_without_images_gets_no_reward_of_dice(tmp_path, run_here):
+    image = np.full((24, 28, 3), 90, np.uint8)
+    with Hdf5LogWriter(tmp_path / "camera_data.h5", tiny_rig()) as writer:
+        for stamp, images in ((1.0, [image] * 3), (1.1, [None] * 3), (1.2, [None, image, image])):
+            writer.append(images, stamp)
+    (tmp_path / "goal.json").write_text(json.dumps([[0.0, 0.0, 0.011]] * 25))
+    found = json.loads(run_here("score", tmp_path, "--json").stdout)
+    assert found["rewards"] == [0.0, None, 0.0]
+    assert found["scored_frames"] == 2
 
 
 @pytest.mark.parametrize(

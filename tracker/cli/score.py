@@ -127,10 +127,11 @@ def _of_dice(
     with tracker.open_log(job) as log, bar(job.name, -(-len(log) // every), quiet) as progress:
         masks = rearrange_dice.goal_masks(cameras.rig_of(job, log), goal.position)
         for frame in log[::every]:
-            seen = [c for c, image in enumerate(frame.images) if image is not None]
-            found = [rearrange_dice.segment_dice(image) for image in frame.images if image is not None]
+            # HDF5 logs have black images in place of missing ones.
+            images = {c: image for c, image in enumerate(frame.images) if image is not None and image.any()}
+            found = [rearrange_dice.segment_dice(image) for image in images.values()]
             stamps.append(frame.timestamp)
-            error = rearrange_dice.error([masks[c] for c in seen], found) if seen else float("nan")
+            error = rearrange_dice.error([masks[c] for c in images], found) if images else float("nan")
             rewards.append(float(-error))
             progress(1)
     seconds = np.array(stamps) - stamps[0] if stamps else np.zeros(0)
