@@ -169,6 +169,15 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
         assert log.camera_names == CAMERAS
 
 
+def test_a_converted_log_keeps_the_cameras_settings(tmp_path):
+    settings = [{"Gain": 1.5}, {}, {"ExposureAuto": "Off"}]
+    path = write(tmp_path / "log.h5", make_content(2), tiny_rig(), settings=settings)
+    with tracker.open_log(path) as log:
+        write_hdf5(tmp_path / "copy.h5", log, log.rig, lambda count: None)
+    with tracker.open_log(tmp_path / "copy.h5") as log:
+        assert log.settings == {"camera60": settings[0], "camera300": settings[2]}
+
+
 def test_a_recording_that_could_not_be_read_back_is_not_converted(tmp_path):
     rig, folder = tiny_rig(), tmp_path / "pictures"
     for camera in rig:

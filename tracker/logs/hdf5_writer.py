@@ -251,10 +251,12 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
     LogError: it cannot be written, or its timestamps go back or jump, so that it could not be read.
     """
     has_poses = any(frame.recorded_pose is not None for frame in log)
+    known = log.settings
+    settings = [known.get(name, {}) for name in rig.names]
     with (
         told_as(LogError, path),
         whole_file(path) as temporary,
-        Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path) as writer,
+        Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path, settings=settings) as writer,
     ):
         order = StampOrder(gaps=False)  # a folder may have gaps, but such a log could not be read
         for frame in log:
