@@ -10,6 +10,7 @@ import numpy as np
 from synthetic.scene import direction
 from synthetic.world.platform import ARENA_RADIUS, DICE_COUNT, DIE_SIZE, Platform
 from tracker.conventions import Array, FloatArray
+from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import CORNER_SIGNS, FACE_NORMALS, corners
 
@@ -69,7 +70,13 @@ def lowest(size: Array, rotation: Array) -> float:
 
 
 def random_place(rng: np.random.Generator, size: Array, rotation: Array) -> FloatArray:
-    """Draw x, y (2,) [m] uniformly from the positions with all corners within the arena."""
+    """Draw x, y (2,) [m] uniformly from the positions with all corners within the arena.
+
+    TrackerError: the object does not fit into the arena in every orientation.
+    """
+    if (diagonal := float(np.linalg.norm(size))) >= 2 * ARENA_RADIUS:
+        valid = f"less than the arena's {2 * ARENA_RADIUS} m"
+        raise TrackerError(f"object: found a diagonal of {diagonal:.3g} m, expected {valid}")
     offsets = (corners(size) @ np.asarray(rotation).T)[:, :2]
     while True:
         distance, azimuth = ARENA_RADIUS * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)

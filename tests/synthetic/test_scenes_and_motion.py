@@ -11,7 +11,7 @@ from synthetic.look.appearance import random_look
 from synthetic.world import meshes
 from synthetic.world.kinematics import TIP_RADIUS
 from synthetic.world.motion import CUBOID_MOTIONS, DICE_MOTIONS, film
-from synthetic.world.placement import MAX_CLEARANCE, goal_cells
+from synthetic.world.placement import MAX_CLEARANCE, goal_cells, random_place
 from synthetic.world.platform import ARENA_RADIUS
 from synthetic.world.scenes import random_scene
 from tests.helpers.synthetic_needs import platform_of
@@ -157,6 +157,11 @@ def test_what_surrounds_an_object_does_not_depend_on_it(platforms):
         for look in looks[1:]:
             np.testing.assert_array_equal(getattr(look, part), getattr(looks[0], part))
     assert len({rng.random() for rng in rngs}) == 1
+
+
+def test_an_object_larger_than_the_arena_is_refused():
+    with pytest.raises(TrackerError, match=r"diagonal of 0\.433 m, expected less than the arena's 0\.38 m"):
+        random_place(default_rng(0), np.full(3, 0.25), np.eye(3))
 
 
 def test_unknown_kinds_are_refused_by_name(platforms):
