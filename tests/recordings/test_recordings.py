@@ -129,6 +129,8 @@ def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
     prints += of_again()
     os.utime(again.parent / "camera60.yml", (0, 0))
     prints += of_again()
+    (again.parent / "left.yml").touch()  # the calibration of a camera of that name
+    prints += of_again()
     assert len({*prints, fingerprint(job)}) == len(prints) + 1
     assert fingerprint(job) == fingerprint(make_job(log, tmp_path / "other.h5"))
     (again.parent / "poses.h5").touch()

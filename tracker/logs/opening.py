@@ -92,8 +92,7 @@ def _refuse(error: OSError) -> None:
 def _calibration_in(folder: Path, _: int) -> list[str]:
     """Return the calibration files in a folder, cached by its modification time: recordings share it."""
     names = sorted(entry.name for entry in os.scandir(folder))
-    chosen = [n for n in names if n == "arena.toml" or ("camera" in n and n.endswith((".yml", ".yaml")))]
-    return [os.path.join(folder, name) for name in chosen]
+    return [os.path.join(folder, n) for n in names if n == "arena.toml" or n.endswith((".yml", ".yaml"))]
 
 
 def _source(path: Path, recover: bool, rate: float) -> Source:
