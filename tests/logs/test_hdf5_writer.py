@@ -1,5 +1,6 @@
 import dataclasses
 import signal
+from types import SimpleNamespace
 
 import cv2
 import h5py
@@ -162,6 +163,16 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
     with Hdf5LogWriter(tmp_path / "poses.h5", tiny_rig(), poses=True) as writer:
         with pytest.raises(LogError, match="frame 0: pose: found 3, expected one with position, orient"):
             writer.append(images, 1.0, pose=3)
+        pose = {"position": (0.1, 0.0, 0.03), "orientation": (0.0, 0.0, 0.0, 1.0), "confidence": 0.5}
+        for change, message in [
+            ({"position": 0.1}, r"pose: position: found shape \(\), expected numbers of shape \(3,\)"),
+            ({"position": (np.inf, 0.0, 0.0)}, r"pose: found the position \(inf, 0, 0\) m"),
+            ({"orientation": (0.0, 0.0, 0.0, 2.0)}, "pose: found a quaternion of length 2"),
+            ({"confidence": None}, "pose: confidence: found None"),
+            ({"confidence": 3.0}, "pose: found the confidence 3"),
+        ]:
+            with pytest.raises(LogError, match=message):
+                writer.append(images, 1.0, pose=SimpleNamespace(**pose | change))
         assert len(writer) == 0
     with tracker.open_log(tmp_path / "log.h5") as log:
         assert [frame.timestamp for frame in log] == [1.0, 2.0]

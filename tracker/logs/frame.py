@@ -91,13 +91,13 @@ def recorded_frame(
         return LogFrame(index, np.nan, none, (None,) * len(images), None, None)
     seconds = float(np.mean(camera_stamps)) if stamp is None else checked_stamp(stamp / 1000, what=where)
     named = zip(("pose", "filtered pose"), poses, strict=False)
-    found = [_pose_from_record(numbers, what=f"{where}, {what}") for what, numbers in named]
+    found = [pose_from_record(numbers, what=f"{where}, {what}") for what, numbers in named]
     measured, filtered = [*found, None, None][:2]
     mosaics = None if raw is None else tuple(raw)
     return LogFrame(index, seconds, camera_stamps, tuple(images), measured, filtered, mosaics)
 
 
-def _pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
+def pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
     """Return the pose of a record (8,), or None if the recorder had none; LogError if it is invalid.
 
     The record is position [m], quaternion x, y, z, w, confidence. Confidence 0, an all-zero quaternion or

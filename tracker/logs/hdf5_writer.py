@@ -15,12 +15,12 @@ import numpy as np
 
 from tracker.calibration.camera_info import DEVIATIONS, write_arena
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described_input, path_of, seconds
+from tracker.checks import check_sequence, described_input, float_array, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
 from tracker.files.hdf5 import Disk, uninterrupted
-from tracker.logs.frame import StampOrder, checked_stamp
+from tracker.logs.frame import StampOrder, checked_stamp, pose_from_record
 from tracker.logs.hdf5_reader import FLUSHED, MAGIC, POSE
 from tracker.logs.log import Log, Progress, Settings
 from tracker.logs.pictures import to_bayer
@@ -28,6 +28,7 @@ from tracker.logs.pictures import to_bayer
 VERSION = (2, 1)
 """Values of the attributes `format_version` and `format_version_minor`."""
 
+_POSE_SHAPES = {name: (width,) if width > 1 else () for name, width in POSE.items()}
 _ROWS = 256  # rows per chunk of a small field
 _GZIP = 1  # level; raw pixels are mostly noise: higher ones save one per cent and take several times as long
 
@@ -133,12 +134,16 @@ class Hdf5LogWriter:
     def _write(self, rows: dict[str, Any], pose: Any, where: str) -> None:
         """Append a frame's rows and its pose; LogError if that fails: the log is unchanged."""
         if "object_pose" in self._file:
-            rows["object_pose/has_pose"] = pose is not None
-            for name, width in POSE.items():
-                if pose is not None and not hasattr(pose, name):
+            values = {name: np.zeros(shape) for name, shape in _POSE_SHAPES.items()}
+            for name, shape in {} if pose is None else _POSE_SHAPES.items():
+                if not hasattr(pose, name):
                     valid = f"one with {', '.join(POSE)}"
                     raise LogError(f"{where}: pose: found {shown(pose)}, expected {valid}")
-                rows[f"object_pose/{name}"] = np.zeros(width) if pose is None else getattr(pose, name)
+                what = f"{where}: pose: {name}"
+                values[name] = float_array(getattr(pose, name), shape, what, LogError, finite=False)
+            pose_from_record(np.hstack([*values.values()]), what=f"{where}: pose")  # as when it is read
+            rows |= {"object_pose/has_pose": pose is not None}
+            rows |= {f"object_pose/{name}": value for name, value in values.items()}
         try:
             for name, row in rows.items():
                 field = self._file[name]
@@ -206,8 +211,8 @@ class Hdf5LogWriter:
         self._rows("sensor_data_timestamps")
         if poses:
             self._rows("object_pose/has_pose", dtype=np.bool_)
-            for name, width in POSE.items():
-                self._rows(f"object_pose/{name}", (width,) if width > 1 else ())
+            for name, row_shape in _POSE_SHAPES.items():
+                self._rows(f"object_pose/{name}", row_shape)
         file.create_dataset("camera_names", data=np.array([name.encode() for name in self._rig.names]))
         for camera, values in zip(self._rig, settings, strict=True):
             group = file.create_group(f"camera_info/{camera.name}")
