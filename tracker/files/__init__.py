@@ -10,6 +10,7 @@ import io
 import os
 import stat
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from io import BufferedReader
 from pathlib import Path
@@ -25,6 +26,24 @@ def on_error(undo: Callable[[], object]) -> Iterator[None]:
     except BaseException:
         undo()
         raise
+
+
+class OneAtATime:
+    """Lets one thread at a time use what is open, in the process that opened it; a context manager.
+
+    Forked processes would move each other's place in the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._process, self._lock = path, os.getpid(), threading.Lock()
+
+    def __enter__(self) -> None:
+        if os.getpid() != self._process:
+            raise LogError(f"{self._path}: was opened in another process, expected to be opened in this one")
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:

@@ -25,7 +25,7 @@ import numpy as np
 from tracker.checks import naming, optional
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files import on_error, open_regular, told_of
+from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.processes import python_command
 
 _READER = """
@@ -56,7 +56,7 @@ class LmdbFile:
     def __init__(self, path: Path) -> None:
         for package in ("lmdb", "numcodecs"):  # fail here, not at the first value
             optional(package, "datasets", f"{path}: an image store", LogError)
-        self._path = path
+        self._path, self._alone = path, OneAtATime(path)
         with told_of(path), open_regular(path) as file:
             self.size = file.seek(0, 2)
         self._reader = subprocess.Popen(
@@ -80,15 +80,16 @@ class LmdbFile:
     def get(self, key: str, largest: int) -> bytes | None:
         """Return the value of a key, or None if there is none; LogError if it exceeds `largest` bytes."""
         assert self._reader.stdin is not None
-        try:
-            self._reader.stdin.write(f"{key} {largest}\n".encode("ascii"))
-            self._reader.stdin.flush()
-        except BrokenPipeError as error:
-            raise self._damaged(f"no {key}") from error
-        (size,) = struct.unpack("<q", self._received(8))
-        if size > largest:
-            raise self._damaged(f"{size} bytes of {key}, expected at most {largest}")
-        return self._received(size) if size >= 0 else None
+        with self._alone:
+            try:
+                self._reader.stdin.write(f"{key} {largest}\n".encode("ascii"))
+                self._reader.stdin.flush()
+            except BrokenPipeError as error:
+                raise self._damaged(f"no {key}") from error
+            (size,) = struct.unpack("<q", self._received(8))
+            if size > largest:
+                raise self._damaged(f"{size} bytes of {key}, expected at most {largest}")
+            return self._received(size) if size >= 0 else None
 
     def _received(self, size: int) -> bytes:
         assert self._reader.stdout is not None
@@ -129,8 +130,7 @@ class StoredArray:
             self._take(meta)
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise LogError(f"{self._where}: .zarray: found {str(meta)[:200]}, expected zarr 2") from error
-        self._number = -1
-        self._kept: list[bytes] = []
+        self._kept: tuple[int, list[bytes]] = -1, []  # a block's number and items, replaced together
 
     @classmethod
     def find(cls, store: LmdbFile, name: str, where: str) -> StoredArray | None:
@@ -143,9 +143,10 @@ class StoredArray:
     def __getitem__(self, index: int) -> bytes:
         """Return one of the byte strings; one block is kept in memory."""
         number, offset = divmod(index, self._tile[0])
-        if number != self._number:
-            self._kept, self._number = self._strings(number), number
-        return self._kept[offset]
+        kept = self._kept
+        if number != kept[0]:
+            kept = self._kept = number, self._strings(number)
+        return kept[1][offset]
 
     @property
     def ragged(self) -> bool:

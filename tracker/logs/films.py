@@ -10,7 +10,7 @@ import numpy as np
 from tracker.checks import naming, optional
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import on_error, open_regular, told_of
+from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.logs.log import check_same_size, check_sides
 
 SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
@@ -45,7 +45,7 @@ class FilmFile:
 
     def __init__(self, path: Path) -> None:
         av = optional("av", "video", f"{path}: a film")
-        self.path = path
+        self.path, self._alone = path, OneAtATime(path)
         self._faults: tuple[type[Exception], ...] = (av.FFmpegError, ValueError, MemoryError)
         with naming(f"{path}: found no film", LogError, *self._faults), told_of(path):
             open_regular(path).close()  # FFmpeg would wait for a pipe's writer
@@ -89,6 +89,10 @@ class FilmFile:
 
     def picture(self, number: int) -> Image:
         """Return the picture (H, W, 3) BGR with this number; LogError if it is damaged."""
+        with self._alone:
+            return self._picture(number)
+
+    def _picture(self, number: int) -> Image:
         sought = self._times[number]
         try:
             before = self._times[number - 1] if number else None

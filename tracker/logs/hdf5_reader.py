@@ -71,15 +71,16 @@ class StoredImages:
         # Unpack all frames of a block at once: each frame by itself would unpack the whole block again.
         few = 1 < stored <= self.count and stored * math.prod(shape[1:]) <= hdf5.MAX_CHUNK
         self._together = stored if few else 1
-        self._start = 0
-        self._frames: Image = np.empty((0, 0, 0, 0), np.uint8)
+        self._kept: tuple[int, Image] = 0, np.empty((0, 0, 0, 0), np.uint8)  # first frame, and pixels
 
     def read(self, index: int) -> Image:
         """Return (C, H, W) raw pixels of a frame; LogError if they are damaged or were never written."""
-        if not self._start <= index < self._start + len(self._frames):
+        start, frames = self._kept  # another thread may replace it
+        if not start <= index < start + len(frames):
             start = index - index % self._together
-            self._frames, self._start = self._read(start, min(start + self._together, self.count)), start
-        result: Image = self._frames[index - self._start]
+            frames = self._read(start, min(start + self._together, self.count))
+            self._kept = start, frames
+        result: Image = frames[index - start]
         return result
 
     def _read(self, start: int, stop: int) -> Image:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from tracker.errors import LogError
-from tracker.files import on_error, open_regular, told_of
+from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source
 from tracker.logs.pictures import from_bayer
@@ -50,6 +50,7 @@ class NativeSource(Source):
 
     def __init__(self, path: Path, *, recover: bool) -> None:
         super().__init__(path)
+        self._alone = OneAtATime(path)
         with told_of(path):
             self._raw = open_regular(path)
             self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
@@ -57,7 +58,8 @@ class NativeSource(Source):
             # A gzip file states its content's size only modulo 2³², and at its very end.
             size = os.fstat(self._raw.fileno()).st_size
             self._largest = size * _MAX_RATIO if self.sequential else size
-            self._rewind()
+            if self.sequential:
+                self._rewind()
             self._open(recover)
 
     def _open(self, recover: bool) -> None:
@@ -182,7 +184,9 @@ class NativeSource(Source):
 
         In gzipped data, skipped bytes are unpacked, too, and seeking backwards starts from the beginning.
         """
-        with told_of(self.path):
+        if not self.sequential:
+            return self._read_plain(data, offset)
+        with told_of(self.path), self._alone:
             try:
                 self._file.seek(offset)
                 return self._file.readinto(data)
@@ -191,10 +195,18 @@ class NativeSource(Source):
                 where = f"before byte {offset + len(data)} of the content: {' '.join(str(error).split())}"
                 raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
 
+    def _read_plain(self, data: memoryview, offset: int) -> int:
+        """Read without moving the place in the file, which threads and forked processes share."""
+        done = 0
+        with told_of(self.path):
+            while count := os.preadv(self._raw.fileno(), [data[done:]], offset + done):
+                done += count
+        return done
+
     def _rewind(self) -> None:
         # Make a new gzip reader: the state of the old one after an error is undefined.
         self._raw.seek(0)
-        self._file = gzip.GzipFile(fileobj=self._raw) if self.sequential else self._raw
+        self._file = gzip.GzipFile(fileobj=self._raw)
 
 
 _Header = tuple[int, int, int, int]
