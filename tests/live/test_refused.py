@@ -9,13 +9,15 @@ import tracker
 from tests.helpers.filmed import RIG
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
-from tracker.live import ImageSet, Live, Replay
+from tracker.live import ImageSet, Live, Pushed, Replay
 from tracker.live.cameras import CameraSet
 from tracker.live.listeners import Recorder
+from tracker.live.platform import Frontend
 from tracker.live.publishers import LcmPublisher, ZmqPublisher
 from tracker.live.sources import open_cameras, settings_of
 
 CUBE = tracker.load_object("cube_v2")
+FINDER = tracker.ObjectTracker(CUBE, RIG)
 NAN = float("nan")
 GROUP = "udpm://239.255.76.67"
 
@@ -31,7 +33,13 @@ WRONG = [
     (lambda: ImageSet((None,), (1.0, 2.0)), "1 images and 2 stamps"),
     (lambda: ImageSet((None,), (NAN,)), "finite"),
     (lambda: ImageSet((), ()), "0 images"),
-    (lambda: Live([], tracker.ObjectTracker(CUBE, RIG)), "source: found list, expected"),
+    (lambda: Live([], FINDER), "source: found list, expected"),
+    *(
+        (lambda kind=kind, given=given: kind(Pushed(), FINDER, history=given), "history: found .*, expected")
+        for kind in (Live, Frontend)
+        for given in (0, -1, 1.5, "x", None, True)
+    ),
+    *((lambda kind=kind: kind(Pushed(), 3), "tracker: found 3, expected") for kind in (Live, Frontend)),
     (lambda: Recorder(Path(os.devnull), RIG), "there is such a file"),
     (lambda: Recorder(Path("nowhere/log.h5"), RIG), "there is no folder"),
 ]

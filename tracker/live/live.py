@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracker.errors import LiveError
+from tracker.checks import is_whole
+from tracker.errors import LiveError, shown
 from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults
 from tracker.live.sources import FORMS, open_source
 from tracker.pipeline import ObjectTracker
@@ -31,6 +32,14 @@ CLOSING = 5.0
 """How long `close` waits for a source that does not return [s]."""
 
 
+def check_arguments(tracker: object, history: object) -> None:
+    """Raise LiveError for what is no tracker, or no number of results to keep."""
+    if not callable(getattr(tracker, "update", None)):
+        raise LiveError(f"tracker: found {shown(tracker)}, expected a tracker.ObjectTracker")
+    if not is_whole(history) or history < 1:
+        raise LiveError(f"history: found {shown(history)}, expected a whole number of at least 1")
+
+
 class Live:
     """Tracks an object in the images of a source, from its creation until `close`; a context manager.
 
@@ -47,7 +56,7 @@ class Live:
         history: number of moments kept for `at`.
 
     Raises:
-        TrackerError: the source cannot be opened, or is not a source.
+        TrackerError: the source cannot be opened, or an argument is none of its kind.
     """
 
     def __init__(
@@ -58,6 +67,7 @@ class Live:
         listeners: Sequence[Callable[[Moment], None]] = (),
         history: int = HISTORY,
     ) -> None:
+        check_arguments(tracker, history)
         if isinstance(tracker, ObjectTracker):
             load()
         if isinstance(source, (str, os.PathLike)):

@@ -22,7 +22,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LiveError
-from tracker.live.live import Live
+from tracker.live.live import Live, check_arguments
 from tracker.live.moment import ImageSource, Moment
 from tracker.logs import open_log
 from tracker.logs.frame import RecordedPose
@@ -92,6 +92,7 @@ class Frontend:
     def __init__(
         self, source: ImageSource, tracker: ObjectTracker, *, raw: bool = False, history: int = HISTORY
     ) -> None:
+        check_arguments(tracker, history)
         self._rig, self._raw = tracker.rig, raw
         self._changed = threading.Condition()
         self._kept: deque[tuple[int, float, CameraObjectObservation]] = deque(maxlen=history)
