@@ -109,7 +109,7 @@ def fractions_to(path):
 
 
 def film_to(path):
-    return write_film(path, film(), 10)
+    return write_film(path, film(), np.float32(10))
 
 
 def empty_film_to(path):
@@ -133,7 +133,17 @@ def plot_to(path):
         (lambda path: write_image(path, None), "a.png", "found None, expected uint8"),
         (lambda path: write_image(path, np.zeros(5, np.uint8)), "a.png", r"found uint8 of shape \(5,\)"),
         (film_to, "film.gif", r"expected \.mp4"),
-        (lambda path: write_film(path, film(), 0), "a.mp4", "rate: found 0, expected more than 0"),
+        (lambda path: write_film(path, film(), 0), "a.mp4", r"rate: found 0, expected 0\.001 to 1000"),
+        (
+            lambda path: write_film(path, film(), 2e4),
+            "a.mp4",
+            r"rate: found 20000\.0, expected 0\.001 to 1000",
+        ),
+        (
+            lambda path: write_film(path, film(), 4e-4),
+            "a.mp4",
+            r"rate: found 0\.0004, expected 0\.001 to 1000",
+        ),
         (lambda path: write_film(None, film(), 10), "", "film: found None, expected a path"),
         (lambda path: write_image(None, BLACK[0]), "", "image: found None, expected a path"),
         (lambda path: plot_to(None), "", "plot: found None, expected a path"),

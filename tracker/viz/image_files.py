@@ -55,7 +55,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
     Args:
         path: ends in .mp4.
         pictures: the images, consumed one by one, so that a long film does not fill the memory.
-        rate: images per second.
+        rate: images per second, 0.001 to 1000.
 
     Returns:
         The number of images.
@@ -66,8 +66,8 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
     """
     target = path_of(path, "film", ImageError)
     check_suffix(target, (".mp4",), "film", ImageError)
-    if not is_number(rate) or rate <= 0:
-        raise ImageError(f"film {target}: rate: found {shown(rate)}, expected more than 0 per second")
+    if not is_number(rate) or not 1e-3 <= rate <= 1e3:
+        raise ImageError(f"film {target}: rate: found {shown(rate)}, expected 0.001 to 1000 per second")
     av = optional("av", "video", "a film")
     count = 0
     with (
@@ -75,7 +75,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
         whole_file(target) as temporary,
         av.open(str(temporary), "w", format="mp4") as film,
     ):
-        stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000))
+        stream = film.add_stream("libx264", rate=Fraction(float(rate)).limit_denominator(1000))
         stream.pix_fmt = "yuv420p"
         stream.options = {"crf": "18", "preset": "veryfast"}
         for picture in pictures:
