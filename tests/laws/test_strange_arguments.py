@@ -1,4 +1,5 @@
 import dataclasses
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -6,8 +7,12 @@ import pytest
 
 import tracker
 from tests.helpers import ROOT
+from tests.helpers.pose_logs import random_poses
 from tracker import viz
 from tracker.live import Pushed
+from tracker.logs.hdf5_writer import Hdf5LogWriter
+from tracker.poses.exports import write_bop, write_csv, write_tum
+from tracker.poses.file import write_poses
 from tracker.tasks import move_object, rearrange_dice
 
 HUGE = 10**5000
@@ -37,6 +42,7 @@ def fields(one: object) -> dict[str, object]:
     return {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
 
 
+POSES = random_poses(np.random.default_rng(0), 3)
 TRACKER = tracker.ObjectTracker(MODEL, RIG)
 CALLS = {
     "ObjectTracker": (
@@ -61,6 +67,11 @@ CALLS = {
     "segment": (tracker.segment, {"image": IMAGES[0], "colors": COLORS}),
     "open_log": (tracker.open_log, {"path": DEMO, "rate": 10.0}),
     "read_poses": (tracker.read_poses, {"path": "nowhere"}),
+    "Hdf5LogWriter": (partial(Hdf5LogWriter, "nowhere/log.h5"), {"rig": RIG}),
+    "write_poses": (partial(write_poses, "nowhere/poses.h5"), {"poses": POSES}),
+    "write_csv": (partial(write_csv, "nowhere/poses.csv"), {"poses": POSES}),
+    "write_tum": (partial(write_tum, "nowhere/poses.tum"), {"poses": POSES, "kind": "filtered"}),
+    "write_bop": (partial(write_bop, "nowhere/bop.csv"), {"poses": POSES, "camera": RIG[0]}),
     "keypoints": (move_object.keypoints, {"position": ZERO, "orientation": UNIT, "size": MODEL.size}),
     "pose_from_keypoints": (
         move_object.pose_from_keypoints,

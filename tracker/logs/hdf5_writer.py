@@ -15,7 +15,7 @@ import numpy as np
 
 from tracker.calibration.camera_info import DEVIATIONS, write_arena
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described_input, float_array, path_of, seconds
+from tracker.checks import check_sequence, described_input, float_array, of_kind, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
@@ -65,6 +65,7 @@ class Hdf5LogWriter:
     ) -> None:
         path = path_of(path, "log", LogError)
         self._path = os.fspath(path if name is None else name)
+        of_kind(rig, CameraRig, f"{self._path}: rig", LogError, "tracker.CameraRig.load")
         sizes = {(camera.width, camera.height) for camera in rig}
         if len(sizes) != 1:
             found = ", ".join(f"{camera.width}×{camera.height}" for camera in rig)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tracker.checks import of_kind
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import csv_text, told_as, whole_file, write_whole
@@ -40,6 +41,7 @@ def write_csv(
     Raises:
         LogError: the file cannot be written.
     """
+    _check(poses)
     table = {**poses.table(keypoints_of), **(more or {})}
     rows = (
         ["" if value != value else value for value in row]  # only NaN differs from itself
@@ -58,6 +60,7 @@ def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered
     Raises:
         LogError: the recording has no poses of that kind, or the file cannot be written.
     """
+    _check(poses)
     columns = poses.columns(kind)
     table = np.column_stack([poses.timestamp, columns.position, columns.orientation])[columns.has_pose]
     lines = ["# timestamp tx ty tz qx qy qz qw", *(" ".join(map(repr, row)) for row in table.tolist())]
@@ -91,6 +94,8 @@ def write_bop(
     Raises:
         LogError: the recording has no such poses, one has no confidence, or the file cannot be written.
     """
+    _check(poses)
+    of_kind(camera, Camera, "camera", LogError)
     columns = poses.columns(kind)
     found = columns.take(columns.has_pose)
     if np.isnan(found.confidence).any():
@@ -120,6 +125,7 @@ def write_parquet(
         LogError: the file cannot be written.
         TrackerError: the package pyarrow is missing.
     """
+    _check(poses)
     pa, pq = package("pyarrow"), package("pyarrow.parquet")
     columns = {**poses.table(keypoints_of), **(more or {})}
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
@@ -133,6 +139,10 @@ def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray
     rotation: FloatArray = camera_from_world @ so3.matrix_from_quaternion(columns.orientation)
     translation: FloatArray = columns.position @ camera_from_world.T + camera.camera_from_world[:3, 3]
     return rotation, translation
+
+
+def _check(poses: object) -> None:
+    of_kind(poses, Poses, "poses", LogError, "tracker.read_poses or tracker.track(...).poses")
 
 
 def _spaced(values: Array) -> str:

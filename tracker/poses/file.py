@@ -17,7 +17,7 @@ import numpy as np
 
 from tracker.calibration.camera_info import CAMERA_DATASETS, read_arena, read_camera, write_arena
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described, float_array, naming, one_stamp, path_of
+from tracker.checks import described, float_array, naming, of_kind, one_stamp, path_of
 from tracker.conventions import Array
 from tracker.errors import LogError
 from tracker.files import hdf5, told_as, told_of, write_whole
@@ -142,6 +142,7 @@ def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
     Raises:
         LogError: the file cannot be written.
     """
+    of_kind(poses, Poses, "poses", LogError, "tracker.track(...).poses")
     with naming(path, LogError, LogError, UnicodeEncodeError):
         content = _content(poses)
     with told_as(LogError, path):

@@ -13,7 +13,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.checks import LATEST, described, float_array, freeze, is_whole, of_kind
 from tracker.conventions import Array, FloatArray
-from tracker.errors import LogError, TrackerError
+from tracker.errors import LogError, TrackerError, shown
 from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, refuse
@@ -256,8 +256,8 @@ class Poses:
         Raises:
             LogError: there is no such kind, or the recording has no recorded poses.
         """
-        if kind not in KINDS:
-            raise LogError(f"kind of poses: found {kind!r}, expected one of {', '.join(KINDS)}")
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise LogError(f"kind of poses: found {shown(kind)}, expected one of {', '.join(KINDS)}")
         columns: PoseColumns | None = getattr(self, kind)
         if columns is None:
             raise LogError(f"{self.about.source}: found no recorded poses, expected measured or filtered")
