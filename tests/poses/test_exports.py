@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.helpers.pose_logs import START, answer, make_about, random_pose, random_poses
 from tracker.errors import LogError
 from tracker.geometry import so3
-from tracker.poses.exports import write_bop, write_csv, write_tum
+from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import PosesBuilder
 from tracker.poses.poses import CSV_HEADER
 
@@ -86,6 +86,15 @@ def test_a_status_with_a_comma_stays_one_cell(tmp_path):
     builder.append(0, 0.0, answer(None, None, 'far, far "away"'))
     write_csv(tmp_path / "a.csv", builder.build())
     assert read_csv(tmp_path / "a.csv")[0]["status"] == 'far, far "away"'
+
+
+@pytest.mark.parametrize("write", [write_csv, write_parquet])
+def test_a_further_column_is_new_and_as_long(write, tmp_path, rng):
+    poses = random_poses(rng, 3)
+    for name, column in (("frame", np.zeros(3)), ("load_kg", np.zeros(4)), ("load_kg", 1.0)):
+        with pytest.raises(LogError, match=rf"column {name}: found shape .*, expected a new name and shape"):
+            write(tmp_path / "poses", poses, more={name: column})
+    assert not (tmp_path / "poses").exists()
 
 
 @pytest.mark.parametrize("kind", ["measured", "filtered", "recorded"])

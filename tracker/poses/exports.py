@@ -39,10 +39,9 @@ def write_csv(
     the covariance's diagonal.
 
     Raises:
-        LogError: the file cannot be written.
+        LogError: the file cannot be written, or a column of `more` replaces another or has another length.
     """
-    _check(poses)
-    table = {**poses.table(keypoints_of), **(more or {})}
+    table = _table(poses, keypoints_of, more)
     rows = (
         ["" if value != value else value for value in row]  # only NaN differs from itself
         for row in zip(*(column.tolist() for column in table.values()), strict=True)
@@ -125,9 +124,8 @@ def write_parquet(
         LogError: the file cannot be written.
         TrackerError: the package pyarrow is missing.
     """
-    _check(poses)
+    columns = _table(poses, keypoints_of, more)
     pa, pq = package("pyarrow"), package("pyarrow.parquet")
-    columns = {**poses.table(keypoints_of), **(more or {})}
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
     with told_as(LogError, path), whole_file(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")
@@ -143,6 +141,20 @@ def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray
 
 def _check(poses: object) -> None:
     of_kind(poses, Poses, "poses", LogError, "tracker.read_poses or tracker.track(...).poses")
+
+
+def _table(
+    poses: Poses, keypoints_of: CuboidModel | None, more: Mapping[str, Array] | None
+) -> dict[str, Array]:
+    """Return the columns of a table; LogError if one of `more` has a wrong length, or replaces another."""
+    _check(poses)
+    table = poses.table(keypoints_of)
+    for name, column in (more or {}).items():
+        if name in table or np.shape(column) != (len(poses),):
+            found = f"found shape {np.shape(column)}, expected a new name and shape ({len(poses)},)"
+            raise LogError(f"column {name}: {found}")
+        table[name] = np.asarray(column)
+    return table
 
 
 def _spaced(values: Array) -> str:
