@@ -144,6 +144,16 @@ def plot_to(path):
             "a.mp4",
             r"rate: found 0\.0004, expected 0\.001 to 1000",
         ),
+        (
+            lambda path: write_film(path, film(1, (1, 9)), 10),
+            "a.mp4",
+            "picture 0: found .*, expected pictures",
+        ),
+        (
+            lambda path: write_film(path, [*film(2), *film(1, (80, 81))], 10),
+            "a.mp4",
+            r"picture 2: found uint8 of shape \(80, 81, 3\), expected pictures of one size",
+        ),
         (lambda path: write_film(None, film(), 10), "", "film: found None, expected a path"),
         (lambda path: write_image(None, BLACK[0]), "", "image: found None, expected a path"),
         (lambda path: plot_to(None), "", "plot: found None, expected a path"),

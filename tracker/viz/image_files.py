@@ -82,6 +82,11 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
             height, width = (side - side % 2 for side in picture.shape[:2])
             if count == 0:
                 stream.height, stream.width = height, width
+            if not height * width or (height, width) != (stream.height, stream.width):
+                valid = "pictures of one size, of 2×2 px or more"
+                raise ImageError(
+                    f"film {target}: picture {count}: found {described_input(picture)}, expected {valid}"
+                )
             frame = av.VideoFrame.from_ndarray(picture[:height, :width].copy(), format="bgr24")
             film.mux(stream.encode(frame))
             count += 1
