@@ -70,7 +70,8 @@ def test_who_ends_a_process_gets_another_and_only_the_task_that_does_it_always_f
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="system: no masks of signals")
-def test_a_worker_has_one_thread_never_sees_ctrl_c_and_goes_on_after_what_cannot_be_sent():
+def test_a_worker_has_one_thread_never_sees_ctrl_c_and_goes_on_after_what_cannot_be_sent(monkeypatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
     before = environment(None)
     with processes(1) as each:
         ((_, error),) = each(unsendable, ["a"])
