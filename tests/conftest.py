@@ -1,11 +1,12 @@
 """Fixtures and settings of all tests."""
 
+import gc
 import os
 import runpy
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from tests.helpers.needs import (  # noqa: F401
     pytest_runtest_makereport,
 )
 from tracker import Camera, CameraRig, cli
+from tracker.warm_up import quickly
 
 # What nohup ignores stays ignored, in the commands that tests begin, too; in the background so does Ctrl-C.
 if hasattr(signal, "SIGHUP"):
@@ -33,6 +35,21 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # call may compile.
 settings.register_profile("repository", derandomize=True, deadline=None, database=None, max_examples=50)
 settings.load_profile("repository")
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Spare the garbage collector the libraries and tests, which stay."""
+    gc.disable()
+    yield
+    gc.freeze()
+    gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compile_quickly() -> Iterator[None]:
+    with quickly():
+        yield
 
 
 @pytest.fixture(scope="session")
