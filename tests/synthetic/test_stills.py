@@ -9,7 +9,10 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.look.face_colors import reflectances
+from synthetic.render.hits import labels_of_codes
+from synthetic.render.raster import paint
 from synthetic.render.renderer import shared_renderer
+from synthetic.render.surfaces import SurfaceStore
 from synthetic.scene import ObjectState, PlatformScene
 from synthetic.stills import Still
 from tests.helpers import opencv_pixels
@@ -24,12 +27,12 @@ MODELS = (load_object("cube_v1"), load_object("cube_v2"), load_object("cuboid_2x
 
 def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
     """The share of each pixel's square that the visible object covers, (H, W) of each camera."""
-    result, points = [], 4 * 270 // cameras[0].width
-    for camera in cameras:
-        lens = Lens(camera, points)
-        view = dataclasses.replace(lens.view, block=points)
-        result.append(lens.to_camera(shared_renderer().render(scene, view, shadows=False).labels > 0, "mean"))
-    return result
+    lenses = [Lens(camera, 4 * 270 // camera.width) for camera in cameras]
+    bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
+    # As a renderer does it, without the light.
+    surfaces = SurfaceStore().of_scene(scene)
+    layers = [labels_of_codes(paint(lens.view, bodies)[0], surfaces) > 0 for lens in lenses]
+    return [lens.to_camera(layer, "mean") for lens, layer in zip(lenses, layers, strict=True)]
 
 
 def face_outlines(state: ObjectState, model: CuboidModel, camera: Camera) -> list[Array]:
