@@ -5,6 +5,7 @@ import json
 import re
 import shlex
 import shutil
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from tests.helpers.pose_logs import random_poses
 from tests.helpers.synthetic_needs import skip_without_platform
 from tests.logs.test_robot_log import text
 from tracker import CameraRig, cli
+from tracker.batch.workers import here
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import read_arena
 from tracker.cli.colors import adapt
@@ -133,7 +135,8 @@ def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plain pictures, one process and little learning, which change nothing but numbers."""
     monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
     monkeypatch.setattr("synthetic.export.dataset.run_tasks", lambda *given: run_tasks(*given[:2], 1))
-    monkeypatch.setattr("tracker.batch.workers.cores", lambda: 1)
+    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
+    monkeypatch.setattr("benchmarks.score.shares.RESAMPLES", 39)
     monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
     fewer = {"frames": 10, "rounds": 2}
     for option in adapt.params:
