@@ -1,9 +1,7 @@
 """What the platform's simulation package makes of goals and states; runs in an environment that has it.
 
     python package_tasks_script.py masks OUT.npz CALIBRATION.yml ...
-    python package_tasks_script.py dice OUT.npz
-    python package_tasks_script.py poses OUT.npz
-    python package_tasks_script.py trajectories OUT.npz
+    python package_tasks_script.py tasks OUT.npz
 
 Each writes the cases, drawn from fixed seeds, and what the package says of them.
 """
@@ -16,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from trifinger_simulation.camera import CameraParameters
 from trifinger_simulation.tasks import move_cube, move_cube_on_trajectory, move_cuboid, rearrange_dice
 
-SAMPLED, FREE = 100, 30
+SAMPLED, FREE = 70, 30
 """Goals of the dice that the package samples, and others that it calls valid."""
 
-POSES = 1600
+POSES = 1400
 """Random states of each object and level."""
 
 TILTS = (0.0, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.02, np.pi - 1e-3, np.pi - 1e-6, np.pi)
@@ -107,7 +105,7 @@ def _state(task, goal, index: int, rng: np.random.Generator):
 
 
 def trajectories() -> dict[str, np.ndarray]:
-    """`start` (N, K) and `goal` (N, K, 3) of trajectories; `time` (N, M), `position`, `active` and `cost`."""
+    """`start` (N, K) and `goals` (N, K, 3) of trajectories; `time` (N, M), `position`, `active`, `costs`."""
     rng = np.random.default_rng(4)
     rows = []
     for seed in range(20):
@@ -123,10 +121,11 @@ def trajectories() -> dict[str, np.ndarray]:
             for time, state in zip(times, states, strict=True)
         ]
         rows.append((starts, np.array([goal for _, goal in trajectory]), times, states, active, cost))
-    names = ("start", "goal", "time", "position", "active", "cost")
+    names = ("start", "goals", "time", "position", "active", "costs")
     return {name: np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
 
 
 if __name__ == "__main__":
-    makers = {"masks": masks, "dice": dice, "poses": poses, "trajectories": trajectories}
-    np.savez_compressed(sys.argv[2], **makers[sys.argv[1]](*sys.argv[3:]))
+    command, out, *files = sys.argv[1:]
+    found = masks(*files) if command == "masks" else {**dice(), **poses(), **trajectories()}
+    np.savez(out, **found)

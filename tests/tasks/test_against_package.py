@@ -88,36 +88,35 @@ def test_goal_masks_of_every_robot_are_the_packages_to_the_pixel(robot, robots):
     assert_same_masks(answer, files[number], 3 * number)
 
 
-def test_the_error_of_dice_is_the_packages(package):
-    answer = package("dice")
-    for goal, dice, cost in zip(answer["goal"], answer["dice"], answer["cost"], strict=True):
+@pytest.fixture(scope="session")
+def tasks(package: Package) -> dict[str, np.ndarray]:
+    return package("tasks")
+
+
+def test_the_error_of_dice_is_the_packages(tasks):
+    for goal, dice, cost in zip(tasks["goal"], tasks["dice"], tasks["cost"], strict=True):
         assert rearrange_dice.error(goal, dice) == cost
         assert rearrange_dice.error(list(goal), list(dice)) == cost
 
 
-@pytest.fixture(scope="session")
-def poses(package: Package) -> dict[str, np.ndarray]:
-    return package("poses")
-
-
-def rewards(poses: dict[str, np.ndarray], name: str, level: int) -> tuple[np.ndarray, np.ndarray]:
+def rewards(tasks: dict[str, np.ndarray], name: str, level: int) -> tuple[np.ndarray, np.ndarray]:
     """Our rewards of the package's poses, and by how much they and its costs do not cancel."""
-    goal, state = poses[f"{name}{level}_goal"], poses[f"{name}{level}_state"]
+    goal, state = tasks[f"{name}{level}_goal"], tasks[f"{name}{level}_state"]
     assert len(goal) >= 1000
     ours = move_object.reward(level, goal[:, :3], state[:, :3], goal[:, 3:], state[:, 3:], model=MODELS[name])
     assert (ours[np.all(goal == state, axis=1)] == 0).sum() >= 20
-    return ours, np.abs(ours + poses[f"{name}{level}_cost"])
+    return ours, np.abs(ours + tasks[f"{name}{level}_cost"])
 
 
 @pytest.mark.parametrize(("name", "level"), [*[(n, k) for n in MODELS for k in (1, 2, 3)], ("cube", 4)])
-def test_rewards_are_the_packages_costs_with_the_sign_changed(name, level, poses):
-    _, difference = rewards(poses, name, level)
+def test_rewards_are_the_packages_costs_with_the_sign_changed(name, level, tasks):
+    _, difference = rewards(tasks, name, level)
     assert difference.max() < 1e-9
 
 
-def test_rewards_of_the_long_axis_are_the_packages_but_for_its_rounding(poses):
-    _, difference = rewards(poses, "cuboid", 4)
-    goal, state = poses["cuboid4_goal"], poses["cuboid4_state"]
+def test_rewards_of_the_long_axis_are_the_packages_but_for_its_rounding(tasks):
+    _, difference = rewards(tasks, "cuboid", 4)
+    goal, state = tasks["cuboid4_goal"], tasks["cuboid4_state"]
     angle = np.pi * move_object.long_axis_error(goal[:, 3:], state[:, 3:])
     away = np.sin(angle) > 0.01
     assert away.sum() >= 1000
@@ -127,10 +126,9 @@ def test_rewards_of_the_long_axis_are_the_packages_but_for_its_rounding(poses):
     assert difference[~away].max() < 1.001 * np.sqrt(2 * ROUNDING) / (2 * np.pi)
 
 
-def test_goals_and_rewards_along_trajectories_are_the_packages(package):
-    answer = package("trajectories")
+def test_goals_and_rewards_along_trajectories_are_the_packages(tasks):
     for starts, goals, times, states, active, cost in zip(
-        *(answer[key] for key in ("start", "goal", "time", "position", "active", "cost")), strict=True
+        *(tasks[key] for key in ("start", "goals", "time", "position", "active", "costs")), strict=True
     ):
         trajectory = list(zip(starts, goals, strict=True))
         np.testing.assert_array_equal(move_object.active_goal(trajectory, times), active)
