@@ -2,6 +2,7 @@ import pytest
 
 from benchmarks.score import shares
 from synthetic.camera.shot import QUALITIES
+from tests.helpers.synthetic_needs import platforms_stay_open  # noqa: F401
 
 
 @pytest.fixture(autouse=True)

@@ -19,7 +19,7 @@ from synthetic.world.platform import Platform
 from synthetic.world.scenes import random_scene
 from tracker import CuboidModel
 
-__all__ = ["Still", "bare_scene", "posed_scene", "scene_with_fingers", "take"]
+__all__ = ["Still", "bare_scene", "platform", "posed_scene", "scene_with_fingers", "take"]
 
 
 def _or_skip(make: Callable[..., PlatformScene]) -> Callable[..., PlatformScene]:
@@ -35,11 +35,10 @@ def _or_skip(make: Callable[..., PlatformScene]) -> Callable[..., PlatformScene]
 bare_scene = _or_skip(stills.bare_scene)
 posed_scene = _or_skip(stills.posed_scene)
 
-# A scene does not depend on those before it, and to load the robot takes as long as to draw one.
-_platform = functools.cache(Platform)
+platform = functools.cache(Platform)
 
 
 @_or_skip
 def scene_with_fingers(model: CuboidModel, rng: np.random.Generator, *, near: float = 0.5) -> PlatformScene:
     """As `synthetic.stills.scene_with_fingers`, of platforms that stay open."""
-    return random_scene(_platform(model), rng, occlusion=near)
+    return random_scene(platform(model), rng, occlusion=near)

@@ -1,8 +1,11 @@
 """What tests of the simulated platform need, and why they are skipped without it."""
 
+import contextlib
 import functools
 import importlib.util
 from typing import Any
+
+import pytest
 
 from tests.helpers.needs import lack
 
@@ -39,3 +42,12 @@ def platform_of(object_name: str) -> Any:
         return Platform(object_name)
     except AssetError as error:
         lack("platform", str(error))
+
+
+@pytest.fixture(autouse=True)
+def platforms_stay_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No frame depends on what a platform showed before; to load the robot takes as long as to draw one."""
+    if not missing():
+        from tests.helpers.stills import platform
+
+        monkeypatch.setattr("synthetic.frames.Platform", lambda name: contextlib.nullcontext(platform(name)))
