@@ -1,5 +1,4 @@
-"""Tests, one process of them per core: more threads would only wait for each other."""
-
 import os
 
-os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1"}  # read as these are imported
+# One process of tests per core: more threads would only wait for each other.
+os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1"}

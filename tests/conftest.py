@@ -6,7 +6,8 @@ import runpy
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -37,19 +38,15 @@ settings.register_profile("repository", derandomize=True, deadline=None, databas
 settings.load_profile("repository")
 
 
-@pytest.hookimpl(hookwrapper=True)
-def pytest_collection() -> Iterator[None]:
-    """Spare the garbage collector the libraries and tests, which stay."""
-    gc.disable()
-    yield
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile in less time; the garbage collector then seldom goes through all libraries and tests, too."""
+    stack = ExitStack()
+    stack.enter_context(quickly())
+    session.config.add_cleanup(stack.close)
+
+
+def pytest_collection_finish() -> None:
     gc.freeze()
-    gc.enable()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _compile_quickly() -> Iterator[None]:
-    with quickly():
-        yield
 
 
 @pytest.fixture(scope="session")

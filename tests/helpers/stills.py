@@ -22,8 +22,8 @@ from tracker import CuboidModel
 __all__ = ["Still", "bare_scene", "platform", "posed_scene", "scene_with_fingers", "take"]
 
 
-def _or_skip(make: Callable[..., PlatformScene]) -> Callable[..., PlatformScene]:
-    def made(*arguments: Any, **more: Any) -> PlatformScene:
+def _or_skip(make: Callable[..., Any]) -> Callable[..., Any]:
+    def made(*arguments: Any, **more: Any) -> Any:
         try:
             return make(*arguments, **more)
         except AssetError as error:
@@ -35,7 +35,7 @@ def _or_skip(make: Callable[..., PlatformScene]) -> Callable[..., PlatformScene]
 bare_scene = _or_skip(stills.bare_scene)
 posed_scene = _or_skip(stills.posed_scene)
 
-platform = functools.cache(Platform)
+platform = _or_skip(functools.cache(Platform))
 
 
 @_or_skip

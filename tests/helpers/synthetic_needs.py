@@ -3,7 +3,6 @@
 import contextlib
 import functools
 import importlib.util
-from typing import Any
 
 import pytest
 
@@ -31,17 +30,6 @@ def skip_without_platform() -> None:
     reason = missing()
     if reason:
         lack("platform", reason)
-
-
-def platform_of(object_name: str) -> Any:
-    """The simulated platform; the test is skipped where the robot's meshes cannot be had."""
-    from synthetic.errors import AssetError
-    from synthetic.world.platform import Platform
-
-    try:
-        return Platform(object_name)
-    except AssetError as error:
-        lack("platform", str(error))
 
 
 @pytest.fixture(autouse=True)

@@ -9,13 +9,13 @@ pybullet = pytest.importorskip("pybullet", reason="platform: no module pybullet"
 
 from synthetic.look.appearance import random_lighting, random_look  # noqa: E402
 from synthetic.world import kinematics  # noqa: E402 - these need pybullet
-from tests.helpers.synthetic_needs import platform_of  # noqa: E402
+from synthetic.world.platform import Platform  # noqa: E402
+from tests.helpers import stills  # noqa: E402
 
 
 @pytest.fixture(scope="module")
 def platform():
-    with platform_of("cube_v2") as result:
-        yield result
+    return stills.platform("cube_v2")
 
 
 def random_joints(rng):
@@ -95,7 +95,7 @@ def test_groups_have_colours_and_labels_and_meshes_with_one_key_are_equal(platfo
 
 
 def test_several_platforms_live_side_by_side(platform):
-    with platform_of("cuboid_2x2x8_v2") as other:
+    with Platform("cuboid_2x2x8_v2") as other:
         assert other.world.client != platform.world.client
         platform.world.set_joints(np.zeros(9))
     platform.world.set_joints(np.ones(9))

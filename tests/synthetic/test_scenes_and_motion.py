@@ -12,9 +12,9 @@ from synthetic.world import meshes
 from synthetic.world.kinematics import TIP_RADIUS
 from synthetic.world.motion import CUBOID_MOTIONS, DICE_MOTIONS, film
 from synthetic.world.placement import MAX_CLEARANCE, goal_cells, random_place
-from synthetic.world.platform import ARENA_RADIUS
+from synthetic.world.platform import ARENA_RADIUS, Platform
 from synthetic.world.scenes import random_scene
-from tests.helpers.synthetic_needs import platform_of
+from tests.helpers import stills
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_NORMALS, corners
@@ -24,10 +24,7 @@ NAMES = ("cube_v2", "cuboid_2x2x8_v2", "dice")
 
 @pytest.fixture(scope="module")
 def platforms():
-    result = {name: platform_of(name) for name in NAMES}
-    yield result
-    for platform in result.values():
-        platform.close()
+    return {name: stills.platform(name) for name in NAMES}
 
 
 def all_corners(platform, scene):
@@ -68,7 +65,7 @@ def test_the_same_generator_gives_the_same_scene_whatever_came_before(platforms,
     first = random_scene(platform, default_rng(5), kind=kind)
     random_scene(platform, default_rng(6))
     assert_equal(first, random_scene(platform, default_rng(5), kind=kind))
-    with platform_of(name) as other:
+    with Platform(name) as other:
         assert_equal(first, random_scene(other, default_rng(5), kind=kind))
 
 
