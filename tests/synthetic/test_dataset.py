@@ -19,12 +19,8 @@ from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig, load_object
 from tracker.geometry.cuboid import corners
 
+skip_without_platform()
 CAMERAS = ("camera60", "camera180", "camera300")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def platform():
-    skip_without_platform()
 
 
 def generate(folder: Path, *more: object, frames: int = 3, seed: int = 4, check: bool = True):

@@ -29,7 +29,6 @@ def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
     """The share of each pixel's square that the visible object covers, (H, W) of each camera."""
     lenses = [Lens(camera, 4 * 270 // camera.width) for camera in cameras]
     bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
-    # As a renderer does it, without the light.
     surfaces = SurfaceStore().of_scene(scene)
     layers = [labels_of_codes(paint(lens.view, bodies)[0], surfaces) > 0 for lens in lenses]
     return [lens.to_camera(layer, "mean") for lens, layer in zip(lenses, layers, strict=True)]

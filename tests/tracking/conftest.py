@@ -11,3 +11,8 @@ FRAMES = 16
 def film(rig):
     """Images of a cube that is pushed, ten times a second."""
     return [shot(rig, pose_at(DT * k), k) for k in range(FRAMES)]
+
+
+@pytest.fixture(scope="session")
+def short(film):
+    return film[: FRAMES // 2]

@@ -12,11 +12,6 @@ STEP = 0.04
 NAMES = ("left", "middle", "right")
 
 
-@pytest.fixture(scope="module")
-def film(film):
-    return film[:8]
-
-
 def gliding(seconds, speed):
     """A pose on a straight way [m/s], turned at 3 rad for each metre."""
     place = np.array([-0.1, -0.05, HEIGHT]) + seconds * speed * np.array([0.96, 0.28, 0.0])
@@ -76,9 +71,9 @@ def test_the_latest_picture_counts_others_are_older_and_those_without_do_not_cou
         ({"camera60": 1.0, "camera180": 1.0}, r"missing camera300; .*\(nan where a camera gave none\)$"),
     ],
 )
-def test_wrong_stamps_are_named(rig, film, given, says):
+def test_wrong_stamps_are_named(rig, short, given, says):
     with pytest.raises(TrackerError, match=says):
-        new(rig).update(film[0], given)
+        new(rig).update(short[0], given)
 
 
 @pytest.mark.parametrize(
@@ -111,9 +106,9 @@ def test_what_is_seen_late_is_moved_by_the_velocity(rig, speed):
 
 
 @pytest.mark.parametrize("stamp", [np.nan, np.inf, -np.inf, DT - 1e-6, 0.05, -100.0])
-def test_a_moment_that_is_past_or_none_is_not_predicted(rig, film, stamp):
+def test_a_moment_that_is_past_or_none_is_not_predicted(rig, short, stamp):
     one = new(rig)
-    play(one, film[:2])
+    play(one, short[:2])
     with pytest.raises(TrackerError, match=r"^[^\n]*timestamp[^\n]*$"):
         one.predict(stamp)
 

@@ -13,14 +13,9 @@ CALLS = 25
 
 
 @pytest.fixture(scope="module")
-def film(film):
-    return film[:8]
-
-
-@pytest.fixture(scope="module")
-def sets(rig, film):
+def sets(rig, short):
     """Images of all three cameras, of two, of one, and of an arena without object."""
-    return [film[0], [film[3][0], None, film[3][2]], [None, film[5][1], None], shot(rig, None, 100)]
+    return [short[0], [short[3][0], None, short[3][2]], [None, short[5][1], None], shot(rig, None, 100)]
 
 
 def together(work, count):
@@ -52,12 +47,12 @@ def test_the_first_detections_of_a_tracker_may_come_from_many_threads(rig, sets)
     assert together(lambda k: bits(one.detect(sets[k])), THREADS) == reference
 
 
-def test_detections_beside_updates_change_neither(rig, film, sets):
+def test_detections_beside_updates_change_neither(rig, short, sets):
     one = new(rig)
-    updates, alone = all_bits(play(new(rig), film)), detections(one, sets, 0)
+    updates, alone = all_bits(play(new(rig), short)), detections(one, sets, 0)
 
     def work(k):
-        return detections(one, sets, 0) if k else all_bits(play(one, film))
+        return detections(one, sets, 0) if k else all_bits(play(one, short))
 
     assert together(work, THREADS) == [updates, *[alone] * (THREADS - 1)]
 
@@ -99,31 +94,31 @@ class Held:
 
 
 @pytest.mark.parametrize("second", ["update", "same stamp", "reset"])
-def test_a_second_caller_is_refused_and_changes_nothing(rig, film, second, monkeypatch):
-    one, answers = new(rig), all_bits(play(new(rig), film))
-    assert bits(one.update(film[0], 0.0)) == answers[0]
+def test_a_second_caller_is_refused_and_changes_nothing(rig, short, second, monkeypatch):
+    one, answers = new(rig), all_bits(play(new(rig), short))
+    assert bits(one.update(short[0], 0.0)) == answers[0]
     calls = {
-        "update": lambda: one.update(film[2], 2 * DT),
-        "same stamp": lambda: one.update(film[0], 0.0),
+        "update": lambda: one.update(short[2], 2 * DT),
+        "same stamp": lambda: one.update(short[0], 0.0),
         "reset": one.reset,
     }
     with monkeypatch.context() as patch, ThreadPoolExecutor(1) as pool:
         held = Held(one, patch)
-        first = pool.submit(one.update, film[1], DT)
+        first = pool.submit(one.update, short[1], DT)
         with held, pytest.raises(TrackerError, match="another call") as error:
             calls[second]()
         assert "\n" not in str(error.value)
         assert bits(first.result(60)) == answers[1]
-    assert all_bits(one.update(film[k], DT * k) for k in range(2, 8)) == answers[2:]
+    assert all_bits(one.update(short[k], DT * k) for k in range(2, 8)) == answers[2:]
 
 
-def test_detection_and_prediction_do_not_wait_for_an_update(rig, film, sets, monkeypatch):
+def test_detection_and_prediction_do_not_wait_for_an_update(rig, short, sets, monkeypatch):
     one = new(rig)
-    one.update(film[0], 0.0)
+    one.update(short[0], 0.0)
     seen, expected = bits(one.detect(sets[1])), one.predict(DT)
     with monkeypatch.context() as patch, ThreadPoolExecutor(1) as pool:
         held = Held(one, patch)
-        first = pool.submit(one.update, film[1], DT)
+        first = pool.submit(one.update, short[1], DT)
         with held:
             assert bits(one.detect(sets[1])) == seen
             meanwhile = one.predict(DT)
@@ -133,12 +128,12 @@ def test_detection_and_prediction_do_not_wait_for_an_update(rig, film, sets, mon
     assert meanwhile.covariance.tobytes() == expected.covariance.tobytes()
 
 
-def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, film):
-    one, answer = new(rig), bits(new(rig).update(film[0], 0.0))
+def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, short):
+    one, answer = new(rig), bits(new(rig).update(short[0], 0.0))
 
     def work(_):
         try:
-            return bits(one.update(film[0], 0.0))
+            return bits(one.update(short[0], 0.0))
         except TrackerError as error:
             return str(error)
 
@@ -151,32 +146,32 @@ COPIES = {"pickle": lambda one: pickle.loads(pickle.dumps(one)), "deepcopy": cop
 
 
 @pytest.mark.parametrize("how", COPIES)
-def test_a_copy_answers_as_the_tracker_would(rig, film, sets, how):
+def test_a_copy_answers_as_the_tracker_would(rig, short, sets, how):
     one = new(rig)
-    play(one, film[:4])
+    play(one, short[:4])
     other = COPIES[how](one)
     assert [bits(other.detect(images)) for images in sets] == [bits(one.detect(images)) for images in sets]
     # The same stamp is known to both.
     assert bits(other.update(sets[3], 3 * DT)) == bits(one.update(sets[3], 3 * DT))
-    assert all_bits(play(other, film[4:], start=4 * DT)) == all_bits(play(one, film[4:], start=4 * DT))
+    assert all_bits(play(other, short[4:], start=4 * DT)) == all_bits(play(one, short[4:], start=4 * DT))
 
 
 @pytest.mark.parametrize("how", COPIES)
-def test_what_a_copy_sees_does_not_change_the_tracker(rig, film, how):
-    one, answers = new(rig), play(new(rig), film[:6])
-    play(one, film[:3])
+def test_what_a_copy_sees_does_not_change_the_tracker(rig, short, how):
+    one, answers = new(rig), play(new(rig), short[:6])
+    play(one, short[:3])
     other = COPIES[how](one)
-    play(other, film[:2:-1], start=3 * DT)
+    play(other, short[:2:-1], start=3 * DT)
     other.reset()
-    assert all_bits(one.update(film[k], DT * k) for k in range(3, 6)) == all_bits(answers[3:])
+    assert all_bits(one.update(short[k], DT * k) for k in range(3, 6)) == all_bits(answers[3:])
 
 
 @pytest.mark.parametrize("how", COPIES)
-def test_a_copy_made_during_an_update_is_free(rig, film, how, monkeypatch):
-    one, answers = new(rig), all_bits(play(new(rig), film[:2]))
-    one.update(film[0], 0.0)
+def test_a_copy_made_during_an_update_is_free(rig, short, how, monkeypatch):
+    one, answers = new(rig), all_bits(play(new(rig), short[:2]))
+    one.update(short[0], 0.0)
     with one._gate:
         other = COPIES[how](one)
-        assert bits(other.update(film[1], DT)) == answers[1] != bits(new(rig).update(film[1], DT))
+        assert bits(other.update(short[1], DT)) == answers[1] != bits(new(rig).update(short[1], DT))
         with pytest.raises(TrackerError, match="another call"):
-            one.update(film[1], DT)
+            one.update(short[1], DT)

@@ -18,23 +18,18 @@ NOW = FAULT * DT
 
 
 @pytest.fixture(scope="module")
-def film(film):
-    return film[:FRAMES]
-
-
-@pytest.fixture(scope="module")
-def reference(rig, film):
+def reference(rig, short):
     """What a tracker answers that never saw a fault."""
-    return all_bits(play(new(rig), film))
+    return all_bits(play(new(rig), short))
 
 
 def image_of_another_size(images):
     return [images[0], images[1][::2, ::2], images[2]]
 
 
-def goes_on_as_before(one, film, reference, start=FAULT):
+def goes_on_as_before(one, short, reference, start=FAULT):
     """Whether the images from the fault on give what they would have given without it."""
-    return [bits(one.update(film[k], DT * k)) for k in range(start, len(film))] == reference[start:]
+    return [bits(one.update(short[k], DT * k)) for k in range(start, len(short))] == reference[start:]
 
 
 REFUSED = {
@@ -62,24 +57,24 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("fault", REFUSED)
-def test_what_is_refused_changes_nothing(rig, film, reference, fault):
+def test_what_is_refused_changes_nothing(rig, short, reference, fault):
     kind, wrong = REFUSED[fault]
     one = new(rig)
-    play(one, film[:FAULT])
+    play(one, short[:FAULT])
     for _ in range(2):
         with pytest.raises(kind) as error:
-            one.update(*wrong(film[FAULT]))
+            one.update(*wrong(short[FAULT]))
         assert "\n" not in str(error.value)
-    assert goes_on_as_before(one, film, reference)
+    assert goes_on_as_before(one, short, reference)
 
 
 @pytest.mark.parametrize("fault", [key for key in REFUSED if "older" not in key])
-def test_what_is_refused_at_first_does_not_count_as_first(rig, film, reference, fault):
+def test_what_is_refused_at_first_does_not_count_as_first(rig, short, reference, fault):
     kind, wrong = REFUSED[fault]
     one = new(rig)
     with pytest.raises(kind):
-        one.update(*wrong(film[FAULT]))
-    assert goes_on_as_before(one, film, reference, start=0)
+        one.update(*wrong(short[FAULT]))
+    assert goes_on_as_before(one, short, reference, start=0)
 
 
 INSIDE = {
@@ -116,14 +111,14 @@ class Interrupted:
 
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 @pytest.mark.parametrize("where", INSIDE)
-def test_an_update_that_is_broken_off_changes_nothing(rig, film, reference, where, after, monkeypatch):
+def test_an_update_that_is_broken_off_changes_nothing(rig, short, reference, where, after, monkeypatch):
     for number, lost in itertools.product((1, 3), (False, True)):
         one = new(rig)
         if not lost:
-            play(one, film[:FAULT])
+            play(one, short[:FAULT])
         with monkeypatch.context() as patch:
             broken = Interrupted(patch, INSIDE[where], KeyboardInterrupt, number, after)
-            images = film[0 if lost else FAULT]
+            images = short[0 if lost else FAULT]
             try:
                 one.update(images, 0.0 if lost else NOW)
             except KeyboardInterrupt:
@@ -132,7 +127,7 @@ def test_an_update_that_is_broken_off_changes_nothing(rig, film, reference, wher
                 assert broken.calls < number
                 assert lost or number > 1 or where not in ALWAYS
                 continue
-        assert goes_on_as_before(one, film, reference, start=0 if lost else FAULT), (number, lost)
+        assert goes_on_as_before(one, short, reference, start=0 if lost else FAULT), (number, lost)
 
 
 DOUBLES = [(1, 1, 2), (2, 1, 2), (0, 0, 2), (0, 2, 2), (0, 1, 0), (0, 1, 1)]
@@ -153,23 +148,23 @@ def mixed(images, order):
 @pytest.mark.parametrize(
     ("order", "count"), [(order, 1) for order in DOUBLES + SWAPS] + [(order, 3) for order in DOUBLES]
 )
-def test_images_of_cameras_in_anothers_place_give_an_honest_answer(rig, film, order, count):
+def test_images_of_cameras_in_anothers_place_give_an_honest_answer(rig, short, order, count):
     one = new(rig)
-    play(one, film[:FAULT])
+    play(one, short[:FAULT])
     for k in range(FAULT, FRAMES):
-        images = mixed(film[k], order) if k < FAULT + count else film[k]
+        images = mixed(short[k], order) if k < FAULT + count else short[k]
         assert honest(one.update(images, DT * k), pose_at(DT * k)), k
 
 
 @pytest.mark.parametrize("order", SWAPS + CYCLES)
 @pytest.mark.parametrize("count", [1, 3])
-def test_after_cameras_were_mixed_up_the_object_is_tracked_as_before(rig, film, order, count):
+def test_after_cameras_were_mixed_up_the_object_is_tracked_as_before(rig, short, order, count):
     one = new(rig)
-    play(one, film[:FAULT])
+    play(one, short[:FAULT])
     for k in range(FAULT, FAULT + count):
-        one.update(mixed(film[k], order), DT * k)
+        one.update(mixed(short[k], order), DT * k)
     for k in range(FAULT + count, FRAMES):
-        answer = one.update(film[k], DT * k)
+        answer = one.update(short[k], DT * k)
         assert answer.status in (Status.TRACKING, Status.REFOUND)
         assert within(answer.object_pose, pose_at(DT * k)), k
         assert within(answer.filtered_object_pose, pose_at(DT * k)), k
