@@ -6,7 +6,6 @@ import pytest
 import tracker
 from benchmarks.data.recorded import POSED, labelled_images, triplet
 from benchmarks.measure.recorded import inside_distances, light_changes
-from tracker.color_learning.fit import FitOptions, combine, image_histograms
 from tracker.color_learning.labelled import intersection_over_union, read_labelled
 
 
@@ -54,16 +53,3 @@ def test_every_face_of_the_cuboid_is_found(real):
     for image in read_labelled(real / "pose" / "cuboid_2x2x8_v2"):
         scores = intersection_over_union(tracker.segment(image.image, colors), image.labels)
         assert min(scores.values()) > 0.4
-
-
-@pytest.mark.parametrize("name", ["cube_v1", "cube_v2"])
-def test_segmentation_carries_over_to_images_left_out(real, name):
-    images = labelled_images(real, name)
-    histograms = [image_histograms(i, FitOptions()) for i in images]
-    values = []
-    for k, image in enumerate(images):
-        rest = histograms[:k] + histograms[k + 1 :]
-        predicted = tracker.segment(image.image, combine(rest))
-        scores = intersection_over_union(predicted, image.labels)
-        values += [v for label, v in scores.items() if any(label in h for h in rest)]
-    assert np.mean(values) > 0.85
