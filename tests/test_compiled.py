@@ -155,7 +155,7 @@ def answer(folder, script, sender):
 def in_new_process(folder, script):
     """What a script prints as JSON in a new process, which finds numba loaded."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
+    context.set_forkserver_preload([__name__, "tests.helpers.begun"])
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=answer, args=(str(folder), script, sender))
     process.start()

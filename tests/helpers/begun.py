@@ -1,0 +1,3 @@
+import numba
+
+numba.njit(lambda number: number)(1)  # the first compilation of a process takes longer than others
