@@ -35,6 +35,7 @@ from tracker.batch.workers import here
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import read_arena
 from tracker.cli.colors import adapt
+from tracker.cli.live import live
 from tracker.color_learning.fit import FitOptions
 from tracker.poses.file import read_poses, write_poses
 from tracker.viz import write_film
@@ -132,15 +133,15 @@ def boards(working: Path) -> Path:
 
 @pytest.fixture
 def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plain pictures, one process and little learning, which change nothing but numbers."""
+    """Plain pictures, one process, little learning and a quick replay, which change nothing but numbers."""
     monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
     monkeypatch.setattr("synthetic.export.dataset.run_tasks", lambda *given: run_tasks(*given[:2], 1))
     monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
     monkeypatch.setattr("benchmarks.score.shares.RESAMPLES", 39)
     monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
-    fewer = {"frames": 10, "rounds": 2}
-    for option in adapt.params:
-        monkeypatch.setattr(option, "default", fewer.get(option.name, option.default))
+    other = {"frames": 10, "rounds": 2, "speed": 1.5}
+    for option in (*adapt.params, *live.params):
+        monkeypatch.setattr(option, "default", other.get(option.name, option.default))
 
 
 @pytest.mark.slow

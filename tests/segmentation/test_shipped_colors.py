@@ -21,7 +21,6 @@ def labelled(real):
 
 @pytest.fixture(scope="module")
 def histograms(labelled):
-    """Their histograms."""
     return fit_shipped_colors.face_histograms(labelled, OPTIONS)
 
 
