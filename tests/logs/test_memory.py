@@ -23,7 +23,7 @@ def hdf5(path: Path, count: int) -> Path:
 def store(path: Path, count: int) -> Path:
     for module in ("lmdb", "numcodecs"):
         pytest.importorskip(module, reason=f"datasets: no module {module}")
-    return write_store(path, make_content(2, size=100), length=3 * count, map_size=1 << 27)
+    return write_store(path, make_content(2, size=140), length=3 * count, map_size=1 << 27)
 
 
 @pytest.mark.parametrize(
