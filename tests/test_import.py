@@ -40,7 +40,11 @@ LOADED = "{'numpy', 'cv2', 'numba', 'importlib.metadata'} & set(sys.modules)"
     [
         ("import sys, tracker", LOADED, "set()"),
         ("import tracker", "tracker.__version__", version()),
-        ("import sys, tracker as t; t.geometry.so3, t.viz", "'matplotlib' in sys.modules", "False"),
+        (
+            "import sys, tracker as t; one, name = t.geometry.so3.exp([0, 0, 0])[0, 0], t.viz.__name__",
+            "one, name, 'matplotlib' in sys.modules",
+            "1.0 tracker.viz False",
+        ),
         ("from tracker import tasks", "tasks.rearrange_dice.NUM_DICE, tasks.move_object.LEVELS[3]", "25 4"),
     ],
 )

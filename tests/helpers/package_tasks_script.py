@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from trifinger_simulation.camera import CameraParameters
 from trifinger_simulation.tasks import move_cube, move_cube_on_trajectory, move_cuboid, rearrange_dice
 
-SAMPLED, FREE = 70, 30
+SAMPLED, FREE = 100, 30
 """Goals of the dice that the package samples, and others that it calls valid."""
 
-POSES = 1400
+POSES = 1600
 """Random states of each object and level."""
 
 TILTS = (0.0, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.02, np.pi - 1e-3, np.pi - 1e-6, np.pi)
