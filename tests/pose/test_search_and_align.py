@@ -18,7 +18,7 @@ from tracker.pose.rotations import ROTATIONS, even_rotations, likely_rotations, 
 from tracker.pose.scale import label_camera, label_factors
 from tracker.pose.strips import MAX_STRIPS, STRIP
 from tracker.pose.views import PICTURE
-from tracker.pose.votes import DOUBT, TIGHT, PositionSearch, vote
+from tracker.pose.votes import CELL, DOUBT, TIGHT, PositionSearch, vote
 
 MODEL = load_object("cube_v2")
 BOX = Box.of(MODEL)
@@ -67,7 +67,7 @@ def test_search_finds_position_and_rotation(scene):
 
 
 def counted(labels, camera, points):
-    """Pixels (N, 2) in face colours in the wide and the tight square around points (N, 3), over the expected.
+    """Shares (N, 2) of the object in the wide and the tight square around points (N, 3), a third per colour.
 
     By the definition, from every pixel; and whether the camera sees the points (N,).
     """
@@ -75,22 +75,24 @@ def counted(labels, camera, points):
     depth += camera.camera_from_world[2, 3]
     focal = camera.matrix[(0, 1), (0, 1)]
     surface = 8 * sum(np.prod(np.delete(BOX.half, k)) for k in range(3))
-    rows, columns = np.nonzero(labels[: camera.height, : camera.width])
+    height, width = camera.height // CELL * CELL, camera.width // CELL * CELL
+    rows, columns = np.nonzero(labels[:height, :width])
+    shown = labels[rows, columns] == np.arange(1, 7)[:, None]
     seen = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
     pixels, result = np.where(seen[:, None], pixels, 0.0), []
     for share in (1.0, TIGHT):
-        low = np.maximum(pixels - share * BOX.radius * focal / depth[:, None], 0).astype(int)
-        high = np.floor(pixels + share * BOX.radius * focal / depth[:, None]) + 1
+        reach = share * BOX.radius * focal / depth[:, None]
+        low, high = CELL * np.rint((pixels - reach) / CELL), CELL * np.rint((pixels + reach + 1) / CELL)
         inside = (
             (columns >= low[:, :1]) & (columns < high[:, :1]) & (rows >= low[:, 1:]) & (rows < high[:, 1:])
         )
         expected = np.maximum(surface / 4 * focal.prod() / depth**2, 1.0)
-        result.append(np.minimum(inside.sum(axis=1) / expected, 1.0))
+        result.append(np.minimum(inside.astype(int) @ shown.T / expected[:, None], 1 / 3).sum(axis=1))
     return np.stack(result, axis=1), seen & (depth > 1.5 * BOX.radius)
 
 
 def scattered(rng, lenses, small):
-    """Label maps that show an object somewhere in the arena, and patches in its colours that are none of it.
+    """Label maps that show three faces somewhere in the arena, and patches in their colours that are none.
 
     An object that no camera shows is none.
     """
@@ -103,7 +105,9 @@ def scattered(rng, lenses, small):
         discs = [(u, v, 0.8 * BOX.radius * camera.matrix[0, 0] / depth)] if depth > BOX.radius else []
         discs += rng.uniform([0, 0, 1], [camera.width, camera.height, 6], (3, 3)).tolist()
         for u, v, radius in discs:
-            labels[c][np.hypot(columns - u, rows - v) < radius] = rng.integers(1, 7)
+            sector = np.floor(1.5 * np.arctan2(rows - v, columns - u) / np.pi).astype(int) % 3
+            inside = np.hypot(columns - u, rows - v) < radius
+            labels[c][inside] = (sector[inside] + rng.integers(6)) % 6 + 1
         labels[c, camera.height :], labels[c, :, camera.width :] = 0, 0
     return labels
 

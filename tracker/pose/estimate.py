@@ -283,7 +283,7 @@ class PoseEstimator:
         camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
         least = CLOSE * explanation_score(fit.cameras)
         return [
-            self.refine(sight, rotation, fit.position, FOLLOWING, lag=lag)
+            self.refine(sight, rotation, fit.position, lag=lag)
             for rotation in turned_about_face(fit.rotation, fit.position, self.box.half, camera)
             if explanation_score(self.search.judged(sight, rotation, fit.position, lags=fit.lags)[0]) > least
         ]

@@ -40,9 +40,24 @@ SEPARATION = 0.7
 
 CENTRING_ROUNDS = 3
 
+CELL = 2
+"""Width of the cells in which pixels are counted [px of the label map]."""
+
+FACE = np.float32(1.0 / 3.0)
+"""Largest share of the object that one colour counts for: a camera sees up to three faces, and a cloth of one
+colour is no object."""
+
+BITS = 21
+"""Width of a label's count: three share an integer."""
+
+_COUNTS = np.array(
+    [[0, 1, 1 << BITS, 1 << 2 * BITS, 0, 0, 0, 0], [0, 0, 0, 0, 1, 1 << BITS, 1 << 2 * BITS, 0]]
+)
+"""What a pixel of each label adds to the two integers; the last stands for UNKNOWN."""
+
 BOXES = np.dtype(
     [
-        ("wide", np.int16, (4,)),  # left, top, right, bottom of the box around it [px of the label map]
+        ("wide", np.int16, (4,)),  # left, top, right, bottom of the box around it [cells]
         ("tight", np.int16, (4,)),  # the same of the tight box
         ("share", np.float32),  # 1 / pixels that the object should fill; 0: it is out of view
     ]
@@ -52,23 +67,37 @@ BOXES = np.dtype(
 
 @compiled
 def _integrate(labels, lenses, pictures, out):  # type: ignore[no-untyped-def]
-    """Fill out (C, h + 1, w + 1): integral images of the face-coloured pixels."""
+    """Fill out (C, h / CELL + 1, w / CELL + 1, 2): integral images of the labels 1 to 3 and 4 to 6."""
     for c in range(len(pictures)):
-        width, height = lenses[c].width, lenses[c].height
-        out[c, 0, : width + 1] = 0
-        for j in range(height):
-            row = 0
-            out[c, j + 1, 0] = 0
-            for i in range(width):
-                row += 0 < labels[c, j, i] < UNKNOWN
-                out[c, j + 1, i + 1] = out[c, j, i + 1] + row
+        rows, columns = lenses[c].height // CELL, lenses[c].width // CELL
+        out[c, 0, : columns + 1] = 0
+        for j in range(rows):
+            first, second = 0, 0
+            out[c, j + 1, 0, 0], out[c, j + 1, 0, 1] = 0, 0
+            for i in range(columns):
+                for v in range(CELL * j, CELL * j + CELL):
+                    for u in range(CELL * i, CELL * i + CELL):
+                        label = labels[c, v, u]
+                        if label > 0:
+                            first += _COUNTS[0, min(label, 7)]
+                            second += _COUNTS[1, min(label, 7)]
+                out[c, j + 1, i + 1, 0] = out[c, j, i + 1, 0] + first
+                out[c, j + 1, i + 1, 1] = out[c, j, i + 1, 1] + second
 
 
 @compiled(inline="always")
-def _colored(integrals, c, box):  # type: ignore[no-untyped-def]
+def _shown(integrals, c, box, share):  # type: ignore[no-untyped-def]
+    """Share of the object that a box of camera c shows."""
     left, top, right, bottom = box[0], box[1], box[2], box[3]
-    low, high = integrals[c, bottom, right] - integrals[c, bottom, left], integrals[c, top, right]
-    return low - high + integrals[c, top, left]
+    total = np.float32(0.0)
+    for half in range(2):
+        low = integrals[c, bottom, right, half] - integrals[c, bottom, left, half]
+        counts = low - integrals[c, top, right, half] + integrals[c, top, left, half]
+        if counts > 0:
+            for k in range(3):
+                count = (counts >> BITS * k) & ((1 << BITS) - 1)
+                total += min(np.float32(count) * share, FACE)
+    return total
 
 
 @compiled
@@ -80,9 +109,9 @@ def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def
     wide one tolerates occlusion. Return the largest vote.
     """
     count, height, width = labels.shape
-    integrals = np.empty((count, height + 1, width + 1), np.int32)
+    integrals = np.empty((count, height // CELL + 1, width // CELL + 1, 2), np.int64)
     _integrate(labels, lenses, pictures, integrals)
-    one, most = np.float32(1.0), np.float32(0.0)
+    most = np.float32(0.0)
     for p in range(len(votes)):
         total, number = np.float32(0.0), DOUBT
         for c in range(len(pictures)):
@@ -90,10 +119,9 @@ def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def
             if not pictures[c].used or at.share == 0.0:
                 continue
             number += 1.0
-            wide = _colored(integrals, c, at.wide)
-            if wide > 0:
-                tight = _colored(integrals, c, at.tight)
-                total += min(wide * at.share, one) + min(tight * at.share, one)
+            wide = _shown(integrals, c, at.wide, at.share)
+            if wide > 0.0:
+                total += wide + _shown(integrals, c, at.tight, at.share)
         # A camera that does not view the point does not count, but the more agree the better.
         votes[p] = total / number
         most = max(most, votes[p])
@@ -254,7 +282,7 @@ def _boxes(camera: Camera, points: FloatArray, radius: float, area: float) -> Ar
     pixels, focal = pixels[seen], camera.matrix[(0, 1), (0, 1)] / depth[seen, None]
     for name, share in (("wide", 1.0), ("tight", TIGHT)):
         reach = share * radius * focal
-        boxes[name][seen, :2] = np.clip(pixels - reach, 0, size)
-        boxes[name][seen, 2:] = np.clip(np.floor(pixels + reach) + 1, 0, size)
+        boxes[name][seen, :2] = np.clip(np.rint((pixels - reach) / CELL), 0, size // CELL)
+        boxes[name][seen, 2:] = np.clip(np.rint((pixels + reach + 1) / CELL), 0, size // CELL)
     boxes["share"][seen] = 1.0 / np.maximum(area * focal.prod(axis=1), 1.0)
     return boxes
