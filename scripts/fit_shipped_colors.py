@@ -26,8 +26,8 @@ from tracker.segmentation.light import apply_gains, find_light
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 DATA = Path(__file__).resolve().parent.parent / "tracker" / "segmentation" / "data"
 
-UNVEILED = FitOptions(shaded_share=0.0, reject=0.02)
-"""Options without shade and veil, and with twice the share of rejected colours."""
+UNVEILED = FitOptions(brightness=0.2, shaded_share=0.0, reject=0.02)
+"""Options without shade and veil, with less jitter and twice the share of rejected colours."""
 
 SIMULATION_RGB = {
     "red": (195, 48, 0),

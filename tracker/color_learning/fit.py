@@ -6,8 +6,8 @@ haze (gloss, veiling glare) and noise. A fifth of the draws have a much wider ji
 between and around the observed ones that nothing else claims. Half of the draws are also shaded and
 veiled: a face turned away from the lamps reflects less light in its own colour, and its gloss adds grey
 light from the surroundings. The draws make one histogram per image and class; histograms are averaged so
-that each image counts the same. Other objects' images give a little weight to colours that the object's
-own images do not show.
+that each image counts the same. Other objects' images count a little, too: the more, the fewer of the object's
+own show a colour.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tracker.segmentation.light import apply_gains, find_light
 class FitOptions:
     """Assumed variation of light and camera, and weights of the fit."""
 
-    brightness: float = 0.2
+    brightness: float = 0.25
     """Standard deviation of the log of a face's brightness."""
     channel: float = 0.04
     """Standard deviation of the log of each channel's gain."""
@@ -51,8 +51,8 @@ class FitOptions:
     """Largest level of the veil, uniform from 0 [levels]."""
     draws: int = 60000
     """Number of draws per image and class; four times as many for background."""
-    others_weight: float = 0.03
-    """Weight of the other objects' images in the density of a face colour."""
+    others_weight: float = 0.2
+    """Weight of the other objects' images together in the density of a face colour, in images of its own."""
     reject: float = 0.01
     """Share of the background's density that is uniform over all colours."""
     face_prior: float = 0.08
@@ -143,7 +143,7 @@ def combine(
     for label in range(CLASSES):
         mine = [h[label] for h in own if label in h]
         theirs = [h[label] for h in others if label in h]
-        share = options.others_weight if label else 0.5
+        share = options.others_weight / (len(mine) + options.others_weight) if label else 0.5
         if mine and theirs:
             density[label] = (1 - share) * np.mean(mine, axis=0) + share * np.mean(theirs, axis=0)
         elif mine or theirs:
