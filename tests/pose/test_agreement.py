@@ -9,7 +9,7 @@ from tracker.pose.agreement import (
     _FITS,
     ACROSS,
     ALONG,
-    NEAR,
+    NEAR_DISTANCE,
     ROLL,
     SCALES,
     SCALES_PRIOR,
@@ -118,7 +118,7 @@ def test_the_probability_of_being_near_falls_as_cameras_disagree():
 
 def test_three_normal_deviates_are_near_together_as_chi_square_has_it():
     std = np.geomspace(1e-4, 0.1, 12)
-    np.testing.assert_allclose(_within(std), chi2.cdf((NEAR / std) ** 2, 3), atol=1e-9)
+    np.testing.assert_allclose(_within(std), chi2.cdf((NEAR_DISTANCE / std) ** 2, 3), atol=1e-9)
 
 
 def test_the_spread_is_that_of_the_errors():

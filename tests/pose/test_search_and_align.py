@@ -12,7 +12,7 @@ from tracker import Arena, load_object
 from tracker.geometry import cuboid, so3
 from tracker.geometry.lens import project, stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.align import INSIDE, align, count_labels, explanation_score
+from tracker.pose.align import WHOLLY, align, count_labels, explanation_score
 from tracker.pose.fit import SEEN
 from tracker.pose.rotations import ROTATIONS, even_rotations, likely_rotations, rotation_grid
 from tracker.pose.scale import label_camera, label_factors
@@ -196,7 +196,7 @@ def test_pixels_inside_a_face_keep_away_from_its_outline(scene):
                 cv2.pointPolygonTest(outline, (float(i), float(j)), True)
                 for j, i in np.ndindex(camera.height, camera.width)
             ]
-            inner = np.array(away).reshape(camera.height, camera.width) >= INSIDE
+            inner = np.array(away).reshape(camera.height, camera.width) >= WHOLLY
             found = labels[c, : camera.height, : camera.width][inner]
             np.testing.assert_array_equal(seen["inner"][c, face], np.bincount(found, minlength=7))
             checked += 1

@@ -6,7 +6,7 @@ import pytest
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.pose.solution import ROWS, SOLUTION, UNKNOWNS
-from tracker.pose.support import EDGE, FLAT, FREE, apply_table, contacts_of, reduce_by_table, table_of
+from tracker.pose.support import FLAT, FREE, LEANING, apply_table, contacts_of, reduce_by_table, table_of
 
 HALF = np.array([0.02, 0.0325, 0.05])
 TABLE = table_of(Arena(center=(0.03, -0.02), table=0.01, table_std=(1e-3, 5e-3)))
@@ -93,7 +93,7 @@ def density(value: np.ndarray, plane: np.ndarray, lower: np.ndarray) -> np.ndarr
         share / 6 * normal(slice(0, 3), [height, tilt, tilt]) * (2 * (value[:, 0] > 0) if row == 2 else 1)
         for row, (share, height, tilt) in enumerate(FLAT)
     )
-    total += EDGE[0] / (6 * math.pi) * normal(slice(3, 5), list(EDGE[1:]))
+    total += LEANING[0] / (6 * math.pi) * normal(slice(3, 5), list(LEANING[1:]))
     return np.asarray(total + FREE * (value[:, 3] - lower > 0))
 
 
@@ -169,4 +169,4 @@ def test_the_world_may_be_turned_about_the_table(rng):
 
 
 def test_all_ways_to_be_somewhere_are_thought_of():
-    assert FLAT[:, 0].sum() + EDGE[0] + FREE * 4 * math.pi * 0.15 == pytest.approx(1)
+    assert FLAT[:, 0].sum() + LEANING[0] + FREE * 4 * math.pi * 0.15 == pytest.approx(1)

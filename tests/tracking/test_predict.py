@@ -8,7 +8,7 @@ from tests.helpers.consistency import nees, pose_error
 from tests.helpers.pushed_cube import DT, MODEL, bits, image_of, new, off, play, shot, within
 from tracker import TrackerError, TrackingOptions
 from tracker.geometry import so3
-from tracker.tracking.motion import KINDS, LIKELY
+from tracker.tracking.motion import KINDS, LIKELIEST_SHARE
 
 FRAMES = 10
 SPEED = np.array([0.25, 0.20, 0.0])
@@ -96,7 +96,7 @@ def test_the_kinds_of_motion_are_offered_and_the_likely_ones_make_the_prediction
     assert {kind.name for kind in found.kinds} == set(KINDS)
     assert weights == sorted(weights, reverse=True)
     assert sum(weights) == pytest.approx(1.0)
-    count = int(np.searchsorted(np.cumsum(weights), LIKELY)) + 1
+    count = int(np.searchsorted(np.cumsum(weights), LIKELIEST_SHARE)) + 1
     mean = np.average([kind.position for kind in found.kinds[:count]], axis=0, weights=weights[:count])
     np.testing.assert_allclose(found.position, mean, atol=1e-9)
     spread = [np.trace(kind.covariance[:3, :3]) for kind in found.kinds[:count]]

@@ -6,8 +6,8 @@ haze (gloss, veiling glare) and noise. A fifth of the draws have a much wider ji
 between and around the observed ones that nothing else claims. Half of the draws are also shaded and
 veiled: a face turned away from the lamps reflects less light in its own colour, and its gloss adds grey
 light from the surroundings. The draws make one histogram per image and class; histograms are averaged so
-that each image counts the same. Other objects' images count a little, too: the more, the fewer of the object's
-own show a colour.
+that each image counts the same. Other objects' images count a little, too: the more, the fewer of the
+object's own show a colour.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from tracker.errors import CalibrationError, shown
 LARGEST = 10.0
 """Largest radius and height [m]: a larger one is in millimetres by mistake."""
 
-SURE = 2.0
+SLACK = 2.0
 """Tolerance of the arena's bounds, in standard deviations of the table's height."""
 
 
@@ -57,17 +57,17 @@ class Arena:
     @property
     def lowest(self) -> float:
         """Smallest possible z of any part of the object, given the table's uncertainty [m]."""
-        return -self.height if self.table is None else self.table - SURE * self.table_std[0]
+        return -self.height if self.table is None else self.table - SLACK * self.table_std[0]
 
     def holds(self, position: FloatArray, lowest: float, height_std: float = 0.0) -> bool:
         """Whether an object with its lowest corner at z = `lowest` [m] may be at a position (3,) [m].
 
         height_std: standard deviation of these heights [m].
         """
-        slack = SURE * math.hypot(self.table_std[0], height_std)
+        slack = SLACK * math.hypot(self.table_std[0], height_std)
         away = math.hypot(position[0] - self.center[0], position[1] - self.center[1])
         high = position[2] <= self.ground + self.height + slack
-        low = lowest >= self.lowest + SURE * self.table_std[0] - slack
+        low = lowest >= self.lowest + SLACK * self.table_std[0] - slack
         return bool(low and high and away <= self.radius + slack)
 
 

@@ -20,7 +20,7 @@ _NEWTON_ITERATIONS = 30
 _NEWTON_TOLERANCE = 1e-12
 
 
-def padded(coefficients: FloatArray) -> FloatArray:
+def all_coefficients(coefficients: FloatArray) -> FloatArray:
     """Return all 14 coefficients, with 0 for those not given."""
     result = np.zeros(COUNTS[-1])
     result[: len(coefficients)] = coefficients
@@ -29,7 +29,10 @@ def padded(coefficients: FloatArray) -> FloatArray:
 
 def tilt(coefficients: FloatArray) -> FloatArray:
     """Return the homography (3, 3) of distorted coordinates to the tilted sensor; identity if not tilted."""
-    (sx, sy), (cx, cy) = np.sin(padded(coefficients)[12:]), np.cos(padded(coefficients)[12:])
+    (sx, sy), (cx, cy) = (
+        np.sin(all_coefficients(coefficients)[12:]),
+        np.cos(all_coefficients(coefficients)[12:]),
+    )
     about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
     about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
     turned = about_y @ about_x

@@ -11,7 +11,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array
 from tracker.geometry.camera import VIEW, Camera
 from tracker.geometry.cuboid import CORNER_SIGNS
-from tracker.geometry.distortion import padded, tilt
+from tracker.geometry.distortion import all_coefficients, tilt
 
 LENS = np.dtype(
     [
@@ -29,8 +29,6 @@ LENS = np.dtype(
 )
 """A camera as a record: compiled functions read its fields without reference counting of arrays."""
 
-_SIGNS = CORNER_SIGNS
-
 
 def stack_lenses(cameras: Sequence[Camera]) -> Array:
     """Return the cameras as an array (C,) of LENS records."""
@@ -41,7 +39,7 @@ def stack_lenses(cameras: Sequence[Camera]) -> Array:
         lens["position"] = camera.position
         lens["focal"] = camera.matrix[0, 0], camera.matrix[1, 1]
         lens["center"] = camera.matrix[0, 2], camera.matrix[1, 2]
-        lens["distortion"] = padded(camera.distortion)
+        lens["distortion"] = all_coefficients(camera.distortion)
         lens["tilt"] = tilt(camera.distortion)
         lens["limit"] = (VIEW * camera.largest_tangent) ** 2
         lens["width"], lens["height"] = camera.width, camera.height
@@ -109,7 +107,7 @@ def project_corners(lenses, c, half, rotation, position, out):  # type: ignore[n
     """Fill out (8, 3) with pixel and depth, as of `project`, of the corners of a box in camera c."""
     r = rotation
     for k in range(8):
-        x, y, z = _SIGNS[k, 0] * half[0], _SIGNS[k, 1] * half[1], _SIGNS[k, 2] * half[2]
+        x, y, z = CORNER_SIGNS[k, 0] * half[0], CORNER_SIGNS[k, 1] * half[1], CORNER_SIGNS[k, 2] * half[2]
         out[k, 0], out[k, 1], out[k, 2] = project(
             lenses, c,
             r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + position[0],

@@ -41,7 +41,7 @@ CONTRADICTION = 2e-3
 """Size of the cameras' errors [m] from which they contradict each other: each sees the object 3 mm or more
 from where the others do. The recorded platforms' own calibrations stay below 1 mm."""
 
-NEAR = 5e-3
+NEAR_DISTANCE = 5e-3
 """Distance from the truth that the confidence promises [m]."""
 
 
@@ -152,8 +152,8 @@ def contradict(likelihoods: FloatArray | None) -> bool:
 
 
 def _within(std: FloatArray) -> FloatArray:
-    """Probability that a normal vector of standard deviations (S,) [m] per axis is shorter than NEAR."""
-    x = NEAR / std
+    """Probability that a normal vector of standard deviations (S,) [m] per axis is within NEAR_DISTANCE."""
+    x = NEAR_DISTANCE / std
     erf = np.array([math.erf(v / math.sqrt(2.0)) for v in x])
     return np.asarray(erf - math.sqrt(2.0 / math.pi) * x * np.exp(-0.5 * x**2))
 
@@ -162,5 +162,5 @@ _FITS = _within(SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / OTHERS) ** 2))
 
 
 def probably_fits(likelihoods: FloatArray) -> float:
-    """Probability that calibration errors leave the pose within NEAR of the truth."""
+    """Probability that calibration errors leave the pose within NEAR_DISTANCE of the truth."""
     return float(probabilities(likelihoods) @ _FITS)

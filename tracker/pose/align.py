@@ -25,7 +25,7 @@ SPACING = 3.0
 HIDDEN = 0.4
 """Cost of a hidden pixel, relative to the gain of one that shows the right face."""
 
-LEAST = 4
+FEWEST_PIECES = 4
 """Fewest pieces of edge with which a pose can be aligned."""
 
 FEW = 30.0
@@ -34,13 +34,11 @@ FEW = 30.0
 IMPOSSIBLE = -1e9
 """Score of a hypothesis none of whose edges is found."""
 
-RIM = 2.5
+BORDER = 2.5
 """Width of the border around the object in which face colours count as beside it [px of the label map]."""
 
-INSIDE = 0.5
+WHOLLY = 0.5
 """Distance from a face's outline [px of the label map] beyond which a pixel shows this face alone."""
-
-_FACES = FACE_CORNERS
 
 
 @compiled
@@ -54,13 +52,13 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
     counts[:] = 0
     first, last, sides = bottom, top, np.empty((4, 5))
     for k in range(4):
-        a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
+        a, b = FACE_CORNERS[face, k], FACE_CORNERS[face, (k + 1) % 4]
         u, v = pixels[a, 0], pixels[a, 1]
         across, down = pixels[b, 0] - u, pixels[b, 1] - v
         if down == 0.0:  # a level side bounds no row
             down = 1e-9
         sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3] = u, v, across / down, down
-        sides[k, 4] = INSIDE * math.hypot(across, down) / down
+        sides[k, 4] = WHOLLY * math.hypot(across, down) / down
         row = min(max(v, top - 1.0), bottom + 1.0)
         first, last = min(first, math.ceil(row)), max(last, math.floor(row))
     for j in range(max(first, top), min(last, bottom) + 1):
@@ -94,7 +92,7 @@ def _count_camera(lenses, c, labels, box, rotation, position, one):  # type: ign
         return
     project_corners(lenses, c, half, rotation, position, pixels)
     face_heights(lenses, c, half, rotation, position, heights)
-    reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + RIM
+    reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + BORDER
     left, right = (
         clamped(u0 - reach, lenses[c].width),
         min(lenses[c].width - 1, clamped(u0 + reach, lenses[c].width) + 1),
@@ -221,7 +219,7 @@ def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  
                     vector[i] += weight * strip.jacobian[i] * offset
                     for k in range(i + 1):
                         matrix[i, k] += weight * strip.jacobian[i] * strip.jacobian[k]
-        if total < LEAST:
+        if total < FEWEST_PIECES:
             return 0
         # A weak prior (1 radius, 0.6 rad against 1 px) keeps unseen directions where they are.
         for i in range(6):

@@ -44,7 +44,7 @@ RIDGE = 0.003
 """Weight of a surface's prior colour, the mean of its pixels, relative to one pixel."""
 
 
-LEAST = 1e-9
+LEAST_PIVOT = 1e-9
 """Smallest pivot that is divided by."""
 
 
@@ -94,12 +94,12 @@ the sum of both colours; weighted with the line, w (1 - w) is 1/6, and the line'
 _PER_UNIT = 256
 _SPAN = 4.0
 _X = (np.arange(int(2 * _SPAN * _PER_UNIT) + 1)) / _PER_UNIT - _SPAN
-_STEP = np.array([0.5 * (1 + math.erf(x / math.sqrt(2))) for x in _X])
+_STEPS = np.array([0.5 * (1 + math.erf(x / math.sqrt(2))) for x in _X])
 _LINE = np.exp(-0.5 * _X**2) / math.sqrt(2 * math.pi)
 
 
 @compiled(inline="always")
-def _place(z):  # type: ignore[no-untyped-def]
+def _table_index(z):  # type: ignore[no-untyped-def]
     """Index of z in the tables of step and line; unsigned, since signed indices could count from the end."""
     return np.uint32(np.int32((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5))
 
@@ -116,9 +116,9 @@ def model(distance, first, last, shift, slopes, reach, blur, space):  # type: ig
         away = distance[np.uint64(first) + q]
         here = 1.0 if away < FAR else 0.0
         d = (away - shift) * here
-        place = _place(d * scale)
+        place = _table_index(d * scale)
         line = _LINE[place] * scale * here
-        columns[INSIDE, q] = (1.0 - _STEP[place]) * here
+        columns[INSIDE, q] = (1.0 - _STEPS[place]) * here
         columns[LINE, q] = line
         columns[BLUR, q] = -d * scale * line
     if slopes:
@@ -141,13 +141,13 @@ def narrow_model(strip, distance, first, last, shift, slopes, reach, blur, space
             continue
         d = distance[np.uint64(first) + q] - shift
         if strip.reach_in < seen:
-            share = 1.0 - _STEP[_place((d + strip.reach_in) * scale)]
+            share = 1.0 - _STEPS[_table_index((d + strip.reach_in) * scale)]
             columns[BEFORE, q] = share
             columns[INSIDE, q] -= share
             if slopes:
                 columns[SLOPE_IN, q] -= share * (d + half)
         if strip.reach_out < seen:
-            share = _STEP[_place((d - strip.reach_out) * scale)]
+            share = _STEPS[_table_index((d - strip.reach_out) * scale)]
             columns[BEYOND, q] = share
             if slopes:
                 columns[SLOPE_OUT, q] = share * (d - half)
@@ -193,7 +193,7 @@ def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped
 
 
 @compiled(fastmath=SUMS)
-def _slopes(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
+def _slope_sums(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
     """Sums of gradients i inside and o outside, and their products with each other, edge and channel."""
     columns = space.columns
     i, o, ai, ao, ei, eo = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -261,7 +261,7 @@ def slope_products(space, values, start, first, last, g, part, slopes):  # type:
         full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = 0.0, 0.0
         full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = 0.0, 0.0
         return
-    i, o, ai, ao, ei, eo, ii, io, oo, iv, ov = _slopes(space, values, g, start, first, last)
+    i, o, ai, ao, ei, eo, ii, io, oo, iv, ov = _slope_sums(space, values, g, start, first, last)
     full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = ai, ao
     full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = i - ai, o - ao
     full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = ei, eo
@@ -312,7 +312,7 @@ def eliminate_surfaces(space, g, part, narrow, slopes):  # type: ignore[no-untyp
     full, raw = space.full, space.raw
     last = SLOPE_OUT + 1 if slopes else LINE + 1
     for i in range(BEFORE if narrow else INSIDE, OUTSIDE + 1):
-        pivot = 1.0 / max(full[g, i, i], LEAST)
+        pivot = 1.0 / max(full[g, i, i], LEAST_PIVOT)
         full[g, i, i] = pivot
         for j in range(i + 1, last):
             factor = full[g, i, j] * pivot
@@ -352,7 +352,7 @@ def fit_colors(space, g, part, narrow):  # type: ignore[no-untyped-def]
     they do not explain, and its weight; both are zero for narrow surfaces.
     """
     full, raw, mean = space.full, space.raw, space.mean
-    a, b, e = full[g, INSIDE, INSIDE], full[g, OUTSIDE, OUTSIDE], 1.0 / max(full[g, LINE, LINE], LEAST)
+    a, b, e = full[g, INSIDE, INSIDE], full[g, OUTSIDE, OUTSIDE], 1.0 / max(full[g, LINE, LINE], LEAST_PIVOT)
     aw, bw, ew = full[g, INSIDE, BLUR], full[g, OUTSIDE, BLUR], full[g, LINE, BLUR]
     own = full[g, BLUR, BLUR] - aw * aw * a - bw * bw * b - ew * ew * e
     total, wider, contrast = 0.0, 0.0, 0.0
@@ -385,13 +385,13 @@ def fit_edge(space, g, part, narrow, slopes, stiffness):  # type: ignore[no-unty
     full, raw, mean = space.full, space.raw, space.mean
     known, i, o, io, ei, eo = full[g, LINE, LINE], 0.0, 0.0, 0.0, 0.0, 0.0
     if slopes:
-        i = 1.0 / max(full[g, SLOPE_IN, SLOPE_IN] + stiffness, LEAST)
+        i = 1.0 / max(full[g, SLOPE_IN, SLOPE_IN] + stiffness, LEAST_PIVOT)
         io = full[g, SLOPE_IN, SLOPE_OUT]
-        o = 1.0 / max(full[g, SLOPE_OUT, SLOPE_OUT] + stiffness - io * io * i, LEAST)
+        o = 1.0 / max(full[g, SLOPE_OUT, SLOPE_OUT] + stiffness - io * io * i, LEAST_PIVOT)
         ei = full[g, LINE, SLOPE_IN]
         eo = full[g, LINE, SLOPE_OUT] - ei * io * i
         known -= ei * ei * i + eo * eo * o
-    known = max(known, LEAST)
+    known = max(known, LEAST_PIVOT)
     total, weight, shift, lift = 0.0, 0.0, 0.0, 0.0
     for k in range(g, g + part):
         line, inner, outer = raw[LINE, k], 0.0, 0.0

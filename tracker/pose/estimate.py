@@ -50,7 +50,7 @@ from tracker.segmentation.color_model import ColorModel
 REFINED = 3
 """Most poses that are refined."""
 
-MIN_PIXELS = 20
+MIN_COLORED = 20
 """Fewest face-coloured pixels in all label maps with which a search begins."""
 
 CLOSE = 0.85
@@ -81,14 +81,14 @@ TURNED = math.radians(12)
 """A camera's own pose that is turned by more is another optimum."""
 
 
-def _clear(fit: Fit) -> bool:
+def _certain_place(fit: Fit) -> bool:
     """Whether the position is certain and at most the rotation is in doubt."""
     return unanimous(fit) and trust(fit) > CLEAR
 
 
 def _wider(wide: Round, best: Fit | None) -> Round:
     """The next round after one whose best fit is in doubt."""
-    if best is not None and _clear(best):
+    if best is not None and _certain_place(best):
         return TURNS
     # A single camera never settles it.
     return EVERYWHERE if wide is NEARBY or (best is not None and alone(best)) else NEARBY
@@ -133,7 +133,7 @@ class PoseEstimator:
         sight = self.reader.labelled(images, pictures, hidden=hidden)
         laps.append(time.perf_counter())
         found: Fit | Status = Status.NO_OBJECT_COLORS
-        if sight.pictures["colored"].sum() >= MIN_PIXELS:
+        if sight.pictures["colored"].sum() >= MIN_COLORED:
             candidates = self.candidates(sight, thorough, lag)
             found = self._best(sight, candidates, lag) if candidates else Status.TOO_FEW_PIXELS
         laps.append(time.perf_counter())

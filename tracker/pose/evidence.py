@@ -12,16 +12,16 @@ from tracker.conventions import Array
 from tracker.pose.align import count_labels
 from tracker.pose.fit import Evidence
 
-SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
+HIDDEN_SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
 """Candidate shares of a face that are hidden."""
 
-SHARES_PRIOR = np.array([0.45, 0.15, 0.12, 0.1, 0.08, 0.05, 0.05])
+HIDDEN_PRIOR = np.array([0.45, 0.15, 0.12, 0.1, 0.08, 0.05, 0.05])
 """Prior probability of each."""
 
 BACKGROUND, MISSED = 0.97, 0.06
 """Probability that a hidden pixel shows no face colour, and that a visible pixel of a face shows none."""
 
-NOISE, WIDTH = 0.1, 6.0
+LEAST_RMS, WIDTH = 0.1, 6.0
 """Least residual of matched pieces of edge, and range of unmatched ones [px]."""
 
 MIXED = 7
@@ -32,10 +32,10 @@ RESIZED = (0.8, 0.5), (1.4, 1.0)
 gain that does not count: a finger hides an end from one camera, whereas a shorter body lacks it in all;
 colours beside the object may come from one bad image."""
 
-LEAST = 0.05
+LEAST_LACKING = 0.05
 """Pixels missing or beside the object, relative to those that show it, above which such rivals are tried."""
 
-CLEAR = 20, 0.9
+CLEARLY_SHOWN = 20, 0.9
 """Pixels of a face in a camera, and the share that shows it, above which the object certainly ends there."""
 
 NONE_PRIOR = 0.5
@@ -98,20 +98,20 @@ NUMBERS = Numbers(
 
 @compiled
 def _prices(numbers, prices):  # type: ignore[no-untyped-def]
-    """Fill prices (SHARES, 5): log likelihood of a pixel of a partly hidden face, over a hidden one.
+    """Fill prices (HIDDEN_SHARES, 5): log likelihood of a pixel of a partly hidden face, over a hidden one.
 
     Columns: a pixel without colour, in the face's colour, in another one, in any colour if the face has all;
     and the log prior of the share.
     """
     wrong, right = numbers.wrong / 5.0, 1.0 - MISSED - numbers.wrong
     mixed, other = (1.0 - MISSED) / 6.0, (1.0 - BACKGROUND) / 6.0
-    for h in range(len(SHARES)):
-        seen, hidden = 1.0 - SHARES[h], SHARES[h]
+    for h in range(len(HIDDEN_SHARES)):
+        seen, hidden = 1.0 - HIDDEN_SHARES[h], HIDDEN_SHARES[h]
         prices[h, 0] = math.log((seen * MISSED + hidden * BACKGROUND) / BACKGROUND)
         prices[h, 1] = math.log((seen * right + hidden * other) / other)
         prices[h, 2] = math.log((seen * wrong + hidden * other) / other)
         prices[h, 3] = math.log((seen * mixed + hidden * other) / other)
-        prices[h, 4] = math.log(SHARES_PRIOR[h])
+        prices[h, 4] = math.log(HIDDEN_PRIOR[h])
 
 
 @compiled
@@ -123,7 +123,7 @@ def _option(counts, colored, k, prices, pixel):  # type: ignore[no-untyped-def]
     own, which = (counts[k], 1) if k < MIXED else (colored, 3)
     most, total = -1e300, 0.0
     for turn in range(2):
-        for h in range(len(SHARES)):
+        for h in range(len(HIDDEN_SHARES)):
             value = counts[0] * prices[h, 0] + own * prices[h, which] + (colored - own) * prices[h, 2]
             value = pixel * value + prices[h, 4]
             if turn == 0:
@@ -159,7 +159,7 @@ def _unknown(options):  # type: ignore[no-untyped-def]
 @compiled
 def _edges(one, numbers):  # type: ignore[no-untyped-def]
     """Log likelihood of a camera's pieces of edge (a record of SEEN), for a pose."""
-    rms = max(math.sqrt(one.squares / one.inliers) if one.inliers > 0.0 else 0.0, NOISE)
+    rms = max(math.sqrt(one.squares / one.inliers) if one.inliers > 0.0 else 0.0, LEAST_RMS)
     value = numbers.inlier * one.inliers * math.log(WIDTH / (math.sqrt(2.0 * math.pi * math.e) * rms))
     lacking = max(one.agree / max(one.predicted, 1) * one.expected - one.usable, 0.0)
     return value - numbers.lacking * lacking
@@ -200,7 +200,7 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
         numbers: Numbers.
         closer: whether only pixels wholly inside a face count.
     """
-    count, prices = len(seen), np.empty((len(SHARES), 5))
+    count, prices = len(seen), np.empty((len(HIDDEN_SHARES), 5))
     _prices(numbers, prices)
     options, tied, unknowns = np.empty((count, 6, 8)), np.zeros((6, 8)), np.empty((count, 6))
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
@@ -275,11 +275,11 @@ def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-
 
 
 @compiled
-def _clear(seen, face, label):  # type: ignore[no-untyped-def]
+def _clearly_shown(seen, face, label):  # type: ignore[no-untyped-def]
     """Whether a camera shows a face so clearly that no rival body ends elsewhere."""
     for one in seen:
         pixels = one.faces[face].sum()
-        if pixels >= CLEAR[0] and one.faces[face, label] >= CLEAR[1] * pixels:
+        if pixels >= CLEARLY_SHOWN[0] and one.faces[face, label] >= CLEARLY_SHOWN[1] * pixels:
             return True
     return False
 
@@ -291,7 +291,7 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
     See G in equation (21) of docs/how-it-works.md; arguments are as of `judge`.
     """
     (rotation, position, lags), (half, face_labels) = place, box
-    prices = np.empty((len(SHARES), 5))
+    prices = np.empty((len(HIDDEN_SHARES), 5))
     _prices(numbers, prices)
     other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
     before, unknowns, options = np.empty(len(seen)), np.empty((len(seen), 6)), np.empty(8)
@@ -305,10 +305,10 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
         for one in seen:
             room = one.missing if factor < 1.0 else one.extra
             total, most, agree = total + room, max(most, room), agree + one.agree
-        if total - share * most < LEAST * agree:
+        if total - share * most < LEAST_LACKING * agree:
             continue
         for end in range(6):
-            if _clear(seen, end, face_labels[end]):
+            if _clearly_shown(seen, end, face_labels[end]):
                 continue
             axis, side = end // 2, 2.0 * (end % 2) - 1.0
             for i in range(3):
@@ -326,7 +326,7 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
 
 
 @compiled
-def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
+def judge(lenses, labels, pictures, box, place, stands, left_out, seen, ask):  # type: ignore[no-untyped-def]
     """Count what label maps show of an object and return `weighed`; or, if `ask`, return `_resized`.
 
     Label maps and place (rotation, position, lags) are as of `count_labels`, which fills seen (C,) of SEEN.
@@ -334,13 +334,13 @@ def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers,
     shows them all over. If `ask`, seen must be filled already.
     """
     if ask:
-        return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0, 0.0
+        return _resized(lenses, labels, pictures, box, place, seen, NUMBERS), 0.0, 0.0, 0.0, 0.0
     rotation, position, lags = place
     count_labels(lenses, labels, pictures, box, rotation, position, lags, seen)
     for c in range(len(seen)):
         if left_out[c]:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
-    return weighed(seen, box[1], stands, numbers)
+    return weighed(seen, box[1], stands, NUMBERS)
 
 
 def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: float) -> Evidence:
@@ -353,10 +353,10 @@ def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: f
 
 def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array) -> Evidence:
     """Evidence of an object at a place; the first five arguments are those of `judge`."""
-    return evidence_of(*judge(*sight, stands, left_out, seen, NUMBERS, False))
+    return evidence_of(*judge(*sight, stands, left_out, seen, False))
 
 
 def resized_at(*sight: Any, seen: Array) -> float:
     """Log odds of a body with one edge shorter or longer; arguments as of `evidence_at`."""
-    gain = judge(*sight, 0.0, np.zeros(len(seen), bool), seen, NUMBERS, True)[0]
+    gain = judge(*sight, 0.0, np.zeros(len(seen), bool), seen, True)[0]
     return float(NUMBERS.end * gain + NUMBERS.resized)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.geometry.probability import probability_within
-from tracker.pose.agreement import probably_fits
+from tracker.pose.agreement import NEAR_DISTANCE, probably_fits
 from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 
@@ -29,13 +29,13 @@ MIN_TRUST = 0.2
 SURE = 0.95
 """Probability that a fit is the object, above which no other hypothesis is tried."""
 
-CERTAIN = 500.0
+MOST_ODDS = 500.0
 """Largest log odds that count, since many cameras may exceed what a number holds."""
 
 VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 """A pose is accepted if it is this close to the truth [m, rad] with at least this probability."""
 
-NEAR = 5e-3, math.radians(5)
+NEAR = NEAR_DISTANCE, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
 
 NEARNESS = 1.06, 0.93
@@ -97,7 +97,7 @@ def disputed(fit: Fit) -> int:
 def trust(fit: Fit) -> float:
     """Probability that the fit is the object, however accurate."""
     others = -log_odds(fit), -fit.lead, fit.evidence.resized
-    return 1.0 / (1.0 + sum(math.exp(min(one, CERTAIN)) for one in others) + disputed(fit))
+    return 1.0 / (1.0 + sum(math.exp(min(one, MOST_ODDS)) for one in others) + disputed(fit))
 
 
 def settled(fit: Fit) -> bool:

@@ -14,8 +14,8 @@ from tracker.pose.solve import (
     TUKEY,
     accumulate,
     residual,
+    robust_std,
     shown,
-    spread,
     trust_of,
     with_edges,
 )
@@ -80,7 +80,7 @@ def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
                     off = residual(work.strips[c, s], work.found[c, s], since, drawn[0], drawn[1])
                     work.residuals[total] = abs(off) / camera.scale
                     total += 1
-            scatter, limit = spread(work.residuals, total), camera.reach
+            scatter, limit = robust_std(work.residuals, total), camera.reach
             if turn > 0:
                 limit = min(limit, max(ALONE_LIMIT, TUKEY * scatter) * camera.scale)
             floor = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2

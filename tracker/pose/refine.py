@@ -27,9 +27,9 @@ from tracker.pose.solve import (
     offset_weights,
     own_changes,
     residual,
+    robust_std,
     shown,
     solve,
-    spread,
     trust_of,
     with_edges,
 )
@@ -73,7 +73,7 @@ STATED = 1e13
 """Inverse variance of a position above which a calibration counts as exact (see
 calibration.deviations.LEAST_VARIANCE)."""
 
-FINE = 1.5
+FINE_MOSAIC = 1.5
 """Size of the object relative to the reference, above which a mosaic does not matter: strips have so many
 pixels that interpolation errors average out (recorded images of 540×540 fit no better with it)."""
 
@@ -149,7 +149,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
         camera = cameras[c]
         camera.used = pictures[c].used
         camera.scale = relative_size(model.lenses, c, model.half, solution.position)
-        camera.parts = 3 if pictures[c].mosaic >= 0 and camera.scale < FINE else 1
+        camera.parts = 3 if pictures[c].mosaic >= 0 and camera.scale < FINE_MOSAIC else 1
         camera.blur = start.blur * camera.scale
         offset_weights(model.calibration[c], solution.position, camera.weights)
         doubtful = doubtful or (camera.used and camera.weights[0, 0] < STATED)
@@ -246,7 +246,7 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
         if cameras[c].blur == 0.0 or not cameras[c].used:
             cameras[c].blur = cameras[c].scale * (known_blur / knowing if knowing > 0 else likely)
         seen[c].blur = cameras[c].blur
-    return spread(work.residuals, total)
+    return robust_std(work.residuals, total)
 
 
 @compiled
@@ -326,7 +326,7 @@ def _length(rotation, position, solution):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _astray(cameras, work):  # type: ignore[no-untyped-def]
+def _moved_out(cameras, work):  # type: ignore[no-untyped-def]
     """Whether a strip has moved by more than STRAY half widths since it was collected."""
     for c in range(len(cameras)):
         for s in range(cameras[c].strips):
@@ -388,7 +388,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
         whole = late and schedule.every[step] == 1
         solution.converged = whole and _length(rotation, position, solution) < schedule.negligible[step]
         step += 1
-        stray = rough or (not solution.converged and _astray(cameras, work))
+        stray = rough or (not solution.converged and _moved_out(cameras, work))
         if solution.converged:
             _weigh(solution, cameras, schedule.tukey[step - 1], scatter, work, seen)
             _solved(model, solution, cameras, stated, late)

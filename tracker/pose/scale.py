@@ -17,7 +17,7 @@ REFERENCE = 55.0
 """Size in the image for which lengths are stated [px]: a little more than that of the platform's objects at
 270×270."""
 
-LEAST = 0.6
+LEAST_SIZE = 0.6
 """Least size relative to the reference: below it, strips would have too few pixels."""
 
 LABELS = 25.0
@@ -46,7 +46,7 @@ def relative_size(lenses, c, half, position):  # type: ignore[no-untyped-def]
     for i in range(3):
         depth += lens.rotation[2, i] * position[i]
     focal = math.sqrt(lens.focal[0] * lens.focal[1])
-    return max(LEAST, focal * size / max(depth, size) / REFERENCE)
+    return max(LEAST_SIZE, focal * size / max(depth, size) / REFERENCE)
 
 
 def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[int, ...]:

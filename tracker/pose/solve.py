@@ -48,7 +48,7 @@ def tukey(residual, limit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def spread(residuals, n):  # type: ignore[no-untyped-def]
+def robust_std(residuals, n):  # type: ignore[no-untyped-def]
     """Robust standard deviation of the first n absolute residuals, which are reordered; 1 if there are none.
 
     The median of all, unlike the mean square of inliers, does not shrink when outliers are left out.

@@ -45,10 +45,6 @@ STRIP = np.dtype(
 MIN_FACE = 1.5
 """A face narrower than this [px] has no edges: its colour mixes with its neighbours'."""
 
-_SIGNS = CORNER_SIGNS
-_EDGES = EDGES
-
-
 PIXELS = 1 << 14
 """Most pixels of all strips of a camera, a multiple of BLOCK: beyond half of it, only every second row and
 column is used, or fewer."""
@@ -101,7 +97,7 @@ def _depths(corners, ends, faces, length):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _place(lenses, c, rotation, position, local, axis, outwards, jacobian, strip):  # type: ignore[no-untyped-def]
+def _place_piece(lenses, c, rotation, position, local, axis, outwards, jacobian, strip):  # type: ignore[no-untyped-def]
     """Fill in the place of a piece with its middle at `local` (3,) in the object's frame, and its Jacobian.
 
     axis: of the edge; outwards: as of `_outwards`; jacobian (2, 3): workspace; strip: its normal's sign is
@@ -141,8 +137,8 @@ def _outwards(rotation, corner, one, other, out):  # type: ignore[no-untyped-def
     """
     for i in range(3):
         out[i] = 0.5 * (
-            _SIGNS[corner, one // 2] * rotation[i, one // 2]
-            + _SIGNS[corner, other // 2] * rotation[i, other // 2]
+            CORNER_SIGNS[corner, one // 2] * rotation[i, one // 2]
+            + CORNER_SIGNS[corner, other // 2] * rotation[i, other // 2]
         )
 
 
@@ -161,14 +157,14 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
     for e in range(12):
-        face, neighbour = _EDGES[e, 2], _EDGES[e, 3]
+        face, neighbour = EDGES[e, 2], EDGES[e, 3]
         if heights[face] <= 0.0 and heights[neighbour] <= 0.0:
             continue
         if heights[face] <= 0.0:
             face, neighbour = neighbour, face
         inner = heights[neighbour] > 0.0
-        axis = 3 - _EDGES[e, 2] // 2 - _EDGES[e, 3] // 2
-        a, b = _EDGES[e, 0], _EDGES[e, 1]
+        axis = 3 - EDGES[e, 2] // 2 - EDGES[e, 3] // 2
+        a, b = EDGES[e, 0], EDGES[e, 1]
         length = math.hypot(corners[b, 0] - corners[a, 0], corners[b, 1] - corners[a, 1])
         usable = length - 2.0 * margin
         if min(corners[a, 2], corners[b, 2]) < near or not usable >= 0.5 * spacing:
@@ -183,10 +179,11 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
         for k in range(n):
             share = (margin + usable * (k + 0.5) / n) / length
             for i in range(3):
-                local[i] = _SIGNS[a, i] * half[i] + share * ((_SIGNS[b, i] - _SIGNS[a, i]) * half[i])
+                here, there = CORNER_SIGNS[a, i], CORNER_SIGNS[b, i]
+                local[i] = here * half[i] + share * ((there - here) * half[i])
             strip = out[count]
             strip.normal[0], strip.normal[1] = nu, nv
-            _place(lenses, c, rotation, position, local, axis, outwards, jacobian, strip)
+            _place_piece(lenses, c, rotation, position, local, axis, outwards, jacobian, strip)
             strip.edge = e
             strip.inside = face_labels[face]
             strip.outside = face_labels[neighbour] if inner else 0

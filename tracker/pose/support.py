@@ -10,7 +10,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.arena import Arena
-from tracker.geometry.cuboid import EDGES as EDGES_OF
+from tracker.geometry.cuboid import EDGES
 from tracker.geometry.linear import factorise, substitute
 from tracker.pose.solution import ROWS
 
@@ -23,13 +23,13 @@ FLAT = np.array(
 )
 """Ways to lie on a face: probability, standard deviation of the face's height [m], of its tilt [rad]."""
 
-EDGE = 0.15, 1e-3, math.radians(3.0)
+LEANING = 0.15, 1e-3, math.radians(3.0)
 """The same for standing on an edge: of its height [m], and of its slope [rad]."""
 
 FREE = 0.3 / (4 * math.pi * 0.15)
 """Density of anything else: any rotation, up to 0.15 m above the table [1/(m sr)]."""
 
-FACES, EDGES = 6.0, 6 * math.pi
+FACE_WAYS, EDGE_WAYS = 6.0, 6 * math.pi
 """A face is one of six; an edge one of twelve, over which the object may lean by a quarter turn."""
 
 LIFTED = 2
@@ -76,7 +76,7 @@ def mark_feet(table, half, solution):  # type: ignore[no-untyped-def]
     if low >= SHADOWED + 2.0 * math.sqrt(table.variances[0]):
         return
     for e in range(12):
-        for face in EDGES_OF[e, 2:]:
+        for face in EDGES[e, 2:]:
             normal = up[face // 2] if face % 2 == 0 else -up[face // 2]
             if normal < BELOW:
                 feet[e] = 1.0
@@ -174,13 +174,15 @@ def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-u
     for way in range(len(FLAT)):
         noise = np.array([FLAT[way, 1] ** 2, FLAT[way, 2] ** 2, FLAT[way, 2] ** 2])
         logs[way] = _way((0, 3), spread, noise, value, weights[way], forces[way])
-        logs[way] += math.log(FLAT[way, 0] / FACES)
+        logs[way] += math.log(FLAT[way, 0] / FACE_WAYS)
         if way == LIFTED:
             # Of the height's posterior.
             share = spread[0, 0] / (spread[0, 0] + noise[0])
             logs[way] += math.log(2.0 * _above(value[0] * (1.0 - share), noise[0] * share) + 1e-300)
-    noise = np.array([EDGE[1] ** 2, EDGE[2] ** 2])
-    logs[edge] = _way((3, 5), spread, noise, value, weights[edge], forces[edge]) + math.log(EDGE[0] / EDGES)
+    noise = np.array([LEANING[1] ** 2, LEANING[2] ** 2])
+    logs[edge] = _way((3, 5), spread, noise, value, weights[edge], forces[edge]) + math.log(
+        LEANING[0] / EDGE_WAYS
+    )
     logs[free] = math.log(FREE * _above(value[3] - lower_end, spread[3, 3]) + 1e-300)
     forces[free, :], weights[free, :, :] = 0.0, 0.0
     for way in range(len(logs)):
@@ -190,7 +192,7 @@ def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-u
 
 
 @compiled
-def _mix(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def]
+def _mix_ways(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def]
     """Posterior mean (5,) of the forces; less (5, 5): mean weights minus the forces' covariance.
 
     Return the log of the summed densities; logs (6,) become probabilities.
@@ -245,7 +247,7 @@ def apply_table(table, half, solution):  # type: ignore[no-untyped-def]
     ways = len(FLAT) + 2
     logs, forces, weights = np.empty(ways), np.empty((ways, ROWS)), np.empty((ways, ROWS, ROWS))
     _ways(spread, value, lower_end, logs, forces, weights)
-    total = _mix(logs, forces, weights, mean, solution.less)
+    total = _mix_ways(logs, forces, weights, mean, solution.less)
     for i in range(n):
         for row in range(ROWS):
             change[i] -= columns[i, row] * mean[row]

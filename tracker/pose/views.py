@@ -112,7 +112,7 @@ def estimate_light(image, normalise, pictures, c):  # type: ignore[no-untyped-de
 
 
 @compiled
-def _slopes(picture, width, height):  # type: ignore[no-untyped-def]
+def _light_slopes(picture, width, height):  # type: ignore[no-untyped-def]
     """Factors of blue and red for a label map's columns (2, w) and rows (2, h); empty in even light."""
     tilt = picture.tilt
     if tilt[0, 0] == 0.0 and tilt[0, 1] == 0.0 and tilt[1, 0] == 0.0 and tilt[1, 1] == 0.0:
@@ -159,7 +159,7 @@ def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: i
     """
     picture, (left, top, right, bottom) = pictures[c], window
     picture.mosaic = find_mosaic(image)
-    across, down = _slopes(picture, image.shape[1] // by, image.shape[0] // by)
+    across, down = _light_slopes(picture, image.shape[1] // by, image.shape[0] // by)
     near, even = _near_color(calm, picture, by, table, window, (across, down)), across.shape[1] == 0
     # A little more than 1 / area, so that whole numbers are not rounded down.
     area, share, count = by * by, (1.0 + 1e-9) / (by * by), 0

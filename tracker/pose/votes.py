@@ -20,13 +20,13 @@ from tracker.geometry.linear import solve_positive
 from tracker.objects.box import Box
 from tracker.objects.labels import UNKNOWN
 
-MIN_VOTE, MIN_SHARE = 0.15, 0.35
+MIN_VOTE, RELATIVE_VOTE = 0.15, 0.35
 """Least vote of a position: absolute, and relative to the best."""
 
 DOUBT = 0.5
 """Number of imaginary cameras that see nothing at a point, beside those that view it."""
 
-STEP = 0.5
+GRID_STEP = 0.5
 """Spacing of the grid [radii of the object]."""
 
 MOST_POINTS = 1 << 18
@@ -243,7 +243,7 @@ class PositionSearch:
 
     def __init__(self, cameras: Sequence[Camera], box: Box, arena: Arena) -> None:
         self.lenses, self.radius = stack_lenses(cameras), box.radius
-        self.points = _grid(arena, STEP * self.radius)
+        self.points = _grid(arena, GRID_STEP * self.radius)
         # Cauchy: the mean projected area of a convex body is a quarter of its surface.
         half = box.half
         area = 2 * (half[0] * half[1] + half[1] * half[2] + half[2] * half[0])
@@ -261,7 +261,7 @@ class PositionSearch:
         Best first; each is computed when it is asked for.
         """
         votes = np.empty(len(self.points), np.float32)
-        least = max(MIN_VOTE, MIN_SHARE * vote(labels, self.lenses, pictures, self.boxes, votes))
+        least = max(MIN_VOTE, RELATIVE_VOTE * vote(labels, self.lenses, pictures, self.boxes, votes))
         separation = SEPARATION * self.radius
         found: list[FloatArray] = []
         while len(found) < most:

@@ -29,7 +29,7 @@ from tracker.objects.labels import COLOR_NAMES
 CLASSES = len(COLOR_NAMES)
 NODES = 32
 CELLS = 64
-_STEP = 1 / 16
+_LOG_STEP = 1 / 16
 _KEYS = {"format", "normalise", "log_posterior"}
 _MAX_BYTES = 4 << 20
 
@@ -99,7 +99,7 @@ class ColorModel:
     def margin_table(self) -> Array:
         """(64³,) uint8: log odds of the best face colour over background in steps of 1/16, 0 if negative."""
         margin = self._dense[1:].max(axis=0) - self._dense[0]
-        table = np.clip(np.rint(margin / _STEP), 0, 255).astype(np.uint8)
+        table = np.clip(np.rint(margin / _LOG_STEP), 0, 255).astype(np.uint8)
         return np.ascontiguousarray(table.transpose(2, 1, 0)).ravel()
 
     def channel_tables(self, gains: Array) -> Array:
@@ -114,7 +114,7 @@ class ColorModel:
         Raises:
             ColorModelError: it cannot be written.
         """
-        codes = np.clip(np.rint(-self.log_posterior / _STEP), 0, 255).astype(np.uint8)
+        codes = np.clip(np.rint(-self.log_posterior / _LOG_STEP), 0, 255).astype(np.uint8)
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes
@@ -141,7 +141,7 @@ def _read(path: Path, name: str) -> ColorModel:
             f"colour model {path}: log_posterior is {codes.dtype} {codes.shape}; "
             f"uint8 {(CLASSES, NODES, NODES, NODES)} is needed"
         )
-    return ColorModel(name, codes * -_STEP, bool(normalise))
+    return ColorModel(name, codes * -_LOG_STEP, bool(normalise))
 
 
 def _entries(path: Path) -> tuple[Array, Array, Array]:

@@ -14,7 +14,7 @@ from tracker.segmentation.light import AS_IT_IS, CLIPPED, Light, evened, find_li
 REFERENCE_SIZE = 270
 """Image height for which the lengths below are stated [px]."""
 
-FINE = 1.5
+FINE_IMAGE = 1.5
 """Scale relative to REFERENCE_SIZE above which images are denoised and patches are eroded."""
 
 MIN_AREA = 10.0
@@ -23,7 +23,7 @@ MIN_AREA = 10.0
 GAP = 3.0
 """Half the distance up to which patches belong to one object [px at the reference size]."""
 
-MIN_SHARE = 0.25
+MIN_EVIDENCE = 0.25
 """Smallest evidence of an object that is kept, as a share of the strongest object's."""
 
 
@@ -100,7 +100,7 @@ def segment(image: Array, colors: ColorModel) -> Image:
 
 def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Image]:
     """Return the image (H, W, 3) in even light, its light, and its labels (H, W) without clean-up."""
-    if min(image.shape[:2]) / REFERENCE_SIZE > FINE:
+    if min(image.shape[:2]) / REFERENCE_SIZE > FINE_IMAGE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
     light = find_light(image) if colors.normalise else AS_IT_IS
@@ -112,7 +112,7 @@ def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Ima
 
 def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:
     """Return labels without specks and without objects whose summed evidence is far below the strongest."""
-    fine = scale > FINE
+    fine = scale > FINE_IMAGE
     kept = np.zeros(labels.shape, np.uint8)
     for label in range(1, 7):
         mask = cv2.medianBlur((labels == label).astype(np.uint8), 5 if fine else 3)
@@ -131,6 +131,6 @@ def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:
     count, things = cv2.connectedComponents(joined)
     weight = np.bincount(things.ravel(), weights=np.where(kept > 0, evidence, 0).ravel(), minlength=count)
     weight[0] = 0
-    strong = weight >= MIN_SHARE * weight.max()
+    strong = weight >= MIN_EVIDENCE * weight.max()
     strong[0] = False
     return np.where(strong[things], kept, np.uint8(0))

@@ -24,10 +24,10 @@ _PER_SIGMA = 0.6745 * np.sqrt(6.0)
 NO_MOSAIC = -1
 """No mosaic, or one that later changes have made unrecognisable."""
 
-STEP = 5
+MOSAIC_STEP = 5
 """Distance of the rows and columns that are tested for a mosaic; odd, to reach all places of the pattern."""
 
-ENOUGH = 100
+ENOUGH_PIXELS = 100
 """Number of pixels, not equal to their neighbours, that must all fit a mosaic for it to be detected."""
 
 
@@ -90,8 +90,8 @@ def find_mosaic(image):  # type: ignore[no-untyped-def]
     height, width = image.shape[0], image.shape[1]
     for red in range(4):
         differing, fits = 0, True
-        for j in range(2, height - 2, STEP):
-            for i in range(2, width - 2, STEP):
+        for j in range(2, height - 2, MOSAIC_STEP):
+            for i in range(2, width - 2, MOSAIC_STEP):
                 flat = True
                 for k in range(3):
                     flat &= image[j, i, k] == image[j, i - 1, k] and image[j, i, k] == image[j, i + 1, k]
@@ -102,8 +102,8 @@ def find_mosaic(image):  # type: ignore[no-untyped-def]
                 if not fits:
                     break
                 differing += 1
-            if not fits or differing >= ENOUGH:
+            if not fits or differing >= ENOUGH_PIXELS:
                 break
-        if fits and differing >= ENOUGH:
+        if fits and differing >= ENOUGH_PIXELS:
             return red
     return NO_MOSAIC

@@ -24,8 +24,7 @@ from tracker.calibration.by_object.health import (
 )
 from tracker.conventions import Image
 from tracker.errors import TrackerError
-from tracker.geometry.arena import SURE as SURE_OF_TABLE
-from tracker.geometry.arena import Arena
+from tracker.geometry.arena import SLACK, Arena
 from tracker.logs import open_log
 from tracker.objects.model import CuboidModel, object_names
 from tracker.pipeline import ObjectTracker
@@ -204,7 +203,7 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
         return None
     height = height_over_table(pose.position, pose.rotation, model, arena)
     std = 1e3 * math.sqrt(pose.covariance[2, 2])
-    highest = SURE_OF_TABLE * 1e3 * math.hypot(arena.table_std[0], 1e-3 * std)
+    highest = SLACK * 1e3 * math.hypot(arena.table_std[0], 1e-3 * std)
     if not max(2.0 * std, HEIGHT.limits[1]) < abs(height) <= highest:
         return None
     where = "floats {:.1f} mm above" if height > 0 else "sinks {:.1f} mm into"

@@ -17,7 +17,7 @@ from tracker.tracking.motion import MotionState
 EVERY = 5
 """Number of frames between two measurements of a camera's light, and between two checks of agreement."""
 
-ROWS = 12
+COMPARED_ROWS = 12
 """Rows of pixels that are compared to detect whether an image has changed."""
 
 NOISELESS = 0.5
@@ -60,7 +60,7 @@ def usable(
     for c, image in enumerate(images):
         if image is None:
             continue
-        step = max(image.shape[0] // ROWS, 1)
+        step = max(image.shape[0] // COMPARED_ROWS, 1)
         rows = image[step // 2 :: step]
         sample, before = rows.tobytes(), memories[c].sample
         remembered[c] = memories[c]._replace(sample=sample)

@@ -70,7 +70,7 @@ CONSTANT = 0.8
 """Share of a measurement's covariance that does not average out over time: errors of the calibration and of
 the object's model are the same in each image."""
 
-LIKELY = 0.95
+LIKELIEST_SHARE = 0.95
 """A forecast averages the likeliest kinds of motion that together have this probability."""
 
 
@@ -328,13 +328,13 @@ class MotionFilter(NamedTuple):
     def forecast(self, dt: float) -> tuple[MotionState, list[tuple[int, float, MotionState]]]:
         """Return the fused state after dt [s] if the motion continues, and (kind, weight, state) of each.
 
-        The fused state averages the LIKELY kinds. Changes of the kind of motion are not predicted here, only
-        between images: rare changes would hide what is nearly certain.
+        The fused state averages the likeliest kinds. Changes of the kind of motion are not predicted here,
+        only between images: rare changes would hide what is nearly certain.
         """
         weights, modes = self.modes["weight"], self.modes.copy()
         predict(dt, MOTIONS, modes, False)
         order = np.argsort(-weights, kind="stable")
-        count = int(np.searchsorted(np.cumsum(weights[order]), LIKELY)) + 1
+        count = int(np.searchsorted(np.cumsum(weights[order]), LIKELIEST_SHARE)) + 1
         likely = np.zeros_like(weights)
         likely[order[:count]] = weights[order[:count]]
 

@@ -14,7 +14,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.segmentation.color_model import ColorModel, check_colors, load_colors
-from tracker.segmentation.labels import FINE, REFERENCE_SIZE, check_image
+from tracker.segmentation.labels import FINE_IMAGE, REFERENCE_SIZE, check_image
 from tracker.segmentation.light import TARGET_GREY, evened, find_light
 from tracker.segmentation.sensor import calmed
 
@@ -107,7 +107,7 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     colors = load_colors("dice") if colors is None else check_colors(colors)
     scale = min(image.shape[:2]) / REFERENCE_SIZE
     # Demosaicing leaves single wrong pixels at the finer resolution.
-    image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if scale > FINE else calmed(image)
+    image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if scale > FINE_IMAGE else calmed(image)
     light_of_scene = find_light(image)
     image = evened(image, light_of_scene)
     gains = light_of_scene.gains if colors.normalise else np.ones(3)
