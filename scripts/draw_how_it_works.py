@@ -141,8 +141,8 @@ def draw_votes(scene: Scene, quick: bool) -> Figure:
     text.text(
         0, 0.5,
         f"Full square: a radius ({1e3 * search.radius:.0f} mm)\naround the point; dashed: 0.6 of it.\n\n"
-        "V: pixels of each colour in them\nover the number expected of the\nobject, a third at most for each\n"
-        "colour and square; summed, and\nthe mean of the cameras that see\nthe point.",
+        "V: pixels of each colour in them\nover the number expected of the\nobject, a third at most for\n"
+        "each colour and square; mean of\nthe cameras that see the point.",
         va="center", fontsize=10,
     )  # fmt: skip
     return figure
