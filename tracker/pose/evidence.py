@@ -326,7 +326,7 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
 
 
 @compiled
-def judge(lenses, labels, pictures, box, place, stands, left_out, seen, ask):  # type: ignore[no-untyped-def]
+def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
     """Count what label maps show of an object and return `weighed`; or, if `ask`, return `_resized`.
 
     Label maps and place (rotation, position, lags) are as of `count_labels`, which fills seen (C,) of SEEN.
@@ -334,13 +334,13 @@ def judge(lenses, labels, pictures, box, place, stands, left_out, seen, ask):  #
     shows them all over. If `ask`, seen must be filled already.
     """
     if ask:
-        return _resized(lenses, labels, pictures, box, place, seen, NUMBERS), 0.0, 0.0, 0.0, 0.0
+        return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0, 0.0
     rotation, position, lags = place
     count_labels(lenses, labels, pictures, box, rotation, position, lags, seen)
     for c in range(len(seen)):
         if left_out[c]:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
-    return weighed(seen, box[1], stands, NUMBERS)
+    return weighed(seen, box[1], stands, numbers)
 
 
 def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: float) -> Evidence:
@@ -353,10 +353,10 @@ def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: f
 
 def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array) -> Evidence:
     """Evidence of an object at a place; the first five arguments are those of `judge`."""
-    return evidence_of(*judge(*sight, stands, left_out, seen, False))
+    return evidence_of(*judge(*sight, stands, left_out, seen, NUMBERS, False))
 
 
 def resized_at(*sight: Any, seen: Array) -> float:
     """Log odds of a body with one edge shorter or longer; arguments as of `evidence_at`."""
-    gain = judge(*sight, 0.0, np.zeros(len(seen), bool), seen, True)[0]
+    gain = judge(*sight, 0.0, np.zeros(len(seen), bool), seen, NUMBERS, True)[0]
     return float(NUMBERS.end * gain + NUMBERS.resized)
