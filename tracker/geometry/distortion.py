@@ -29,10 +29,8 @@ def all_coefficients(coefficients: FloatArray) -> FloatArray:
 
 def tilt(coefficients: FloatArray) -> FloatArray:
     """Return the homography (3, 3) of distorted coordinates to the tilted sensor; identity if not tilted."""
-    (sx, sy), (cx, cy) = (
-        np.sin(all_coefficients(coefficients)[12:]),
-        np.cos(all_coefficients(coefficients)[12:]),
-    )
+    angles = all_coefficients(coefficients)[12:]
+    (sx, sy), (cx, cy) = np.sin(angles), np.cos(angles)
     about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
     about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
     turned = about_y @ about_x

@@ -152,7 +152,7 @@ def contradict(likelihoods: FloatArray | None) -> bool:
 
 
 def _within(std: FloatArray) -> FloatArray:
-    """Probability that a normal vector of standard deviations (S,) [m] per axis is within NEAR_DISTANCE."""
+    """Probability that a vector, normal with deviations (S,) [m] per axis, is shorter than NEAR_DISTANCE."""
     x = NEAR_DISTANCE / std
     erf = np.array([math.erf(v / math.sqrt(2.0)) for v in x])
     return np.asarray(erf - math.sqrt(2.0 / math.pi) * x * np.exp(-0.5 * x**2))

@@ -180,9 +180,8 @@ def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-u
             share = spread[0, 0] / (spread[0, 0] + noise[0])
             logs[way] += math.log(2.0 * _above(value[0] * (1.0 - share), noise[0] * share) + 1e-300)
     noise = np.array([LEANING[1] ** 2, LEANING[2] ** 2])
-    logs[edge] = _way((3, 5), spread, noise, value, weights[edge], forces[edge]) + math.log(
-        LEANING[0] / EDGE_WAYS
-    )
+    logs[edge] = _way((3, 5), spread, noise, value, weights[edge], forces[edge])
+    logs[edge] += math.log(LEANING[0] / EDGE_WAYS)
     logs[free] = math.log(FREE * _above(value[3] - lower_end, spread[3, 3]) + 1e-300)
     forces[free, :], weights[free, :, :] = 0.0, 0.0
     for way in range(len(logs)):
