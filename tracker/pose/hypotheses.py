@@ -166,6 +166,8 @@ class Search:
             for c in used if wide.without and len(used) > ENOUGH else ():
                 for place in self.positions(sight.labels, sight.without(c).pictures, 1):
                     found += self.begun(sight, place, range(wide.without), (c,))
+            if len(found) <= ALIGNED:
+                return self._aligned(sight, found, REACHES)
             return self._aligned(sight, self._aligned(sight, found, REACHES[:1])[:ALIGNED], REACHES[1:])
 
         return next_of

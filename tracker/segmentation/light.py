@@ -71,12 +71,12 @@ def _mode(points, count):  # type: ignore[no-untyped-def]
         if 0 <= u < _BINS and 0 <= v < _BINS:
             histogram[int(u) + 1, int(v) + 1] += 1
     best, u0, v0 = -1, 0, 0
+    columns = np.empty(_BINS + 2, np.int32)
     for iu in range(1, _BINS + 1):
+        for iv in range(_BINS + 2):
+            columns[iv] = histogram[iu - 1, iv] + histogram[iu, iv] + histogram[iu + 1, iv]
         for iv in range(1, _BINS + 1):
-            total = 0
-            for du in range(-1, 2):
-                for dv in range(-1, 2):
-                    total += histogram[iu + du, iv + dv]
+            total = columns[iv - 1] + columns[iv] + columns[iv + 1]
             if total > best:
                 best, u0, v0 = total, iu, iv
     return (u0 - 0.5) / scale - _RANGE, (v0 - 0.5) / scale - _RANGE

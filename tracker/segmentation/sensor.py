@@ -15,7 +15,7 @@ from tracker.conventions import Image
 LOUD = 6.0
 """Standard deviation of the noise above which colours are read from median-filtered pixels [levels]."""
 
-_ROW_STEP, _ROWS = 10, 27
+_ROW_STEP, _ROWS = 20, 14
 """Smallest distance of the rows in which noise is measured [px], and their number in large images."""
 
 _PER_SIGMA = 0.6745 * np.sqrt(6.0)
