@@ -26,8 +26,8 @@ from tracker.segmentation.light import apply_gains, find_light
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 DATA = Path(__file__).resolve().parent.parent / "tracker" / "segmentation" / "data"
 
-UNVEILED = FitOptions(brightness=0.2, shaded_share=0.0, reject=0.02)
-"""Options without shade and veil, with less jitter and twice the share of rejected colours."""
+UNVEILED = FitOptions(brightness=0.2, tail_width=4.0, shaded_share=0.0, reject=0.02)
+"""Options without shade and veil, with more tints and twice the share of rejected colours."""
 
 SIMULATION_RGB = {
     "red": (195, 48, 0),
@@ -81,10 +81,10 @@ def face_histograms(
 
 
 def object_model(
-    name: str, own: Sequence[Histograms], histograms: dict[str, list[Histograms]], options: FitOptions
+    name: str, own: Sequence[Histograms], drawn_as_others: dict[str, list[Histograms]], options: FitOptions
 ) -> ColorModel:
-    """Return an object's model from its images in `own` and all images of other objects."""
-    others = [h for other in histograms if other != name for h in histograms[other]]
+    """Return an object's model from its images in `own` and, of `drawn_as_others`, those of other objects."""
+    others = [h for other in drawn_as_others if other != name for h in drawn_as_others[other]]
     return combine(own, others, options, name=name)
 
 
@@ -105,9 +105,10 @@ def dice_model(real: Path, histograms: dict[str, list[Histograms]]) -> ColorMode
 
 def main(real: Path) -> None:
     """Fit and write every model."""
-    options = FitOptions()
-    histograms = face_histograms(labelled_images(real), options)
-    models = [object_model(name, histograms[name], histograms, options) for name in OBJECTS]
+    options, images = FitOptions(), labelled_images(real)
+    histograms = face_histograms(images, options)
+    drawn_as_others = face_histograms(images, options.for_others())
+    models = [object_model(name, histograms[name], drawn_as_others, options) for name in OBJECTS]
     for model in (*models, simulation_model(), dice_model(real, histograms)):
         model.save(DATA / f"{model.name}.npz")
     for path in sorted(DATA.glob("*.npz")):

@@ -226,10 +226,13 @@ def measure_segmentation(real: Path) -> pd.DataFrame:
     """
     options = FitOptions()
     images = {name: labelled_images(real, name) for name in SEGMENTED}
-    histograms = {name: [image_histograms(i, options) for i in images[name]] for name in SEGMENTED}
+    histograms, drawn_as_others = (
+        {name: [image_histograms(i, how) for i in images[name]] for name in SEGMENTED}
+        for how in (options, options.for_others())
+    )
     rows = []
     for name in SEGMENTED:
-        others = [h for other in SEGMENTED if other != name for h in histograms[other]]
+        others = [h for other in SEGMENTED if other != name for h in drawn_as_others[other]]
         shipped: list[float] = []
         known: list[float] = []
         for k, image in enumerate(images[name]):

@@ -66,8 +66,9 @@ SHIFT, TURN = 0.5e-3, np.radians(0.1)
 """Standard deviations of each axis of a camera, as stated [m, rad]."""
 
 SCENES = 8
-MORE = 16
-"""Scenes of which covariances are asked, two rigs each: enough to tell a factor of two."""
+MORE, RIGS = 16, 6
+"""Scenes of which covariances are asked, and rigs for each: enough to tell a factor of two, and not so few
+that one scene decides."""
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 
@@ -146,9 +147,9 @@ def stated_squares(rig, scenes):
     """NEES by object where cameras are off as stated."""
     found = {}
     for name in OBJECTS:
-        twice = [(k, j, truth) for k, truth in enumerate(scenes[name]) for j in range(2)]
-        fits = [fit(rig, name, truth, 1, k, j) for k, j, truth in twice]
-        found[name] = squares(fits, [truth for _, _, truth in twice])
+        seeds = [(k, j, truth) for k, truth in enumerate(scenes[name]) for j in range(RIGS)]
+        fits = [fit(rig, name, truth, 1, k, j) for k, j, truth in seeds]
+        found[name] = squares(fits, [truth for _, _, truth in seeds])
     return found
 
 

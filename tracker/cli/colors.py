@@ -199,8 +199,8 @@ class Fitting:
 
         draws, normalise = FitOptions(seed=self.seed), not self.rendered
         own, theirs = (
-            [image_histograms(image, draws, normalise=normalise) for image in some]
-            for some in (images, _read(self.others))
+            [image_histograms(image, how, normalise=normalise) for image in some]
+            for some, how in ((images, draws), (_read(self.others), draws.for_others()))
         )
 
         def fit_to(chosen: Sequence[int], name: str) -> tracker.ColorModel:

@@ -2,18 +2,18 @@
 
 Few images are ever labelled, and each shows a face under one light. So labelled pixels are drawn many
 times with jitter of brightness (other shading) and between channels (imperfect white balance), with
-haze (gloss, veiling glare) and noise. A fifth of the draws have a much wider jitter, which covers colours
-between and around the observed ones that nothing else claims. Half of the draws are also shaded and
-veiled: a face turned away from the lamps reflects less light in its own colour, and its gloss adds grey
+haze (gloss, veiling glare) and noise. A fifth of the draws have wider jitter and purer tones, which covers
+colours between and around the observed ones that nothing else claims. Half of the draws are also shaded
+and veiled: a face turned away from the lamps reflects less light in its own colour, and its gloss adds grey
 light from the surroundings. The draws make one histogram per image and class; histograms are averaged so
 that each image counts the same. Other objects' images count a little, too: the more, the fewer of the
-object's own show a colour.
+object's own show a colour. Their paints differ, so the tints of their draws vary much more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -38,9 +38,11 @@ class FitOptions:
     noise: float = 3.0
     """Standard deviation of each channel's noise [levels]."""
     tail_share: float = 0.2
-    """Share of draws with wider jitter, the tail."""
-    tail_width: float = 4.0
+    """Share of draws with purer tones and wider jitter, the tail."""
+    tail_width: float = 2.0
     """Factor on the jitter between channels in the tail; on that of brightness and haze, at most 2."""
+    others_width: float = 12.0
+    """The same factor for other objects' images, whose paints differ."""
     tail_stretch: float = 2.0
     """Largest factor on the saturation in the tail: a purer tone of a hue is the same colour."""
     shaded_share: float = 0.5
@@ -61,6 +63,10 @@ class FitOptions:
     """Standard deviation of the smoothing of the histograms [nodes]."""
     seed: int = 0
     """Random seed of the draws."""
+
+    def for_others(self) -> FitOptions:
+        """Return the options with which other objects' images are drawn."""
+        return replace(self, tail_width=self.others_width)
 
 
 BACKGROUND_JITTER = FitOptions(
@@ -87,11 +93,12 @@ def _histogram(levels: FloatArray) -> FloatArray:
 
 def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generator) -> FloatArray:
     chosen = pixels[rng.integers(len(pixels), size=count)] + rng.uniform(-0.5, 0.5, (count, 3))
-    wide = np.where(rng.uniform(size=(count, 1)) < jitter.tail_share, jitter.tail_width, 1.0)
+    tail = rng.uniform(size=(count, 1)) < jitter.tail_share
+    wide = np.where(tail, jitter.tail_width, 1.0)
     wide2 = np.minimum(wide, 2.0)
     grey = np.exp(np.log(chosen + 2.0).mean(axis=1, keepdims=True))
-    stretch = np.where(wide > 1, rng.uniform(1.0, jitter.tail_stretch, (count, 1)), 1.0)
-    chosen = np.where(wide > 1, grey * ((chosen + 2.0) / grey) ** stretch - 2.0, chosen)
+    stretch = np.where(tail, rng.uniform(1.0, jitter.tail_stretch, (count, 1)), 1.0)
+    chosen = np.where(tail, grey * ((chosen + 2.0) / grey) ** stretch - 2.0, chosen)
     light = rng.normal(0, jitter.brightness, (count, 1)) * wide2
     balance = rng.normal(0, jitter.channel, (count, 3)) * wide
     added = rng.normal(0, jitter.haze, (count, 1)) * wide2 + rng.normal(0, jitter.noise, (count, 3))
