@@ -137,6 +137,19 @@ def test_other_objects_images_teach_colours_that_the_own_images_lack():
     assert intersection_over_union(with_others, scene.labels)[4] > 0.9
 
 
+def test_other_objects_images_teach_other_tints_than_they_show():
+    scene = labelled_image(0)
+    own = {label: density for label, density in image_histograms(scene, OPTIONS).items() if label != 4}
+    purple = scene.image.copy()
+    purple[scene.labels == 4] = FACE_BGR["cyan"] * np.array([1.3, 0.8, 0.6])
+    found = []
+    for options in (OPTIONS, OPTIONS.for_others()):
+        labels = segment(purple, combine([own], [image_histograms(scene, options)]))
+        found.append(np.mean(labels[scene.labels == 4] == 4))
+    assert found[0] < 0.1
+    assert found[1] > 0.4
+
+
 def test_a_saved_model_is_read_back(model, tmp_path):
     model.save(tmp_path / "mine.npz")
     read = load_colors(tmp_path / "mine.npz")
