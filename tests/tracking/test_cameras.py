@@ -134,8 +134,12 @@ def test_the_verdict_on_a_picture_goes_before_that_of_the_pose():
     assert after(uses, astray(0)) == tuple(uses)
     assert after(USED, astray(0)) == (CameraUse.CONTRADICTING, CameraUse.USED, CameraUse.USED)
     assert after(USED, hidden(2)) == tuple(USED)
-    left_out = dataclasses.replace(hidden(2), left_out=(2,))
-    assert after(USED, left_out)[2] is CameraUse.CONTRADICTING
+
+
+def test_an_image_that_was_left_out_contradicts_unless_the_object_is_hidden_from_it():
+    for shown, use in ((made_fit(), CameraUse.CONTRADICTING), (hidden(2), CameraUse.USED)):
+        left_out = dataclasses.replace(shown, left_out=(2,))
+        assert after(USED, left_out) == (*USED[:2], use)
 
 
 def test_each_camera_of_an_observation_has_its_word(rig, film):

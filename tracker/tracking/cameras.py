@@ -95,10 +95,14 @@ def looked_at(
 
 
 def after(uses: Sequence[CameraUse], fit: Fit) -> tuple[CameraUse, ...]:
-    """Return the use of each image after a fit, given the uses before: mark those that contradict it."""
+    """Return the use of each image after a fit, given the uses before: mark those that contradict it.
+
+    An image that was left out contradicts if it shows the object; else the object is only hidden from it.
+    """
     against = contradicting(fit)
+    left_out = [c in fit.left_out and one["shows"] > 0.5 for c, one in enumerate(fit.counts)]
     return tuple(
-        CameraUse.CONTRADICTING if use is CameraUse.USED and (against[c] or c in fit.left_out) else use
+        CameraUse.CONTRADICTING if use is CameraUse.USED and (against[c] or left_out[c]) else use
         for c, use in enumerate(uses)
     )
 
