@@ -33,7 +33,7 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.evidence import NUMBERS, Numbers, weighed
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.hypotheses import apart
-from tracker.pose.judge import NEARNESS, fits, probably_near
+from tracker.pose.judge import SINGLE, alone, fits, probably_near
 from tracker.pose.result import PoseEstimate
 from tracker.pose.rivals import reconcilable
 
@@ -42,7 +42,7 @@ WEIGHTS = {"swapped": 0.5, "other calibration": 0.25}
 """Weights of workloads that are rarer in practice than here, or that no evidence can recognise."""
 
 PROBABILITIES = ("wrong", "misread", "hidden", "broken", "more", "alike", "colored")
-ODDS = ("body", "shape", "resized", "nothing", "offset")
+ODDS = ("body", "shape", "resized", "nothing")
 """Search variables: log odds for probabilities and odds, the logarithm for all others."""
 
 MISTAKES = 1e-4
@@ -56,8 +56,8 @@ class Cases:
     seen: list[Array] = dataclasses.field(default_factory=list)
     labels: list[Array] = dataclasses.field(default_factory=list)
     numbers: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
-    """stands, log evidence gained by other edge lengths, log odds of being near, probability that calibration
-    and arena are consistent with it, right, weight, the scene's number."""
+    """stands, log evidence gained by other edge lengths, odds of being near, whether a single camera sees it,
+    probability that calibration and arena are consistent with it, right, weight, the scene's number."""
     rivals: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     group: list[str] = dataclasses.field(default_factory=list)
 
@@ -68,10 +68,10 @@ class Cases:
             near = min(max(probably_near(one.covariance), 1e-6), 1 - 1e-6)
             self.seen.append(one.cameras)
             self.labels.append(model.face_labels)
-            odds, holds = np.log(near / (1 - near)), fits(one) * one.inside
+            odds, holds = near / (1 - near), fits(one) * one.inside
             weight = WEIGHTS.get(group, 1.0)
             more = (one.evidence.resized - NUMBERS.resized) / NUMBERS.end
-            self.numbers.append((one.stands, more, odds, holds, good, weight, scene))
+            self.numbers.append((one.stands, more, odds, alone(one), holds, good, weight, scene))
             self.group.append(group)
         for i, one in enumerate(found):
             for k, other in enumerate(found):
@@ -140,7 +140,9 @@ class Model:
         self.seen = np.array(cases.seen, dtype=SEEN)
         self.labels = np.array(cases.labels)
         columns = np.array(cases.numbers, dtype=float).T
-        self.stands, self.resized, self.near, self.holds, self.right, self.weight, self.scene = columns
+        self.stands, self.resized, self.near, self.alone, self.holds, self.right, self.weight, self.scene = (
+            columns
+        )
         self.one, self.other = np.array(cases.rivals, dtype=int).reshape(-1, 2).T
         self.group = np.array(cases.group)
 
@@ -156,8 +158,8 @@ class Model:
         against += _exp(numbers.temper * (shape - here) + numbers.shape)
         against += _exp(numbers.temper * (nothing - here) + numbers.nothing)
         against += _exp(numbers.end * self.resized + numbers.resized)
-        near = 1 / (1 + _exp(-values["offset"] - values["growth"] * self.near))
-        return np.asarray(self.holds * near / (1 + against))
+        odds = np.where(self.alone > 0, values["single"], 1.0) * self.near
+        return np.asarray(self.holds * odds / (1 + odds) / (1 + against))
 
     def fit(self, start: dict[str, float], names: list[str], use: Array) -> dict[str, float]:
         """Return the most likely values of the named numbers for the cases in `use`; others stay."""
@@ -198,7 +200,7 @@ def _meant(name: str, value: float) -> float:
 def main(scenes: int, names: list[str]) -> None:
     """Collect, fit, print; the reliability is measured on held-out scenes."""
     model = Model(collect(scenes))
-    start = dict(NUMBERS._asdict()) | dict(zip(("offset", "growth"), NEARNESS, strict=True))
+    start = dict(NUMBERS._asdict()) | {"single": SINGLE}
     names = names or list(start)
     held = model.scene % 3 == 0
     tried = model.confidence(model.fit(start, names, ~held))

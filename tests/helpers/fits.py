@@ -43,7 +43,8 @@ def made_fit(position=HOME, rotation=None, *, sure=True, cameras=3, covariance=C
     """A fit as of an object in full view, or with many pixels and pieces of edges that do not agree."""
     fields = {
         "expected": 40.0, "usable": 38.0 if sure else 20.0, "inliers": 36.0 if sure else 12.0,
-        "squares": 0.36 if sure else 3.0, "blur": 0.5, "predicted": 410, "agree": 400 if sure else 240,
+        "squares": 0.36 if sure else 3.0, "noise": 0.1, "blur": 0.5,
+        "predicted": 410, "agree": 400 if sure else 240,
         "missing": 10 if sure else 150, "wrong": 0 if sure else 30, "extra": 4 if sure else 60,
     }  # fmt: skip
     rotation = np.eye(3) if rotation is None else rotation

@@ -6,7 +6,19 @@ import pytest
 
 from tests.helpers.fits import made_fit, with_cameras
 from tracker import Arena, Status
-from tracker.pose.judge import MIN_VIEW, SURE, alone, confidence, nearness, rank, refusal, settled, trust
+from tracker.pose.judge import (
+    MIN_VIEW,
+    SINGLE,
+    SURE,
+    alone,
+    confidence,
+    nearness,
+    probably_near,
+    rank,
+    refusal,
+    settled,
+    trust,
+)
 
 
 def rough(fit, rms):
@@ -28,6 +40,15 @@ def test_an_object_below_the_table_is_refused(cameras, status):
 def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are():
     ranks = [rank(rough(made_fit(), rms)) for rms in (0.1, 0.2, 0.4, 0.8)]
     assert ranks == sorted(set(ranks), reverse=True)
+
+
+def test_what_noise_explains_does_not_speak_against_the_object():
+    fit = rough(made_fit(), 0.8)
+    noisy = [with_cameras(fit, noise=share * fit.cameras["squares"]) for share in (0.0, 0.5, 1.0, 2.0)]
+    trusted = [trust(one) for one in noisy]
+    assert trusted == sorted(trusted)
+    assert trusted[0] < trusted[1] < trusted[2]
+    assert len({rank(one) for one in noisy}) == 1
     for rms in (0.05, 0.3):
         fit = rough(made_fit(), rms)
         seen = fit.cameras
@@ -69,7 +90,7 @@ def test_a_camera_counts_from_some_weight_of_pieces_on():
 
 def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():
     fit = made_fit()
-    assert confidence(fit) == pytest.approx(trust(fit) * nearness(fit.covariance))
+    assert confidence(fit) == pytest.approx(trust(fit) * nearness(fit.covariance, False))
     assert trust(dataclasses.replace(fit, lead=0.0)) == pytest.approx(0.5, abs=0.01)
 
 
@@ -83,10 +104,18 @@ def test_whatever_speaks_against_a_fit_leaves_a_number(odds):
     assert trust(dataclasses.replace(fit, lead=-odds)) < 1e-200
 
 
-def test_a_pose_that_is_stated_to_be_nearer_is_nearer():
+@pytest.mark.parametrize("single", [False, True])
+def test_a_pose_that_is_stated_to_be_nearer_is_nearer(single):
     spreads = [np.diag(np.repeat(np.square([shift, 0.02]), 3)) for shift in (3e-4, 1e-3, 2e-3, 4e-3, 0.1)]
-    found = [nearness(spread) for spread in spreads]
+    found = [nearness(spread, single) for spread in spreads]
     assert found == sorted(found, reverse=True)
     assert found[0] > 0.99
     assert found[-1] < 0.01
-    assert nearness(np.full((6, 6), np.nan)) == 0.0
+    assert nearness(np.full((6, 6), np.nan), single) == 0.0
+
+
+def test_odds_of_being_near_are_as_stated_and_greater_for_a_single_camera():
+    covariance = np.diag(np.repeat(np.square([2e-3, 0.02]), 3))
+    near, single = nearness(covariance, False), nearness(covariance, True)
+    assert near == pytest.approx(probably_near(covariance))
+    assert single / (1.0 - single) == pytest.approx(SINGLE * near / (1.0 - near))

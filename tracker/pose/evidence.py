@@ -68,7 +68,7 @@ class Numbers(NamedTuple):
     colored: float
     """Probability of face colours where the object is not."""
     inlier: float
-    """Weight of a matched piece of edge."""
+    """Weight of a matched piece of edge: so many independent edges it stands for."""
     lacking: float
     """Cost of a piece without an edge although its faces are visible."""
     outside: float
@@ -157,9 +157,13 @@ def _unknown(options):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _edges(one, numbers):  # type: ignore[no-untyped-def]
-    """Log likelihood of a camera's pieces of edge (a record of SEEN), for a pose."""
-    rms = max(math.sqrt(one.squares / one.inliers) if one.inliers > 0.0 else 0.0, LEAST_RMS)
+def _edges(one, numbers, noisy):  # type: ignore[no-untyped-def]
+    """Log likelihood of a camera's pieces of edge (a record of SEEN), for a pose.
+
+    noisy: whether image noise counts as misfit; otherwise it averages out over the pieces of an edge.
+    """
+    squares = one.squares if noisy else max(one.squares - (1.0 - numbers.inlier) * one.noise, 0.0)
+    rms = max(math.sqrt(squares / one.inliers) if one.inliers > 0.0 else 0.0, LEAST_RMS)
     value = numbers.inlier * one.inliers * math.log(WIDTH / (math.sqrt(2.0 * math.pi * math.e) * rms))
     lacking = max(one.agree / max(one.predicted, 1) * one.expected - one.usable, 0.0)
     return value - numbers.lacking * lacking
@@ -198,7 +202,7 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
         face_labels: (6,) of the object.
         stands: log odds that it stands on the table.
         numbers: Numbers.
-        closer: whether only pixels wholly inside a face count.
+        closer: whether only pixels wholly inside a face count, and image noise is no misfit of edges.
     """
     count, prices = len(seen), np.empty((len(HIDDEN_SHARES), 5))
     _prices(numbers, prices)
@@ -225,7 +229,7 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
         one.shows, one.broken = 0.0, 0.0
         if one.predicted == 0:
             continue
-        edges = _edges(one, numbers)
+        edges = _edges(one, numbers, not closer)
         own, other, unknown = edges, edges, 0.0
         for face in range(6):
             own += options[c, face, face_labels[face]]
@@ -262,7 +266,7 @@ def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-
 
     unknowns (6,): `_unknown` of its faces.
     """
-    own, unknown = _edges(one, numbers), 0.0
+    own, unknown = _edges(one, numbers, True), 0.0
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for face in range(6):
         unknown += unknowns[face]

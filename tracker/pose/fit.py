@@ -54,6 +54,7 @@ SEEN = np.dtype(
         ("usable", np.float64),  # … that show an edge between the right colours
         ("inliers", np.float64),  # weight of the usable ones where the pose puts them
         ("squares", np.float64),  # weighted sum of the inliers' squared residuals [px² at reference size]
+        ("noise", np.float64),  # … and of their variances as far as image noise causes them
         ("blur", np.float64),  # standard deviation of the image's steps [px]
         ("predicted", np.int64),  # pixels of the label map that the object should cover
         ("agree", np.int64),  # … that show the expected face

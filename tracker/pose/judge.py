@@ -38,9 +38,9 @@ VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 NEAR = NEAR_DISTANCE, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
 
-NEARNESS = 1.06, 0.93
-"""Log odds that a pose is that close = first + second × those that its covariance states, which may be too
-small or too large. Fitted by scripts/fit_confidence.py."""
+SINGLE = 2.9
+"""Factor on the odds that a single camera's pose is that close: its covariance is too large. Fitted by
+scripts/fit_confidence.py."""
 
 
 _once = functools.lru_cache(maxsize=32)
@@ -135,12 +135,13 @@ def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) ->
     return probability_within(covariance, *limits)
 
 
-def nearness(covariance: FloatArray) -> float:
-    """Calibrated probability that a pose with this covariance is within 5 mm and 5° of the truth."""
-    stated = probably_near(covariance)
-    odds = min(max(stated, 1e-6), 1.0 - 1e-6)
-    shift, growth = NEARNESS
-    return 1.0 / (1.0 + math.exp(-shift) * (odds / (1.0 - odds)) ** -growth) if stated > 0.0 else 0.0
+def nearness(covariance: FloatArray, single: bool) -> float:
+    """Probability that a pose is within 5 mm and 5° of the truth if it is the object's.
+
+    single: whether it rests on one camera.
+    """
+    near, factor = probably_near(covariance), SINGLE if single else 1.0
+    return factor * near / (factor * near + 1.0 - near)
 
 
 def fits(fit: Fit) -> float:
@@ -151,7 +152,7 @@ def fits(fit: Fit) -> float:
 @_once
 def apparent(fit: Fit) -> float:
     """Confidence of a fit if the calibration is as good as its files state."""
-    return trust(fit) * nearness(fit.covariance)
+    return trust(fit) * nearness(fit.covariance, alone(fit))
 
 
 def confidence(fit: Fit) -> float:

@@ -422,6 +422,7 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work, own)
     for c in range(len(cameras)):
         camera = cameras[c]
         seen[c].squares /= camera.scale**2
+        seen[c].noise /= camera.scale**2
         if camera.used:
             work.residuals[count] = camera.blur / camera.scale
             count += 1

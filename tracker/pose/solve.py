@@ -98,7 +98,7 @@ def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ig
     for e in range(12):
         for i in range(EDGE):
             edges[e, i] = 0.0
-    seen.inliers, seen.squares = 0.0, 0.0
+    seen.inliers, seen.squares, seen.noise = 0.0, 0.0, 0.0
     for s in range(camera.strips):
         if not found[s].usable:
             continue
@@ -109,6 +109,7 @@ def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ig
             continue
         seen.inliers += robust
         seen.squares += robust * r * r
+        seen.noise += robust * found[s].variance
         weight = trust * robust / (floor + found[s].variance)
         for i in range(6):
             row[i] = strip.jacobian[i]

@@ -76,6 +76,8 @@ class Belief(NamedTuple):
     """Whether the last images gave no accepted measurement."""
     trust: float = 0.0
     """Probability that the last measurement was of the object and that the calibration is right."""
+    single: bool = False
+    """Whether that measurement rests on a single camera."""
     spread: float = 0.0
     """Variance along each axis that the cameras' disagreement adds [m²]."""
     pending: Pending | None = None
@@ -161,6 +163,7 @@ class Belief(NamedTuple):
             seen=self.timestamp,
             pending=None,
             trust=fitting * trust(fit),
+            single=alone(fit),
             spread=spread,
             last_pose=(fit.rotation, fit.position),
         )
@@ -225,7 +228,7 @@ class Belief(NamedTuple):
             "position": state.position,
             "orientation": so3.quaternion(state.rotation),
             "covariance": widened(pose, self.spread),
-            "confidence": self.trust * nearness(pose),
+            "confidence": self.trust * nearness(pose, self.single),
             "velocity": state.velocity,
             "velocity_covariance": state.covariance[6:, 6:],
         }
