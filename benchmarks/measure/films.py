@@ -26,8 +26,9 @@ from tracker.conventions import FloatArray
 STRIDES = (2, 4, 8)
 """Strides at which films are subsampled, in addition to whole films."""
 
-FILMS = 2
-"""Number of films for each object and style."""
+FILMS = {"realistic": 2, "world": 8}
+"""Number of films for each object, by style. In `world` each has its own cameras, so that there are more of
+them, and they are shorter."""
 
 WARM = 5
 """Number of frames for which a tracker runs before it is timed."""
@@ -46,11 +47,12 @@ def measure_films(plan: Plan, say: Callable[[str], None] = lambda line: None) ->
         plan: which films.
         say: called with lines about the progress.
     """
-    length, parts = max(SHORTEST, plan.count("film")), []
-    for name, style in itertools.product(OBJECTS, ("realistic", "world")):
+    parts = []
+    for name, (style, count) in itertools.product(OBJECTS, FILMS.items()):
+        length = max(SHORTEST, plan.count("film") * FILMS["realistic"] // count)
         store = FilmStore(name, style, length, plan.seed, plan.workers, plan.cache)
         say(f"films, {style}, {name}")
-        store.store.prepare(store.prepared(range(FILMS), vanishing=style == "realistic"))
+        store.store.prepare(store.prepared(range(count), vanishing=style == "realistic"))
         with one_thread():
             played = _realistic(name, store) if style == "realistic" else _world(name, store)
             parts += [part.assign(object=name) for part in played]
@@ -60,7 +62,7 @@ def measure_films(plan: Plan, say: Callable[[str], None] = lambda line: None) ->
 def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
     own = tracker.ObjectTracker(drawn(name), rig())
     everything = range(store.length)
-    films = [list(store.frames(film, everything)) for film in range(FILMS)]
+    films = [list(store.frames(film, everything)) for film in range(FILMS["realistic"])]
     _warm(own, films[0])
     yield _films(own, films, "all").join(_single_shots(own, films))
     for stride in STRIDES:
@@ -70,7 +72,7 @@ def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
     positions = [np.array([frame.position for frame in film]) for film in films]
     acts = [
         vanishing_film(store, film, start, positions[film])
-        for film in range(FILMS)
+        for film in range(len(films))
         for start in vanishing_frames(store.length)
     ]
     yield _films(own, acts, "vanished")
@@ -78,7 +80,7 @@ def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
 
 def _world(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
     """Play films with all cameras and with each alone, with the calibration given to a user."""
-    films = [list(store.frames(film, range(store.length))) for film in range(FILMS)]
+    films = [list(store.frames(film, range(store.length))) for film in range(FILMS["world"])]
     model = tracker.load_object(name)
     trackers = [tracker.ObjectTracker(model, rigs_of(film[0].cameras, rig())[1]) for film in films]
     for camera in (None, *range(len(trackers[0].rig))):

@@ -256,9 +256,10 @@ TABLES: tuple[Table, ...] = (
         "films",
         "films",
         "Over time",
-        "Filtered poses of `update` in two films at 10 Hz of each object and kind, pushed, tumbled, lifted, "
-        "carried and dropped by fingers. World: with every effect of the real world. A flip is a rotation "
-        "more than 30° off with a confidence above 0.5.",
+        "Filtered poses of `update` in films at 10 Hz of each object, pushed, tumbled, lifted, carried and "
+        "dropped by fingers: two long films, and in `world`, with every effect of the real world, eight "
+        "short ones, each by its own cameras. A flip is a rotation more than 30° off with a confidence above "
+        "0.5.",
         (
             MEDIAN,
             P90,
