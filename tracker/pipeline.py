@@ -38,9 +38,9 @@ class ObjectTracker:
 
     Args:
         model: the object, or its name or TOML file.
-        rig: the cameras, in the order of the images; or their calibration files, or the folder of these.
+        rig: the cameras in the order of the images, or their calibration files, or the folder with them.
         colors: a colour model, or its name or file; None: the object's own.
-        tracking: the limits of `update`; None: those for the platform.
+        tracking: the limits for `update`; None: the defaults, which suit the platform.
         table_prior: whether to assume that the object often stands on the table (`rig.arena` gives the
             table's height and how well it is known).
 
@@ -105,12 +105,12 @@ class ObjectTracker:
             self._memory = Memory.empty(len(self.rig), self._memory.belief.options)
 
     def predict(self, timestamp: float) -> Forecast | None:
-        """Predict the pose at a later time from all images so far; the tracker does not change.
+        """Predict the pose at a later time from all images so far, without changing the tracker.
 
         Images arrive late: predict the pose for the time at which you act. `kinds` lists the possible motions
         (at rest, carried or pushed, thrown) with their poses and probabilities. Pose and covariance are those
         of the mixture of the likely ones (95 %). Predictions never put the object inside the table. The
-        result is None if the object is lost, or was last seen over `TrackingOptions.coast_seconds` earlier.
+        result is None if the object is lost, or unseen for more than `TrackingOptions.coast_seconds` by then.
 
         Args:
             timestamp: on the clock of `update`'s timestamps [s], not earlier than the last one.
@@ -129,7 +129,7 @@ class ObjectTracker:
     def update(self, images: Images, timestamp: Stamp, hidden: Images | None = None) -> Observation:
         """Estimate the object's pose from the next set of images and the memory of the previous ones.
 
-        The search starts at the predicted pose, and continues everywhere. Measurements are fused over time:
+        The search starts at the predicted pose and widens if that fails. Measurements are fused over time:
         the filtered pose is smoother, has a velocity, and is predicted for a while
         (`TrackingOptions.coast_seconds`) if the object is not seen. A pose that jumps is accepted if it is
         certain, or if the next images confirm it.
@@ -161,7 +161,7 @@ class ObjectTracker:
             return answer
 
     def fit(self, images: Images, timing: dict[str, float] | None = None) -> Fit | Status:
-        """Like `detect`, but with the evidence for the pose; `timing` gets each stage's duration [ms]."""
+        """Like `detect`, but with the evidence for the pose; `timing` receives each stage's duration [ms]."""
         return self._search(images, {} if timing is None else timing)[0]
 
     def _search(

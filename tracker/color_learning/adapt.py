@@ -36,7 +36,7 @@ GAIN = 0.002
 """Smallest gain of `Judgement.explained` with which a fit counts as better."""
 
 OFTEN = 5
-"""Number of pixels of one colour taken for a face by mistake in a round from which it is no chance."""
+"""Number of pixels of one colour mistaken for a face in a round from which it is not by chance."""
 
 PATIENCE = 2
 """Number of rounds without a gain after which learning ends."""
@@ -68,7 +68,7 @@ def adapt(
 ) -> Adapted:
     """Learn an object's colours from recordings in up to `rounds` rounds.
 
-    start: the initial model; its `normalise` is ignored, images are always read in neutral light.
+    start: the initial model; its `normalise` is ignored: images are always read in neutral light.
     say: receives a line about each round.
 
     Raises:
@@ -164,7 +164,7 @@ def nearest(model: CuboidModel, footage: Sequence[Frames]) -> ColorModel:
 
 
 DRAWN = 40_000
-"""Number of pixels drawn for each colour of which only the name is known."""
+"""Number of pixels drawn for each colour known only by its name."""
 
 HUE_SPREAD = 12.0
 """Standard deviation of a paint's hue around that of its name [degrees]."""
@@ -201,11 +201,11 @@ ENOUGH = 150
 """Smallest number of pixels, over all frames, from which a colour is learned."""
 
 DISTRACTING = 0.2
-"""Share of the background's pixels with colours that were taken for a face by mistake, if there are any;
-oversampled, since a cross on the table fills only a thousandth of the images."""
+"""Share of background pixels whose colours were mistaken for a face, if there are any; they are oversampled,
+since a cross on the table fills only a thousandth of the images."""
 
 MOST = 200_000
-"""Largest number of background pixels kept of a group."""
+"""Largest number of background pixels kept per group."""
 
 
 def learned(pixels: Sequence[Mapping[int, Array]]) -> dict[int, int]:
@@ -223,8 +223,8 @@ def refit(
 ) -> ColorModel:
     """Fit a colour model to frames' pixels (N, 3) in neutral light by label, 0 for background.
 
-    taken: (32³,) bool: colours that were taken for a face by mistake.
-    before: earlier models; they count a little, and alone for face colours that the frames do not show.
+    taken: (32³,) bool: colours that were mistaken for a face.
+    before: earlier models; they get a small weight, except for face colours that the frames do not show.
     """
     rng = np.random.default_rng([options.seed, *name.encode()])
     labels, groups = learned(pixels), min(GROUPS, len(pixels))
@@ -242,7 +242,7 @@ def refit(
 
 
 def _with_distracting(background: Array, taken: Array, rng: np.random.Generator) -> Array:
-    """Resample background so that a share DISTRACTING of it has colours `taken` for a face, if any has."""
+    """Resample background so that a share DISTRACTING of it has colours `taken` for a face, if any do."""
     distracting = background[taken[nodes_of(background)]]
     if len(background) > MOST:
         background = background[rng.integers(len(background), size=MOST)]

@@ -6,8 +6,8 @@ haze (gloss, veiling glare) and noise. A fifth of the draws have wider jitter an
 colours between and around the observed ones that nothing else claims. Half of the draws are also shaded
 and veiled: a face turned away from the lamps reflects less light in its own colour, and its gloss adds grey
 light from the surroundings. The draws make one histogram per image and class; histograms are averaged so
-that each image counts the same. Other objects' images count a little, too: the more, the fewer of the
-object's own show a colour. Their paints differ, so the tints of their draws vary much more.
+that each image counts the same. Other objects' images count a little, too, and more if few of the object's
+own show a colour. Their paints differ, so the tints of their draws vary much more.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class FitOptions:
     draws: int = 60000
     """Number of draws per image and class; four times as many for background."""
     others_weight: float = 0.2
-    """Weight of the other objects' images together in the density of a face colour, in images of its own."""
+    """Total weight of other objects' images in the density of a face colour; an own image has weight 1."""
     reject: float = 0.01
     """Share of the background's density that is uniform over all colours."""
     face_prior: float = 0.08
@@ -110,7 +110,7 @@ def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generato
 
 
 def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bool = True) -> Histograms:
-    """Return histograms of the classes in one image; background pixels keep a margin to the labels."""
+    """Return histograms of the classes in one image; background pixels keep a distance from the labels."""
     rng = np.random.default_rng([options.seed, *labelled.name.encode()])
     image = labelled.image
     if normalise:

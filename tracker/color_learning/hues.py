@@ -1,4 +1,4 @@
-"""The colours of faces: the hues expected of their names, and the distances between them.
+"""The colours of faces: the hues that their names imply, and the distances between them.
 
 Cameras see paints, not pure colours: in labelled images of the platform's objects in neutral light, red
 is at 8 to 23°, yellow at 46 to 56°, green at 81 to 120°, cyan at 172 to 183°, blue at 208 to 215° and
@@ -22,13 +22,13 @@ from tracker.segmentation.color_model import CLASSES, NODES, ColorModel
 from tracker.segmentation.light import apply_gains, evened, find_light
 
 NAMED_HUES: FloatArray = np.array([np.nan, 12.0, 100.0, 212.0, 178.0, 312.0, 52.0])
-"""(7,) hue expected of each label's name [degrees]; label 0 has none."""
+"""(7,) hue that each label's name implies [degrees]; label 0 has none."""
 
 MAX_OFF = 45.0
 """Largest accepted deviation of a hue from that of its name [degrees]."""
 
 MAX_GAIN = 30.0
-"""Reduction of the summed deviations by permuting names above which names count as wrong [degrees]."""
+"""Names count as wrong if permuting them reduces the summed deviations by more than this [degrees]."""
 
 BRIGHTNESS, CHANNEL, LEVEL = 0.35, 0.07, 6.0
 """Standard deviations of the log of a face's brightness (light and shade), of the log of each channel, and of
@@ -38,10 +38,10 @@ NEAR = 4.0
 """Distance below which two colours are occasionally confused [standard deviations]."""
 
 MOST = 4000
-"""Largest number of pixels kept of each colour."""
+"""Largest number of pixels kept per colour."""
 
 LIGHT = 0
-"""Label that stands for the colour of the light, that of all greys, in pairs of colours."""
+"""Label that stands, in pairs of colours, for the colour of the light, which is that of all greys."""
 
 _HUES, _SATURATIONS, _LEVELS = np.arange(-20.0, 21.0, 10.0), (0.6, 0.75, 0.9), (70.0, 110.0, 160.0, 210.0)
 _SWEEPS = 4
@@ -133,7 +133,7 @@ def paints(images: Sequence[LabelledImage]) -> Paints:
 
 
 def distance(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return distances (...) of colours (..., 3) [levels], in standard deviations, see the module."""
+    """Return distances (...) between colours (..., 3) [levels], in standard deviations; see the module."""
     difference = np.log(a + LEVEL) - np.log(b + LEVEL)
     own = CHANNEL**2 + 0.5 * ((LEVEL / (a + LEVEL)) ** 2 + (LEVEL / (b + LEVEL)) ** 2)
     covariance = BRIGHTNESS**2 + own[..., None] * np.eye(3)

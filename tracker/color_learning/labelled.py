@@ -1,4 +1,4 @@
-"""Hand-labelled images, each with one mask for every visible face colour; and comparison of labels with them.
+"""Hand-labelled images, with one mask for every visible face colour, and comparison of labels with them.
 
 Two layouts are read, and may be mixed in a folder:
     NN_image.png     with NN_mask_red.png, NN_mask_green.png, …

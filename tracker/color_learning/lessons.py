@@ -139,7 +139,7 @@ def outline(
 
 CONSISTENT = 4.0
 """Factor by which a colour must be more frequent where the poses put a face than elsewhere: fingers that hide
-the face are also seen elsewhere."""
+the face are seen elsewhere, too."""
 
 SMOOTHING = 0.7
 """Standard deviation of the smoothing of the densities to compare [nodes]."""
@@ -149,7 +149,7 @@ PALEST, DARK = 1.25, 6.0
 first, since dark greys are noisy [levels]."""
 
 LEAST = 20
-"""Smallest number of pixels of a face in a frame that give its hue."""
+"""Smallest number of pixels of a face in a frame needed to measure its hue."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,7 @@ def _patches(labels: Image) -> Array:
 def owners(lessons: Sequence[Lesson]) -> Array:
     """Return (32³,): the face on which each colour is CONSISTENT times as frequent as elsewhere; else 0.
 
-    Over all frames, what hides a face is also seen elsewhere, and under a few wrong poses on other faces.
+    Over all frames, whatever hides a face is also seen elsewhere, and with a few wrong poses on other faces.
     """
     pairs = [(nodes_of(one.levels), one) for one in lessons]
     density = np.stack([_density([n[one.faces == k] for n, one in pairs]) for k in range(CLASSES)])

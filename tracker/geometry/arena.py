@@ -13,7 +13,7 @@ from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, shown
 
 LARGEST = 10.0
-"""Largest radius and height [m]: a larger one is in millimetres by mistake."""
+"""Largest radius and height [m]: a larger value is probably in millimetres."""
 
 SLACK = 2.0
 """Tolerance of the arena's bounds, in standard deviations of the table's height."""

@@ -28,8 +28,8 @@ FARTHEST = 1e4
 """Largest absolute coordinate of a camera's translation [m], and largest standard deviation."""
 
 FOCAL, CENTER = (1e-2, 1e6), 1e6
-"""Bounds of a focal length, and largest absolute coordinate of a principal point [px]: cropped images may
-have it outside."""
+"""Bounds of a focal length, and largest absolute coordinate of a principal point [px], which may lie outside
+a cropped image."""
 
 BENT = 1e6
 """Largest absolute distortion coefficient."""
@@ -38,8 +38,8 @@ _NAME = re.compile(r"[\w-]([\w. -]{0,98}[\w-])?")
 """Pattern of a valid camera name: names become parts of file names and are shown in pages."""
 
 VIEW = 1.2
-"""Factor on the largest tangent of the image's rays up to which points are in view: beyond it, distortion may
-fold them back into the image."""
+"""Points are in view up to this multiple of the largest tangent of the image's rays; beyond it, distortion
+may fold them back into the image."""
 
 
 def may_be_name(name: object) -> bool:
@@ -48,7 +48,7 @@ def may_be_name(name: object) -> bool:
 
 
 def check_name(name: object, what: str, fault: type[TrackerError]) -> None:
-    """Raise `fault`, with a message that begins with `what`, if this is no valid camera name."""
+    """Raise `fault`, with a message that begins with `what`, if this is not a valid camera name."""
     if not may_be_name(name):
         raise fault(
             f"{what}: found {shown(name)}, expected a text of up to 100 letters, digits, "
@@ -173,7 +173,7 @@ class Camera:
         return self.project_with_jacobian(points_world)[0]
 
     def project_with_jacobian(self, points_world: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return pixels (N, 2) of world points (N, 3) [m], and derivatives (N, 2, 3) [px/m]; NaN as above."""
+        """Like `project`: pixels (N, 2) of world points (N, 3) [m], and derivatives (N, 2, 3) [px/m]."""
         in_camera = self._in_camera(points_world)
         in_camera[in_camera[:, 2] <= 0] = np.nan
         normalized = in_camera[:, :2] / in_camera[:, 2:]
@@ -195,7 +195,7 @@ class Camera:
         return float(tangents[np.isfinite(tangents)].max(initial=0.0))
 
     def project_in_view(self, points_world: npt.ArrayLike) -> FloatArray:
-        """Project as `project`, with NaN also for points far outside the field of view."""
+        """Like `project`, but NaN also for points far outside the field of view."""
         points = float_rows(points_world, 3, f"{self.name}: points", CalibrationError).copy()
         in_camera = self._in_camera(points)
         tangent = np.hypot(in_camera[:, 0], in_camera[:, 1])
@@ -205,8 +205,8 @@ class Camera:
     def undistort(self, pixels: npt.ArrayLike) -> FloatArray:
         """Return undistorted normalised coordinates (N, 2) = (X/Z, Y/Z) of pixels (N, 2), to about 1e-12.
 
-        NaN for pixels that no ray reaches before the distortion folds. On this platform that concerns a
-        few pixels in the corners of uncropped 720×540 images only.
+        NaN for pixels that no ray reaches before the distortion folds. On this platform that affects only
+        a few pixels in the corners of uncropped 720×540 images.
         """
         focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
         target = (float_rows(pixels, 2, f"{self.name}: pixels", CalibrationError) - center) / focal
@@ -220,13 +220,13 @@ class Camera:
         return directions @ self.camera_from_world[:3, :3]
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
-        """Return the camera of an image cropped to `width` × `height` from pixel (left, top) on."""
+        """Return the camera for an image cropped to `width` × `height`; its first pixel is (left, top)."""
         matrix = self.matrix.copy()
         matrix[:2, 2] -= self._array("left and top", (left, top), (2,))
         return dataclasses.replace(self, width=width, height=height, matrix=matrix)
 
     def resized(self, width: int, height: int) -> Camera:
-        """Return the camera of an image scaled to `width` × `height` by `cv2.resize`.
+        """Return the camera for an image scaled to `width` × `height` by `cv2.resize`.
 
         Pixel centres are at whole numbers, so c' = (c + ½) s - ½ and f' = f s along each axis.
         """

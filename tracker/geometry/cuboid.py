@@ -13,7 +13,7 @@ from tracker.conventions import Array, FloatArray
 FACE_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 CORNER_SIGNS = np.array([[1.0 if k >> axis & 1 else -1.0 for axis in range(3)] for k in range(8)])
-"""(8, 3) signs of the corners; times half the size they are the corners in the object's frame."""
+"""(8, 3) signs of the corners; multiplied by half the size, they are the corners in the object's frame."""
 
 KEYPOINT_SIGNS = CORNER_SIGNS[::-1]
 """(8, 3) signs of the corners in the order of the platform's data sets: + if the bit of i is 0."""
@@ -63,6 +63,6 @@ def face_centers(size: Array) -> Array:
 
 
 def visible_faces(size: Array, object_from_camera_position: Array) -> Array:
-    """Return (6,) bool: which faces a camera sees whose centre is at (3,) [m] in the object's frame."""
+    """Return (6,) bool: which faces are visible from a camera at (3,) [m] in the object's frame."""
     position = np.asarray(object_from_camera_position, dtype=np.float64)
     return FACE_NORMALS @ position > np.repeat(np.asarray(size, dtype=np.float64) / 2, 2)

@@ -28,7 +28,7 @@ def all_coefficients(coefficients: FloatArray) -> FloatArray:
 
 
 def tilt(coefficients: FloatArray) -> FloatArray:
-    """Return the homography (3, 3) of distorted coordinates to the tilted sensor; identity if not tilted."""
+    """Return the homography (3, 3) from distorted coordinates to the tilted sensor; identity if untilted."""
     angles = all_coefficients(coefficients)[12:]
     (sx, sy), (cx, cy) = np.sin(angles), np.cos(angles)
     about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
@@ -73,7 +73,7 @@ def distort(normalized: FloatArray, coefficients: FloatArray) -> tuple[FloatArra
 
 
 def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Invert `distort` by Newton's method; NaN where it does not converge before the fold."""
+    """Invert `distort` for targets (N, 2) by Newton's method; NaN if it finds no solution before the fold."""
     solution = target.copy()
     with np.errstate(all="ignore"):  # diverging rows become NaN
         for _ in range(_NEWTON_ITERATIONS):

@@ -27,7 +27,7 @@ LENS = np.dtype(
         ("height", np.int64),  # [px]
     ]
 )
-"""A camera as a record: compiled functions read its fields without reference counting of arrays."""
+"""A camera as a record: compiled functions read its fields without reference-counting arrays."""
 
 
 def stack_lenses(cameras: Sequence[Camera]) -> Array:
@@ -86,7 +86,7 @@ def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
 
 @compiled
 def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-untyped-def]
-    """Return pixel and depth as `project`, but at least 1e-6; fill jacobian (2, 3) = d(u, v)/d(x, y, z)."""
+    """Like `project`, but with depth at least 1e-6 [m]; fill jacobian (2, 3) = d(u, v)/d(x, y, z) [px/m]."""
     lens = lenses[c]
     r, t = lens.rotation, lens.translation
     zc = max(r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2], 1e-6)
@@ -104,7 +104,7 @@ def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-unty
 
 @compiled
 def project_corners(lenses, c, half, rotation, position, out):  # type: ignore[no-untyped-def]
-    """Fill out (8, 3) with pixel and depth, as of `project`, of the corners of a box in camera c."""
+    """Fill out (8, 3) with pixel and depth, as from `project`, of a box's corners in camera c."""
     r = rotation
     for k in range(8):
         x, y, z = CORNER_SIGNS[k, 0] * half[0], CORNER_SIGNS[k, 1] * half[1], CORNER_SIGNS[k, 2] * half[2]

@@ -46,7 +46,7 @@ def exp(rotvec: npt.ArrayLike) -> FloatArray:
 def log(rotation: npt.ArrayLike) -> FloatArray:
     """Return rotation vectors (..., 3) [rad], of length at most π, of rotation matrices (..., 3, 3).
 
-    Accurate at every angle, also near 0 and π, where formulas with the trace lose half the digits.
+    Accurate at every angle, even near 0 and π, where formulas based on the trace lose half the digits.
     """
     if np.ndim(rotation) == 2:
         one = np.empty(3)
@@ -131,7 +131,7 @@ def exp_into(vector, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def quaternion(rotation):  # type: ignore[no-untyped-def]
-    """Return the unit quaternion (4,) xyzw, w ≥ 0, of a rotation (3, 3); as `quaternion_from_matrix`."""
+    """Return the unit quaternion (4,) xyzw, w ≥ 0, of a rotation (3, 3), like `quaternion_from_matrix`."""
     q = np.empty(4)
     trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
     k = 3

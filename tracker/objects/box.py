@@ -19,7 +19,7 @@ class Box(NamedTuple):
     face_labels: Array
     """(6,) uint8 labels in the order of tracker.geometry.cuboid.FACE_NAMES."""
     rim: tuple[float, float]
-    """How far within the nominal edges the faces' colours end, and its standard deviation [m]."""
+    """How far inside the nominal edges the face colours end, and the standard deviation of that [m]."""
 
     @classmethod
     def of(cls, model: CuboidModel) -> Box:

@@ -66,7 +66,7 @@ class CuboidModel:
     colors: str
     """Name or file of the object's colour model."""
     rim: float = 0.0
-    """How far within the nominal edges the faces' colours end, since edges are rounded and worn [m]."""
+    """How far inside the nominal edges the face colours end, because edges are rounded and worn [m]."""
     rim_std: float = RIM_STD
     """Standard deviation of the rim [m]."""
 

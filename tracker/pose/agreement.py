@@ -2,8 +2,8 @@
 
 A single camera locates the object well across its line of sight, poorly along it, and poorly in every
 direction where fingers hide it. Poses are therefore compared by their information matrices: an uncertain
-camera never counts against the others. (A random-effects model, as for laboratories that measure the same: R.
-DerSimonian and N. Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7, 1986.)
+camera never counts against the others. This is a random-effects model, as in a meta-analysis of studies: R.
+DerSimonian and N. Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7, 1986.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from tracker.geometry.linear import factorise, substitute
 from tracker.pose.fit import OwnViews
 
 SCALES = np.array([1e-4, 2e-4, 4e-4, 7e-4, 1.2e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.7e-2, 3e-2])
-"""Candidate standard deviations of how far cameras see the object displaced, along each axis [m]."""
+"""Candidate standard deviations, along each axis, of the object's displacement in the cameras' views [m]."""
 
 SCALES_PRIOR = np.array([0.06, 0.12, 0.2, 0.22, 0.2, 0.1, 0.04, 0.025, 0.02, 0.01, 0.005])
 """Prior probability of each."""
 
 ACROSS, ALONG = 2e-4, 4e-3
-"""Errors of a single view that calibration does not cause, relative to the distance of the object: across the
-line of sight, and along it, where an edge that looks wider passes for a nearer object."""
+"""Errors of a single view that calibration does not cause, relative to the object's distance: across the line
+of sight, and along it, where edges that look wider make the object seem nearer."""
 
 TILT, ROLL = 8e-3, 3e-3
-"""The same for rotation, about axes across the line of sight and about it [rad]."""
+"""The same for rotation: about axes across the line of sight, and about the line of sight [rad]."""
 
 SHARED_SHARE = 0.8
 """Error of the pose relative to the standard deviation of the cameras' errors, if these are independent."""
 
 OTHERS = 2e-3
-"""Standard deviation [m] above which the errors are not those of a camera that moved but of another
-platform's calibration, whose world frame is displaced, too."""
+"""Standard deviation [m] above which the errors come not from a camera that moved but from another platform's
+calibration, whose world frame is displaced, too."""
 
 CONTRADICTION = 2e-3
-"""Size of the cameras' errors [m] from which they contradict each other: each sees the object 3 mm or more
+"""Size of the cameras' errors [m] above which they contradict each other: each sees the object 3 mm or more
 from where the others do. The recorded platforms' own calibrations stay below 1 mm."""
 
 NEAR_DISTANCE = 5e-3
@@ -51,10 +51,10 @@ def log_likelihoods(information, moved, rotations, distances, prior, out):  # ty
 
     Args:
         information: (C, 6, 6) of the pose that each camera sees by itself [1/m², 1/rad²].
-        moved: (C, 6) that pose minus the joint one [m, rad].
+        moved: (C, 6) that pose minus the joint pose [m, rad].
         rotations: (C, 3, 3) camera from world.
         distances: (C,) from each camera to the object [m].
-        prior: (6,) information that holds directions no camera sees.
+        prior: (6,) information that constrains directions no camera sees [1/m², 1/rad²].
         out: (S,), filled.
     """
     lower, full = np.empty((6, 6)), np.empty((6, 6))
@@ -112,7 +112,7 @@ def disagreement(
     """Log likelihoods (S,) of SCALES, given what each camera sees by itself.
 
     Args:
-        views: what they see.
+        views: the pose that each camera sees by itself.
         rotations: (C, 3, 3) camera from world.
         positions: (C, 3) of the cameras [m].
         position: (3,) of the object [m].
@@ -121,7 +121,7 @@ def disagreement(
     distances = np.sqrt(((positions - position) ** 2).sum(axis=1))
     prior = np.array([3.0 / radius**2] * 3 + [10.0] * 3)
     out = np.empty(len(SCALES))
-    # As a field of several records they are not contiguous.
+    # As a field of an array of records they are not contiguous.
     rotations = np.ascontiguousarray(rotations)
     log_likelihoods(views.information, views.moved, rotations, distances, prior, out)
     return out
@@ -139,15 +139,15 @@ def size(likelihoods: FloatArray) -> float:
 
 
 def spread(likelihoods: FloatArray | None) -> float:
-    """Variance along each axis [m²] of errors that disagreement reveals; None: cameras were not asked.
+    """Variance along each axis [m²] of the errors that disagreement reveals; 0 for None: not judged.
 
-    As the variance between studies in a meta-analysis, it adds to what each study states.
+    Like the between-study variance in a meta-analysis, it adds to the stated variance.
     """
     return 0.0 if likelihoods is None else (SHARED_SHARE * size(likelihoods)) ** 2
 
 
 def contradict(likelihoods: FloatArray | None) -> bool:
-    """Whether the cameras disagree so much that their calibration is doubtful; None: they were not asked."""
+    """Whether the cameras disagree so much that their calibration is doubtful; False for None: not judged."""
     return likelihoods is not None and size(likelihoods) > CONTRADICTION
 
 

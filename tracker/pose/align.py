@@ -26,16 +26,16 @@ HIDDEN = 0.4
 """Cost of a hidden pixel, relative to the gain of one that shows the right face."""
 
 FEWEST_PIECES = 4
-"""Fewest pieces of edge with which a pose can be aligned."""
+"""Minimum number of pieces of edge to align a pose."""
 
 FEW = 30.0
 """A camera that shows far fewer pixels of the object than this counts little."""
 
 IMPOSSIBLE = -1e9
-"""Score of a hypothesis none of whose edges is found."""
+"""Score of a hypothesis none of whose edges are found."""
 
 BORDER = 2.5
-"""Width of the border around the object in which face colours count as beside it [px of the label map]."""
+"""Width of the margin around the object in which face colours count as beside it [px of the label map]."""
 
 WHOLLY = 0.5
 """Distance from a face's outline [px of the label map] beyond which a pixel shows this face alone."""
@@ -45,8 +45,8 @@ WHOLLY = 0.5
 def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-untyped-def]
     """Fill counts (8,): pixels of one face by the label they show; the last entry counts unknown ones.
 
-    inner (7,), zero before, gets those wholly inside, without unknown ones. pixels (8, 3) are the corners;
-    the corners of a visible face turn clockwise.
+    inner (7,), initially zero, receives the known ones that lie wholly inside. pixels (8, 3): the projected
+    corners; those of a visible face run clockwise in the image.
     """
     left, right, top, bottom = area
     counts[:] = 0
@@ -81,7 +81,7 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
 def _count_camera(lenses, c, labels, box, rotation, position, one):  # type: ignore[no-untyped-def]
     """Compare camera c's label map (h, w) with a pose, and add up its pixels in the record `one` (SEEN).
 
-    The record's counts are zero before. Outlines of faces are taken to be straight between their corners.
+    The record's counts must be zero. Outlines of faces are taken to be straight between their corners.
     box: half edge lengths (3,) [m] and labels of the faces (6,).
     """
     half, face_labels = box
@@ -122,10 +122,10 @@ def _count_camera(lenses, c, labels, box, rotation, position, one):  # type: ign
 
 @compiled
 def count_labels(lenses, labels, pictures, box, rotation, position, lags, seen):  # type: ignore[no-untyped-def]
-    """Count what all label maps (C, h, w) show of a pose (3, 3), (3,) [m] into seen (C,) of SEEN.
+    """Fill seen (C,) of SEEN with counts of what label maps (C, h, w) show of a pose (3, 3), (3,) [m].
 
-    pictures (C,) of PICTURE; box as in `_count_camera`; lags (C, 6): displacements in the cameras' views [m,
-    rad].
+    pictures (C,) of PICTURE; box as in `_count_camera`; lags (C, 6): displacements of the object in the
+    cameras' views [m, rad].
     """
     turned, moved = np.empty((3, 3)), np.empty(3)
     for c in range(len(seen)):
@@ -158,7 +158,7 @@ def explanation_score(seen):  # type: ignore[no-untyped-def]
 
 @compiled
 def _transition(labels, width, height, strip, reach):  # type: ignore[no-untyped-def]
-    """Offset of the label transition along the normal, and whether there is one."""
+    """Return the offset of the label transition along the normal [px], and whether there is one."""
     u, v, nu, nv = strip.pixel[0], strip.pixel[1], strip.normal[0], strip.normal[1]
     inside, outside = strip.inside, strip.outside
     score, best, offset, support = 0.0, -1e9, 0.0, 0
@@ -221,7 +221,7 @@ def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  
                         matrix[i, k] += weight * strip.jacobian[i] * strip.jacobian[k]
         if total < FEWEST_PIECES:
             return 0
-        # A weak prior (1 radius, 0.6 rad against 1 px) keeps unseen directions where they are.
+        # A weak prior (1 radius, 0.6 rad against 1 px) keeps the pose in place along unobserved directions.
         for i in range(6):
             matrix[i, i] += 1.0 / radius2 if i < 3 else 3.0
             for k in range(i):
@@ -238,7 +238,7 @@ def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  
 
 @compiled
 def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, reaches, scores):  # type: ignore[no-untyped-def]
-    """Align hypotheses (n, 3, 3), (n, 3) in place to `pictures` (C,), and fill their scores by `judges`."""
+    """Align hypotheses (n, 3, 3), (n, 3) in place to `pictures` (C,); fill scores (n,) by `judges` (C,)."""
     strips, seen, lags = (
         np.empty(MAX_STRIPS, STRIP),
         np.zeros(len(pictures), SEEN),

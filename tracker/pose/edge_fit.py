@@ -3,8 +3,8 @@
 Near an edge the image is a sum of blurred steps between surfaces of locally constant colour: the face inside,
 the face or background outside, and what lies beyond a narrow face. With the steps where the pose puts them,
 linear least squares on the pixels yields the colours and a small shift of the edge. Gains, exposure and
-shading cancel, because only local colours count; and the blur of a narrow face is modelled, not confused with
-its neighbours'.
+shading cancel, because only local colours count, and the blur of a narrow face into its neighbours is
+modelled.
 
 Local colour statistics on both sides of a contour go back to R. Hanek and M. Beetz, "The Contracting Curve
 Density Algorithm", IJCV 59(3), 2004; here the colours are eliminated in closed form, and each piece of an
@@ -31,37 +31,37 @@ SLOPE = 2.0
 """Standard deviation of a surface's brightness gradient across a silhouette [levels/px]: shading, shadows."""
 
 SHARP, SOFT = 0.3, 0.7
-"""Blur [px] up to which an image counts as rendered, with flat surfaces, and from which on as a photograph.
-At a rendered edge the remaining residual is sampling, which gradients must not explain."""
+"""Blur [px] below which an image counts as rendered, with flat surfaces, and above which as a photograph.
+At a rendered edge the remaining residual comes from sampling, which gradients must not explain."""
 
 NOISE = 1.5
-"""Least standard deviation of a pixel's channel [levels]; residuals raise it."""
+"""Smallest standard deviation of a pixel's channel [levels]; residuals raise it."""
 
 MIN_PIXELS = 8
-"""Fewest pixels of a piece of edge that is measured."""
+"""Minimum number of pixels to measure a piece of edge."""
 
 RIDGE = 0.003
 """Weight of a surface's prior colour, the mean of its pixels, relative to one pixel."""
 
 
 LEAST_PIVOT = 1e-9
-"""Smallest pivot that is divided by."""
+"""Smallest pivot used as a divisor."""
 
 
 BEFORE, BEYOND, INSIDE, OUTSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR = range(8)
 """Columns of the model: the shares of the surface in front of a narrow face, of that beyond a narrow
-neighbour, of the face and of its neighbour; the edge's line, whose factor is the shift; gradients inside
-and outside; the effect of a change of blur."""
+neighbour, of the face and of its neighbour; the edge's line profile, whose coefficient gives the shift;
+gradients inside and outside; the effect of a change of blur."""
 
 PLACES = 3 * MAX_PIXELS + 5 * BLOCK
 """Length of a column: the parts of a mosaic, padded so that rows do not share cache sets."""
 
 OFFSET = np.dtype(
     [
-        ("offset", np.float64),  # of the edge from its expected place, along the normal [px]
+        ("offset", np.float64),  # of the edge from its expected position, along the normal [px]
         ("variance", np.float64),  # of the offset, from noise [px²]
-        ("bloom", np.float64),  # apparent offset by a response of exponent 2 instead of 1 [px]
-        ("wider", np.float64),  # how much wider the edge looks than the blur [px], …
+        ("bloom", np.float64),  # apparent offset caused by a response exponent of 2 instead of 1 [px]
+        ("wider", np.float64),  # by how much the edge's blur exceeds the assumed one [px], …
         ("sharpness", np.float64),  # … and the weight of that; 0: unknown
         ("usable", np.bool_),  # whether there is an offset
     ]
@@ -78,7 +78,7 @@ SCRATCH = np.dtype(
         ("color", np.float64, (2, 3)),  # inside and outside
     ]
 )
-"""Workspace for one strip's least squares; a record, so that the compiler knows where its arrays lie."""
+"""Workspace for one strip's least squares; a record, so that the compiler knows its memory layout."""
 
 
 def scratch() -> Array:
@@ -100,7 +100,7 @@ _LINE = np.exp(-0.5 * _X**2) / math.sqrt(2 * math.pi)
 
 @compiled(inline="always")
 def _table_index(z):  # type: ignore[no-untyped-def]
-    """Index of z in the tables of step and line; unsigned, since signed indices could count from the end."""
+    """Index of z in the tables of step and line; unsigned, since a signed index could count from the end."""
     return np.uint32(np.int32((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5))
 
 
@@ -180,7 +180,7 @@ def _edge(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=SUMS)
 def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """The same sums for a further channel v."""
+    """The sums of `_edge` that depend on the channel v, for another channel."""
     columns = space.columns
     v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
     for q in range(np.uint64(first), np.uint64(last)):
@@ -226,7 +226,7 @@ def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always")
 def _fill_channel(raw, mean, k, area, rest, v, av, ev, wv):  # type: ignore[no-untyped-def]
-    """Fill the products with channel k; surfaces' colours are drawn a little to their pixels' mean."""
+    """Fill the products with channel k; RIDGE pulls each surface's colour slightly to its pixels' mean."""
     inside, outside = av / (area + 1e-9), (v - av) / (rest + 1e-9)
     mean[INSIDE, k], mean[OUTSIDE, k] = inside, outside
     raw[INSIDE, k], raw[OUTSIDE, k] = av + RIDGE * inside, v - av + RIDGE * outside
@@ -276,7 +276,7 @@ def slope_products(space, values, start, first, last, g, part, slopes):  # type:
 def narrow_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
     """Fill the products of surfaces behind narrow ones, and correct those of the share outside."""
     columns, full, raw, mean = space.columns, space.full, space.raw, space.mean
-    # The share outside as the products above have it: all but the share inside.
+    # The total share outside in the products above: all but the share inside.
     rest = full[g, OUTSIDE, OUTSIDE] + full[g, INSIDE, OUTSIDE] - RIDGE
     full[g, BEFORE, BEYOND] = _dot(space, BEFORE, space.columns, BEYOND, 0, first, last)
     for i in (BEFORE, BEYOND):
@@ -324,13 +324,13 @@ def eliminate_surfaces(space, g, part, narrow, slopes):  # type: ignore[no-untyp
 
 @compiled(inline="always")
 def _explained(full, raw, mean, g, k, i, x):  # type: ignore[no-untyped-def]
-    """How far a surface of colour x reduces the sum of squares."""
+    """How much a surface of colour x reduces the sum of squares."""
     return raw[i, k] ** 2 * full[g, i, i] + RIDGE * x * (x - 2.0 * mean[i, k])
 
 
 @compiled
 def _explained_behind(space, g, k, inside, outside, line, inner, outer):  # type: ignore[no-untyped-def]
-    """How far surfaces behind narrow ones do, given the other unknowns."""
+    """How much surfaces behind narrow ones reduce the sum of squares, given the other unknowns."""
     full, raw, mean, total, beyond = space.full, space.raw, space.mean, 0.0, 0.0
     for i in (BEYOND, BEFORE):
         x = raw[i, k] - full[g, i, INSIDE] * inside - full[g, i, OUTSIDE] * outside - full[g, i, LINE] * line
@@ -349,7 +349,7 @@ def fit_colors(space, g, part, narrow):  # type: ignore[no-untyped-def]
 
     See equation (11) of docs/how-it-works.md for the blur.
     Return the reduction of the sum of squares by colours and shift, the evidence for a change of blur that
-    they do not explain, and its weight; both are zero for narrow surfaces.
+    they do not explain, and its weight; the last two are zero for narrow surfaces.
     """
     full, raw, mean = space.full, space.raw, space.mean
     a, b, e = full[g, INSIDE, INSIDE], full[g, OUTSIDE, OUTSIDE], 1.0 / max(full[g, LINE, LINE], LEAST_PIVOT)
@@ -437,7 +437,7 @@ def _variance(squares, degrees):  # type: ignore[no-untyped-def]
 
 @compiled
 def _is_of_face(strip, color, channels, table):  # type: ignore[no-untyped-def]
-    """Whether the colours (2, 3) are the face's inside and another surface's outside, and differ enough."""
+    """Whether colours (2, 3) are the face's (inside) and another surface's (outside), and differ enough."""
     # The surface inside must be the face: the edge of a finger is not the object's.
     here, there = _label(channels, table, color[0]), _label(channels, table, color[1])
     if here != strip.inside or (there != strip.outside if strip.outside > 0 else there == strip.inside):
@@ -490,7 +490,7 @@ def _place_edge(strip, at, count, surfaces, slopes, stiffness, space, found):  #
 
 @compiled
 def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[no-untyped-def]
-    """Measure the offset of one strip; at: parts, shift of the edge, reach, blur; see `measure`."""
+    """Measure the offset of one strip; at: parts, shift of the edge, reach, blur. See `measure`."""
     parts, _, reach, blur = at
     part, seen, slopes = 3 // parts, reach + 1.5 * blur, strip.outside == 0
     surfaces = 2 + int(strip.reach_in < seen) + int(strip.reach_out < seen)
@@ -518,7 +518,7 @@ def measure(strips, camera, channels, table, blur, every, pixels, scratch, found
 
     camera (`solve.CAMERA`): number of strips, their half width, parts, and the motion since they were
     collected; channels (3, 256), table (64³,): how colours map to labels; blur: standard deviation of the
-    steps [px]; every: only one in so many strips is measured; pixels: distance (P,), values (3, P); scratch
+    edges' blur [px]; every: measure only every n-th strip; pixels: distance (P,), values (3, P); scratch
     (1,) of SCRATCH.
     """
     parts = camera.parts

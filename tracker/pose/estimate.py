@@ -1,4 +1,4 @@
-"""From images to a pose: search, align, contest, refine, choose. No memory."""
+"""From one set of images to a pose, without memory: search, align, compete, refine, choose."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ from tracker.pose.views import Hidden, Sight
 from tracker.segmentation.color_model import ColorModel
 
 REFINED = 3
-"""Most poses that are refined."""
+"""Maximum number of poses that are refined."""
 
 MIN_COLORED = 20
-"""Fewest face-coloured pixels in all label maps with which a search begins."""
+"""Minimum number of face-coloured pixels, over all label maps, to begin a search."""
 
 CLOSE = 0.85
 """A hypothesis is refined if it explains the label maps at least this well, relative to the best fit."""
@@ -61,24 +61,24 @@ PLAUSIBLE = 0.5
 of 970 that led to the object scored higher, 94 % of 234 others lower."""
 
 CLEAR = 0.5
-"""Probability that a fit that all cameras see is the object, above which no other place is tried."""
+"""If a fit that all cameras see is the object with a higher probability, no other position is tried."""
 
 COMPETING, BEHIND = 4, 10.0
-"""Most hypotheses that compete, and how far one may rank behind the best after a step and still win."""
+"""Maximum number of competing hypotheses, and how far one may rank behind the best after a step to stay."""
 
 ODD = 1.2
 """Pixels of the label map in the object's colours beside it or on the wrong face, per expected piece of edge,
 above which a camera may see the object elsewhere."""
 
 USED = 8.0
-"""Least weight of the pieces of edge on which a camera's own view rests."""
+"""Smallest total weight of the pieces of edge for a camera's own view to count."""
 
 BETTER = 20, 0.1
-"""By how many pixels, and by which share of those expected, a camera's own pose must explain its label map
-better: many poses of a single camera do so a little."""
+"""Pixels, and share of those expected, by which a camera's own pose must explain its label map better: many
+poses explain a single label map slightly better."""
 
 TURNED = math.radians(12)
-"""A camera's own pose that is turned by more is another optimum."""
+"""A camera's own pose that is rotated by more than this is a different optimum [rad]."""
 
 
 def _certain_place(fit: Fit) -> bool:
@@ -95,7 +95,7 @@ def _wider(wide: Round, best: Fit | None) -> Round:
 
 
 class PoseEstimator:
-    """Find one cuboid in images of fixed cameras; any number of threads may use it at once."""
+    """Find one cuboid in images of fixed cameras; thread-safe."""
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel, support: bool = True) -> None:
         self.box, self.arena, self._radius = box, rig.arena, box.radius
@@ -116,16 +116,16 @@ class PoseEstimator:
     ) -> Fit | Status:
         """Return the most certain pose in images (H, W, 3), or why there is none.
 
-        The first hypothesis settles most images. If its fit is in doubt, others enter a contest: at other
-        places, turned otherwise, and without each of the cameras, since one image that is tinted, mirrored or
-        of another moment spoils the vote. How well they explain the label maps decides which few are refined.
+        The first hypothesis settles most images. If its fit is in doubt, others compete: with other positions
+        and rotations, and with each camera left out in turn, since one image that is tinted, mirrored or from
+        another moment spoils the vote. Those few that explain the label maps best are refined.
 
         Args:
-            images: one for each camera, None where a camera gave none.
-            timing: gains the milliseconds of each stage.
-            thorough: whether there is a contest.
-            lag: how far the images lag behind; None: they were taken at once.
-            hidden: masks of pixels whose labels and edges count neither for nor against.
+            images: one for each camera; None for a missing one.
+            timing: receives the duration of each stage [ms].
+            thorough: whether further hypotheses compete.
+            lag: how old the images are; None: all were taken at the same time.
+            hidden: masks of pixels whose labels and edges count neither for nor against a pose.
         """
         laps = [time.perf_counter()]
         pictures = self.reader.lit(images)
@@ -142,10 +142,10 @@ class PoseEstimator:
         return found
 
     def candidates(self, sight: Sight, thorough: bool = True, lag: Lag | None = None) -> list[Fit]:
-        """Return the fits from which the best is chosen; arguments as of `find`.
+        """Return the fits from which the best is chosen; arguments as in `find`.
 
         Hypotheses come in rounds until a fit is settled. If none explains the label maps well, those of the
-        next round join before any is refined.
+        next round are added before any is refined.
         """
         fits, waiting = list[Fit](), list[Hypothesis]()
         next_of, wide = self.search.rounds(sight), LIKELIEST
@@ -172,7 +172,7 @@ class PoseEstimator:
         """Return the most likely fit if it is accepted, or why it is not."""
         fits = sorted(fits, key=rank, reverse=True)
         reason = None
-        # A pose outside the arena is refused, but if it ranks above the best one inside, that is in doubt.
+        # A pose outside the arena is refused, but if it outranks the best pose inside, that one is in doubt.
         for best in sorted(fits, key=lambda one: not one.inside):
             evidence = best.evidence._replace(resized=self.search.resized(sight, best))
             fit = best.changed(lead=lead(best, fits, self._radius), evidence=evidence)
@@ -190,7 +190,7 @@ class PoseEstimator:
         """Fit the hypotheses that explain the label maps about as well as the best earlier fit, or better.
 
         There are at most `most` fits, earlier ones included. After the refinement's first step, those clearly
-        behind and those that repeat a better one are dropped.
+        behind and duplicates of better ones are dropped.
         """
         chosen: list[Hypothesis] = []
         known: list[Fit | Hypothesis] = [*before]
@@ -224,7 +224,7 @@ class PoseEstimator:
         return self.counted(sight, fit, one.left_out) if one.left_out else fit
 
     def counted(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
-        """The fit, with what all cameras of a sight say about it; `left_out` only bear witness."""
+        """Return the fit with the evidence of all cameras; it was made without those in `left_out`."""
         cameras, evidence = self.search.judged(
             sight, fit.rotation, fit.position, fit.cameras.copy(), fit.lags, fit.stands, left_out
         )
@@ -261,13 +261,13 @@ class PoseEstimator:
 
         Args:
             sight: the images.
-            rotation: world_from_object to begin with.
-            position: of the object's centre to begin with.
-            schedule: of the steps; FOLLOWING suits a pose that is off by a few pixels.
-            start: the other unknowns as of a moment ago; None: not known.
-            lag: how far the images lag behind; None: they were taken at once.
-            resized: as of Evidence, if known.
-            ask: whether to work out what each camera sees by itself.
+            rotation: initial world_from_object.
+            position: initial position of the object's centre in the world.
+            schedule: the steps; FOLLOWING suits a pose that is off by a few pixels.
+            start: initial values of the other unknowns; None: the object's defaults.
+            lag: how old the images are; None: all were taken at the same time.
+            resized: see Evidence, if known.
+            ask: whether to estimate the pose that each camera sees by itself.
         """
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
         _, evidence = self.search.judged(sight, fit.rotation, fit.position, fit.cameras, fit.lags, fit.stands)
@@ -279,7 +279,7 @@ class PoseEstimator:
         return fit.changed(evidence=evidence, inside=inside)
 
     def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
-        """Other poses that the only camera sees as well, if it sees little but one face."""
+        """Return fits of other poses that look alike to the only camera, if it sees little but one face."""
         camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
         least = CLOSE * explanation_score(fit.cameras)
         return [
@@ -289,10 +289,10 @@ class PoseEstimator:
         ]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
-        """The fit with a judgement of the calibration, if two or more cameras see the object.
+        """Return the fit with a judgement of the calibration, if two or more cameras see the object.
 
-        A camera whose label map shows the object beside the pose gets a search of its own, since its edges
-        lie beyond the strips.
+        A camera whose label map shows the object beside the pose is searched by itself, since the object's
+        edges lie outside the strips there.
         """
         assert fit.own is not None
         views = OwnViews(*(column.copy() for column in fit.own))
@@ -309,7 +309,7 @@ class PoseEstimator:
     def _own_search(
         self, sight: Sight, fit: Fit, c: int, lag: Lag | None
     ) -> tuple[FloatArray, FloatArray, float] | None:
-        """One camera's row of OwnViews from a search of its own near the pose, if it finds the object."""
+        """Search one camera's image near the pose; return its row of OwnViews, None if nothing is found."""
         only = sight.without(*(k for k in range(len(sight.used)) if k != c))
         near = self.search.near(only, [(fit.rotation, fit.position)])
         if near is None:

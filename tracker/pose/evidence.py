@@ -22,15 +22,15 @@ BACKGROUND, MISSED = 0.97, 0.06
 """Probability that a hidden pixel shows no face colour, and that a visible pixel of a face shows none."""
 
 LEAST_RMS, WIDTH = 0.1, 6.0
-"""Least residual of matched pieces of edge, and range of unmatched ones [px]."""
+"""Smallest RMS residual of matched pieces of edge, and range of unmatched ones [px]."""
 
 MIXED = 7
 """A face may have no colour (0), one of the six, or all mixed (MIXED)."""
 
 RESIZED = (0.8, 0.5), (1.4, 1.0)
 """Rival bodies: length of one edge relative to the object's, and the share of the most favourable camera's
-gain that does not count: a finger hides an end from one camera, whereas a shorter body lacks it in all;
-colours beside the object may come from one bad image."""
+gain that does not count: a finger hides an end from one camera, whereas a shorter body has no end there in
+any; colours beside the object may come from one bad image."""
 
 LEAST_LACKING = 0.05
 """Pixels missing or beside the object, relative to those that show it, above which such rivals are tried."""
@@ -46,17 +46,17 @@ class Numbers(NamedTuple):
     """Weights of the evidence, fitted by scripts/fit_confidence.py to right and wrong fits.
 
     `end`, `resized` and `whole` were chosen on development scenes; `pixel`, `hidden`, `broken`, `body`,
-    `shape` and `nothing` refitted once pixels on outlines no longer counted (benchmarks/development.md).
+    `shape` and `nothing` were refitted when pixels on outlines stopped counting (benchmarks/development.md).
     """
 
     pixel: float
     """Independent observations per label-map pixel that lies wholly inside a face."""
     whole: float
-    """The same if pixels on its outline count, too, as for bodies with another edge."""
+    """The same if pixels on its outline count, too, as for bodies with one edge shorter or longer."""
     wrong: float
     """Probability that a pixel of a face shows another colour."""
     misread: float
-    """Probability that a camera reads a face as another colour, in odd light."""
+    """Probability that a camera reads a face as another colour, in unusual light."""
     hidden: float
     """Probability that the object is hidden from a camera."""
     broken: float
@@ -68,15 +68,15 @@ class Numbers(NamedTuple):
     colored: float
     """Probability of face colours where the object is not."""
     inlier: float
-    """Weight of a matched piece of edge: so many independent edges it stands for."""
+    """Weight of a matched piece of edge: how many independent edges it counts as."""
     lacking: float
-    """Cost of a piece without an edge although its faces are visible."""
+    """Cost of a piece that shows no edge although its faces are visible."""
     outside: float
-    """Cost of face colours outside the object, for each e-fold."""
+    """Cost of face colours outside the object, per e-fold."""
     end: float
-    """Weight of how much better a body with another edge explains the label maps."""
+    """Weight of how much better a body with one edge shorter or longer explains the label maps."""
     stands: float
-    """Weight of how well the object stands on the table."""
+    """Weight of the log odds that the object stands on the table."""
     temper: float
     """Share of the evidence that counts, since cameras and faces are not independent."""
     body: float
@@ -98,7 +98,7 @@ NUMBERS = Numbers(
 
 @compiled
 def _prices(numbers, prices):  # type: ignore[no-untyped-def]
-    """Fill prices (HIDDEN_SHARES, 5): log likelihood of a pixel of a partly hidden face, over a hidden one.
+    """Fill prices (HIDDEN_SHARES, 5): log likelihood of a partly hidden face's pixel, over a hidden face's.
 
     Columns: a pixel without colour, in the face's colour, in another one, in any colour if the face has all;
     and the log prior of the share.
@@ -193,7 +193,7 @@ def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
 
 @compiled
 def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untyped-def]
-    """Log evidence of the object here, of other face colours, of another shape, and of nothing.
+    """Log evidence for the object here, for other face colours, for another shape, and for nothing.
 
     See equation (21) of docs/how-it-works.md.
 
@@ -202,7 +202,7 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
         face_labels: (6,) of the object.
         stands: log odds that it stands on the table.
         numbers: Numbers.
-        closer: whether only pixels wholly inside a face count, and image noise is no misfit of edges.
+        closer: whether only pixels wholly inside a face count, and image noise is not a misfit of edges.
     """
     count, prices = len(seen), np.empty((len(HIDDEN_SHARES), 5))
     _prices(numbers, prices)
@@ -253,7 +253,7 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
 
 @compiled
 def weighed(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
-    """`weigh` by pixels inside the faces; last, by all pixels, the object here over nothing."""
+    """Return `weigh` from pixels inside the faces; last, from all pixels, the object here over nothing."""
     here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, False)
     ahead = here - nothing
     here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, True)
@@ -290,9 +290,9 @@ def _clearly_shown(seen, face, label):  # type: ignore[no-untyped-def]
 
 @compiled
 def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
-    """Log likelihood by which the best body with one edge shorter or longer explains the label maps better.
+    """Gain in log likelihood if the label maps show the best body with one edge shorter or longer.
 
-    See G in equation (21) of docs/how-it-works.md; arguments are as of `judge`.
+    See G in equation (21) of docs/how-it-works.md; arguments are as in `judge`.
     """
     (rotation, position, lags), (half, face_labels) = place, box
     prices = np.empty((len(HIDDEN_SHARES), 5))
@@ -333,9 +333,9 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
 def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
     """Count what label maps show of an object and return `weighed`; or, if `ask`, return `_resized`.
 
-    Label maps and place (rotation, position, lags) are as of `count_labels`, which fills seen (C,) of SEEN.
+    Label maps and place (rotation, position, lags) are as in `count_labels`, which fills seen (C,) of SEEN.
     For cameras left_out (C,), colours beside the object count as seen elsewhere: a noisy or flooded image
-    shows them all over. If `ask`, seen must be filled already.
+    shows them everywhere. If `ask`, seen must already be filled.
     """
     if ask:
         return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0, 0.0
@@ -348,7 +348,7 @@ def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers,
 
 
 def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: float) -> Evidence:
-    """Log odds that follow from what `weighed` returns."""
+    """Return the log odds that follow from the results of `weighed`."""
     one = NUMBERS
     other = np.logaddexp(one.temper * (body - here) + one.body, one.temper * (shape - here) + one.shape)
     less = one.temper * (nothing - here) + one.nothing
@@ -361,6 +361,6 @@ def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array) -> Evi
 
 
 def resized_at(*sight: Any, seen: Array) -> float:
-    """Log odds of a body with one edge shorter or longer; arguments as of `evidence_at`."""
+    """Log odds of a body with one edge shorter or longer; arguments as in `evidence_at`."""
     gain = judge(*sight, 0.0, np.zeros(len(seen), bool), seen, NUMBERS, True)[0]
     return float(NUMBERS.end * gain + NUMBERS.resized)

@@ -14,7 +14,7 @@ from tracker.objects.model import RIM_STD
 
 
 class Lag(NamedTuple):
-    """Images of a moving object, taken before the moment that the pose is asked for."""
+    """Age of the images of a moving object, relative to the moment of its pose, and its velocity."""
 
     delays: FloatArray
     """(C,) time since each camera's image was taken [s]."""
@@ -25,7 +25,7 @@ class Lag(NamedTuple):
 
     @property
     def moved(self) -> FloatArray:
-        """(C, 6) how far each camera sees the object displaced [m, rad].
+        """(C, 6) displacement of the object in each camera's view [m, rad].
 
         See equation (26) of docs/how-it-works.md.
         """
@@ -33,10 +33,10 @@ class Lag(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Initial values of the unknowns beside the pose; only the rim has a prior here."""
+    """Initial values of the unknowns other than the pose; only the rim has a prior here."""
 
     blur: float
-    """Standard deviation of the images' steps [px for an object of reference size]."""
+    """Standard deviation of the images' blur [px for an object of reference size]."""
     exponent: float
     """Exponent of the cameras' response, minus 1."""
     rim: float
@@ -46,7 +46,7 @@ class Start(NamedTuple):
 
 
 LIKELY = Start(blur=0.9, exponent=0.3, rim=0.0, rim_std=RIM_STD)
-"""If nothing is known: an exponent between that of simulations and of cameras."""
+"""Used if nothing is known: the exponent lies between those of simulations and of cameras."""
 
 SEEN = np.dtype(
     [
@@ -54,8 +54,8 @@ SEEN = np.dtype(
         ("usable", np.float64),  # … that show an edge between the right colours
         ("inliers", np.float64),  # weight of the usable ones where the pose puts them
         ("squares", np.float64),  # weighted sum of the inliers' squared residuals [px² at reference size]
-        ("noise", np.float64),  # … and of their variances as far as image noise causes them
-        ("blur", np.float64),  # standard deviation of the image's steps [px]
+        ("noise", np.float64),  # … and of their variances from image noise
+        ("blur", np.float64),  # standard deviation of the image's blur [px]
         ("predicted", np.int64),  # pixels of the label map that the object should cover
         ("agree", np.int64),  # … that show the expected face
         ("missing", np.int64),  # … that show background
@@ -84,7 +84,7 @@ class Evidence(NamedTuple):
     """Log odds of the object over nothing, by which fits compete: pixels on outlines count, too, since they
     are the first to show that a pose is off."""
     resized: float = -math.inf
-    """Log odds of a body with one edge shorter or longer; minus infinity if this was not asked."""
+    """Log odds of a body with one edge shorter or longer; minus infinity if not computed."""
 
 
 UNHEARD = Evidence(math.inf, math.inf, -math.inf)
@@ -96,7 +96,7 @@ class OwnViews(NamedTuple):
     information: FloatArray
     """(C, 6, 6) of the pose that it sees [1/m², 1/rad²]; zero if it sees too little."""
     moved: FloatArray
-    """(C, 6) that pose minus the joint one [m, rad]."""
+    """(C, 6) that pose minus the joint pose [m, rad]."""
     inliers: FloatArray
     """(C,) weight of the pieces of edge it rests on."""
 
@@ -116,11 +116,11 @@ class Fit:
     converged: bool
     """Whether the refinement's last step was negligible."""
     evidence: Evidence = UNHEARD
-    """For and against it; before the label maps were counted, that there is nothing."""
+    """Evidence for and against it; until the label maps are counted, that there is nothing."""
     iterations: int = 0
     """Number of refinement steps."""
     end: Start = LIKELY
-    """Final values of the unknowns beside the pose."""
+    """Final values of the unknowns other than the pose."""
     inside: bool = True
     """Whether the object is in the arena."""
     stands: float = 0.0
@@ -130,16 +130,16 @@ class Fit:
     left_out: tuple[int, ...] = ()
     """Cameras whose images were left out because the others agree without them."""
     offsets: FloatArray | None = None
-    """(C, 6) how far cameras see the object displaced by errors of their calibration [m, rad]."""
+    """(C, 6) displacement of the object in the cameras' views by errors of their calibration [m, rad]."""
     lags: FloatArray | None = None
-    """(C, 6) the same because their images are older [m, rad]; None: they are not."""
+    """(C, 6) the same by the age of their images [m, rad]; None: all were taken at the same time."""
     own: OwnViews | None = None
-    """Where each camera by itself sees the object; None: not worked out."""
+    """Where each camera by itself sees the object; None: not estimated."""
     disagreement: FloatArray | None = None
     """(S,) log likelihoods of how far the calibration is off (`agreement.SCALES`); None: not judged."""
 
     def changed(self, **fields: Any) -> Fit:
-        """Return a copy with other values of some fields, which keeps `counts` while `cameras` stay."""
+        """Return a copy with some fields replaced; the cached `counts` remain unless `cameras` change."""
         other = object.__new__(Fit)
         other.__dict__.update(self.__dict__, **fields)
         if "cameras" in fields:
@@ -152,6 +152,6 @@ class Fit:
 
     @functools.cached_property
     def counts(self) -> list[dict[str, float]]:
-        """The records of SEEN as plain numbers: to read them one by one costs more than to judge them."""
+        """The records of SEEN as plain numbers: reading array fields one by one is slower than judging."""
         names = _NUMBERS.names or ()
         return [dict(zip(names, row, strict=True)) for row in self.cameras.view(_NUMBERS).tolist()]

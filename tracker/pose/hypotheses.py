@@ -1,4 +1,4 @@
-"""Hypotheses from label maps: places, rotations, alignment, and how much they explain."""
+"""Hypotheses from label maps: positions, rotations, alignment, and how well they explain the maps."""
 
 from __future__ import annotations
 
@@ -26,37 +26,37 @@ REACHES = np.array([5, 4, 3])
 """Reach of the search for label transitions in each alignment step [px of the label map]."""
 
 FAR_REACHES = np.array([8, 6, 4, 3])
-"""The same from a predicted pose."""
+"""The same, starting from a predicted pose."""
 
 ALIGNED = 10
-"""Most hypotheses of a round that are aligned to the end: the best after a first step."""
+"""Maximum number of hypotheses per round that are aligned to the end: the best after a first step."""
 
 ENOUGH = 2
-"""Fewest cameras that must support a pose found without another one."""
+"""Minimum number of cameras that must support a pose found with another camera left out."""
 
 SAME_POSITION, SAME_ROTATION = 0.12, 0.15
 """Hypotheses closer than this [radii of the object, rad] are the same pose."""
 
 WINDOW_RIM = 12.0
-"""Margin around the expected object, as it may be elsewhere [px of the label map]."""
+"""Margin around the expected object, which may have moved differently [px of the label map]."""
 
 
 class Round(NamedTuple):
     """How many hypotheses have been begun by the end of a round."""
 
     places: int
-    """Most likely places."""
+    """Number of positions, the likeliest ones."""
     first: int
-    """Rotations at the first place."""
+    """Rotations at the first position."""
     others: int
-    """Rotations at each other place."""
+    """Rotations at each other position."""
     without: int = 0
-    """Rotations at the first place that is found without each of the cameras."""
+    """Rotations at the first position that is found with each camera left out in turn."""
 
 
 LIKELIEST, NEARBY, EVERYWHERE, TURNS = Round(1, 1, 0), Round(4, 4, 1), Round(7, 10, 5, 5), Round(1, 10, 0)
 """Of 391 scenes that the first hypothesis did not settle, 72 % reached the right pose within NEARBY, 3 % only
-from a place found without one camera, none from a place beyond the seventh."""
+from a position found without one camera, none from a position beyond the seventh."""
 
 
 class Hypothesis(NamedTuple):
@@ -69,11 +69,11 @@ class Hypothesis(NamedTuple):
     position: FloatArray
     """(3,) [m]."""
     left_out: tuple[int, ...] = ()
-    """Cameras without which it was found."""
+    """Cameras that were left out when it was found."""
 
 
 def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool:
-    """Whether two poses differ by more than alignment leaves open; radius: of the object [m]."""
+    """Whether two poses differ by more than the error alignment leaves; radius: of the object [m]."""
     # The trace of R R2ᵀ is 1 + 2 cos of the angle between them.
     if np.vdot(one.rotation, other.rotation) < 1 + 2 * math.cos(SAME_ROTATION):
         return True
@@ -87,7 +87,7 @@ class Search:
     Args:
         box: the object.
         rig: the cameras.
-        colors: with which images are read.
+        colors: the colour model that labels the images.
     """
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel) -> None:
@@ -122,7 +122,7 @@ class Search:
             seen: (C,) with the pose's edges, to which the counts are added in place; None: without edges.
             lags: see Fit.
             stands: see Fit.
-            left_out: cameras that only bear witness.
+            left_out: cameras that were not used to find the pose.
         """
         seen = np.zeros(len(self._still), SEEN) if seen is None else seen
         place = rotation, position, self._still if lags is None else lags
@@ -142,7 +142,7 @@ class Search:
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()
     ) -> list[Hypothesis]:
-        """Hypotheses at a place (3,) [m], not aligned yet; which: of its most likely rotations."""
+        """Return hypotheses at a place (3,) [m], not aligned yet; which: ranks of its likeliest rotations."""
         if not which:
             return []
         pictures, turns = sight.without(*left_out).pictures, np.empty((which.stop, 3, 3))
@@ -173,14 +173,14 @@ class Search:
         return next_of
 
     def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:
-        """The best hypothesis reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°."""
+        """Return the best hypothesis reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°."""
         tried = [Hypothesis(0.0, rotation, position) for rotation, position in poses]
         return next(iter(self._aligned(sight, tried, FAR_REACHES)), None)
 
     def _aligned(self, sight: Sight, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:
-        """Align hypotheses by steps of these reaches; return those whose edges are found, best first.
+        """Align hypotheses in steps with these reaches; return those whose edges are found, best first.
 
-        Cameras without which one was found score it, too.
+        All cameras score a hypothesis, even those left out when it was found.
         """
         found = []
         for left_out in dict.fromkeys(one.left_out for one in tried):

@@ -14,23 +14,23 @@ from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 
 EXPECTED = 20
-"""Fewest pixels of its label map that the object must fill for a camera to have a say."""
+"""Minimum number of pixels that the object should fill in a camera's label map for the camera to count."""
 
 ASTRAY = 30, 0.15
 """A camera sees the object elsewhere if at least this many pixels in its colours, and this share of those
 expected, lie where the fit has none."""
 
 MIN_VIEW = 4.0
-"""Least weight of matched pieces of edge with which a camera counts as seeing the object."""
+"""Smallest weight of matched pieces of edge for a camera to count as seeing the object."""
 
 MIN_TRUST = 0.2
-"""Least probability that a fit is the object, for it to be accepted."""
+"""Smallest probability that a fit is the object for it to be accepted."""
 
 SURE = 0.95
 """Probability that a fit is the object, above which no other hypothesis is tried."""
 
 MOST_ODDS = 500.0
-"""Largest log odds that count, since many cameras may exceed what a number holds."""
+"""Log odds are capped at this, since their exponential may overflow with many cameras."""
 
 VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 """A pose is accepted if it is this close to the truth [m, rad] with at least this probability."""
@@ -44,7 +44,7 @@ scripts/fit_confidence.py."""
 
 
 _once = functools.lru_cache(maxsize=32)
-"""Cache the judgements of the latest fits, since each is asked for several times."""
+"""Caches the judgements of the latest fits, since each is needed several times."""
 
 
 @_once
@@ -82,7 +82,7 @@ def rank(fit: Fit) -> float:
 
 @_once
 def log_odds(fit: Fit) -> float:
-    """Log odds of the object over another body or nothing, other poses left aside."""
+    """Log odds of the object over another body or nothing; other poses are not considered."""
     less, more = sorted((fit.evidence.body, fit.evidence.nothing))
     return -more - math.log1p(math.exp(less - more))
 
@@ -95,7 +95,7 @@ def disputed(fit: Fit) -> int:
 
 @_once
 def trust(fit: Fit) -> float:
-    """Probability that the fit is the object, however accurate."""
+    """Probability that the fit is the object, however accurate the pose is."""
     others = -log_odds(fit), -fit.lead, fit.evidence.resized
     return 1.0 / (1.0 + sum(math.exp(min(one, MOST_ODDS)) for one in others) + disputed(fit))
 
@@ -111,7 +111,7 @@ def refusal(fit: Fit) -> Status | None:
     if not np.isfinite(fit.covariance).all():
         return Status.POOR_FIT
     if not fit.inside:
-        # A single camera may take the edges of an occluder for the object's, and puts it too far away.
+        # A single camera may mistake an occluder's edges for the object's and put it too far away.
         return Status.AMBIGUOUS if alone(fit) else Status.INCONSISTENT_VIEWS
     if trust(fit) < MIN_TRUST:
         return _against(fit)

@@ -24,16 +24,16 @@ ALONE_ROUNDS = 5
 """Iterations for a single camera: the first uses everything within the strips."""
 
 ALONE_LIMIT = 0.5
-"""Least residual at which a weight reaches zero in later ones [px]."""
+"""Smallest residual at which a weight reaches zero in later iterations [px]."""
 
 ALONE_RIM_STD = 4e-4
-"""Standard deviation of the rim in a single view [m]: light and wear differ from side to side, and what
-passes for a rim moves the object along the line of sight."""
+"""Standard deviation of the rim in a single view [m]: light and wear differ from side to side, and what looks
+like a rim moves the object along the line of sight."""
 
 
 @compiled
 def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
-    """Information (6, 6) on the pose if exponent and rim are unknown, from that on all (8, 8)."""
+    """Fill out (6, 6): information on the pose, exponent and rim marginalised, from that on all (8, 8)."""
     a, b, d = matrix[EXPONENT, EXPONENT], matrix[EXPONENT, RIM], matrix[RIM, RIM]
     a, d = a + 1.0 / DEVIATION_STD**2, d + 1.0 / ALONE_RIM_STD**2
     determinant = a * d - b * b
@@ -53,8 +53,8 @@ def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
 
     Args:
         solution: the joint one.
-        cameras: as it left them; their sums are overwritten.
-        work: with the offsets.
+        cameras: as the joint solution left them; their sums are overwritten.
+        work: the workspace with the offsets.
         own: OwnViews, filled.
     """
     information, moved, inliers = own

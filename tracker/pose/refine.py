@@ -43,7 +43,7 @@ REACH = 1.2, 2.0
 """Half width of the strips along the edges: constant part [px] and factor on the blur."""
 
 LEAST_REACH = 2.5
-"""Least half width [px of the image]."""
+"""Smallest half width [px of the image]."""
 
 MARGIN = 0.4, 1.5
 """Distance of pieces from corners, where three surfaces mix: constant part [px] and factor on the blur."""
@@ -52,7 +52,7 @@ EXPECTED_WEAR = 0.05
 """Prior standard deviation of the offset common to all pieces of an edge [px]."""
 
 BLURS = 0.5, 3.0
-"""Bounds of the blur: least [px of the image], largest [px]."""
+"""Bounds of the blur: smallest [px of the image], largest [px]."""
 
 LONGEST = 0.4, 0.3
 """Longest step [radii of the object, rad]: strips see nothing farther away."""
@@ -64,7 +64,7 @@ ROUNDS = 2
 """Reweighted solutions per measurement of the offsets."""
 
 MIN_WIDTHS = 4
-"""Fewest pieces that must show the blur before it is believed."""
+"""Minimum number of pieces that must show the blur for it to be used."""
 
 EXPONENT_STD = 0.5
 """Prior standard deviation of the response's exponent."""
@@ -78,21 +78,21 @@ FINE_MOSAIC = 1.5
 pixels that interpolation errors average out (recorded images of 540×540 fit no better with it)."""
 
 PRIOR = 3.0, 10.0
-"""Information of a prior of 0.6 radii of the object and 0.3 rad around the initial pose, which holds unseen
-directions; positions in units of the radius."""
+"""Information of a prior of 0.6 radii of the object and 0.3 rad around the initial pose, which constrains
+unobserved directions; positions in units of the radius."""
 
 
 class Schedule(NamedTuple):
     """Steps of the refinement."""
 
     blur: FloatArray
-    """(steps,) standard deviation of the model's steps [px]; 0: as measured."""
+    """(steps,) standard deviation of the model's blur [px]; 0: as measured."""
     piece: FloatArray
     """(steps,) length of a piece of edge [px]."""
     tukey: FloatArray
-    """(steps,) least residual at which a piece's weight reaches zero [px]."""
+    """(steps,) smallest residual at which a piece's weight reaches zero [px]."""
     every: Array
-    """(steps,) only one in so many pieces is used; the refinement ends after a step with all."""
+    """(steps,) n, if only every n-th piece is used; the refinement converges only in a step with all."""
     negligible: FloatArray
     """(steps,) squared length of a step [standard deviations of the pose] below which the refinement ends."""
     moves: bool = True
@@ -105,16 +105,16 @@ SCHEDULE = Schedule(
     tukey=np.array([4.0, 3.0, 1.0] + [0.5] * 5),
     every=np.array([2] + [1] * 7),
     # Each step is about a twentieth of the one before (squared). If few pixels decide, pieces come and go
-    # from step to step, and the pose stays restless.
+    # from step to step, and the pose keeps moving.
     negligible=np.ones(8),
 )
-"""From a hypothesis."""
+"""Refinement from a hypothesis."""
 
 FIRST, FROM_THERE = (
     Schedule(*(column[steps] for column in SCHEDULE[:5]))  # type: ignore[arg-type]
     for steps in (slice(1), slice(1, None))
 )
-"""Its first step, and the remaining ones."""
+"""The first step of SCHEDULE, and the remaining ones."""
 
 FOLLOWING = Schedule(
     blur=np.zeros(5),
@@ -123,18 +123,18 @@ FOLLOWING = Schedule(
     every=np.array([2] + [1] * 4),
     negligible=np.full(5, 4.0),
 )
-"""From a predicted pose, with known blur. After a step of 4, a fifth of a squared standard deviation is left,
-which the filter averages out over time."""
+"""Refinement from a predicted pose, with known blur. After a step of 4, a fifth of a squared standard
+deviation is left, which the filter averages out over time."""
 
 MEASURING = FROM_THERE._replace(blur=np.zeros(2), moves=False)
-"""At a fixed pose: the second step uses the blur found by the first."""
+"""Measurement at a fixed pose: the second step uses the blur found by the first."""
 
 
 @compiled
 def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped-def]
     """Set up the priors at the pose of a solution; return whether the calibration states errors.
 
-    start: see Start. The expected change of velocity was filled in before.
+    start: see Start. The prior on the change of velocity must already be filled in.
     """
     radius2 = model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2
     for i in range(6):
@@ -158,7 +158,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
 
 @compiled
 def _lay_strips(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
-    """Lay strips along the edges at the present pose, as a step of the schedule demands."""
+    """Lay strips along the edges at the current pose, as a step of the schedule requires."""
     mark_feet(model.table, model.half, solution)
     rotation, position = np.empty((3, 3)), np.empty(3)
     for c in range(len(cameras)):
@@ -193,7 +193,7 @@ def _lay_strips(model, pictures, solution, cameras, schedule, step, work):  # ty
 
 @compiled
 def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
-    """Measure the offsets of all strips at the present pose."""
+    """Measure the offsets of all strips at the current pose."""
     for c in range(len(cameras)):
         camera = cameras[c]
         for i in range(6):
@@ -211,7 +211,7 @@ def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignor
 def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-untyped-def]
     """Count the strips and estimate the blurs; return the residuals' robust standard deviation [px].
 
-    likely: blur of an image if neither it nor any other shows any.
+    likely: blur of an image if it cannot be measured in any [px at reference size].
     """
     total, knowing, known_blur = 0, 0, 0.0
     for c in range(len(cameras)):
@@ -251,7 +251,7 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
 
 @compiled
 def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-untyped-def]
-    """Accumulate every camera's strips; least: least Tukey limit [px]; scatter: of the residuals [px]."""
+    """Accumulate every camera's strips; least: smallest Tukey limit [px]; scatter: of the residuals [px]."""
     limit = max(least, TUKEY * scatter)
     for c in range(len(cameras)):
         camera = cameras[c]
@@ -269,7 +269,7 @@ def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-un
 
 @compiled
 def _pull(solution, start):  # type: ignore[no-untyped-def]
-    """Draw the shared unknowns other than the pose towards their priors."""
+    """Pull the shared unknowns other than the pose towards their priors."""
     n, shared = solution.size, solution.shared
     solution.pull[EXPONENT] = (LIKELY.exponent - shared[EXPONENT]) / EXPONENT_STD**2
     solution.pull[RIM] = (start.rim - shared[RIM]) / start.rim_std**2
@@ -352,10 +352,10 @@ def _solved(model, solution, cameras, share, late):  # type: ignore[no-untyped-d
 
 @compiled
 def _approach(model, pictures, schedule, start, solution, cameras, seen, work):  # type: ignore[no-untyped-def]
-    """Move the pose of a solution in place; arguments as of `refine`.
+    """Move the pose of a solution in place; arguments as in `refine`.
 
     Gauss-Newton on the pose and on an offset η_c per camera, which sees the object at the pose moved by η_c;
-    the calibration's stated errors bound the offsets.
+    the calibration's stated errors constrain the offsets.
     """
     doubtful = begin(model, pictures, solution, cameras, start)
     radius = math.sqrt(model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2)
@@ -372,8 +372,8 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
             step, stray = step + 1, False
             continue
         rough = schedule.blur[step] > 0.0
-        # Only after a step without extra blur do the cameras agree. Earlier, the table would hold the pose
-        # away from where they see it, and residuals would not be the edges' own.
+        # Only after a step without extra blur do the cameras agree. Before that, the table would hold the
+        # pose away from where they see it, and residuals would not be due to the edges alone.
         late = step > 0 and schedule.blur[step - 1] == 0.0
         for turn in range(ROUNDS):
             _pull(solution, start)
@@ -409,11 +409,11 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work, own)
         pictures: (C,) of PICTURE.
         schedule: the steps.
         start: see Start.
-        solution: of SOLUTION, filled; its pose is where to begin.
+        solution: of SOLUTION, filled; its pose is the initial one.
         cameras: (C,) of CAMERA, filled; delay and lag are given.
         seen: (C,) of SEEN, filled except for label counts.
         work: see `refiner.Workspace`.
-        own: OwnViews of all cameras, filled; of length 0: not worked out.
+        own: OwnViews of all cameras, filled; of length 0: not estimated.
     """
     _approach(model, pictures, schedule, start, solution, cameras, seen, work)
     if len(own.inliers) > 0:

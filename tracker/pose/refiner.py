@@ -1,4 +1,4 @@
-"""Poses in, fits out: the refinement together with its workspace."""
+"""Poses in, fits out: the refinement and its workspace."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import NO_TABLE, Table
 
 SHOWN_RIM_STD = 1e-4
-"""Least standard deviation of a rim that images have shown [m]: it differs from side to side."""
+"""Smallest standard deviation of a rim estimated from images [m]: the rim differs from side to side."""
 
 
 class Model(NamedTuple):
@@ -87,7 +87,7 @@ class LocalSpace(threading.local):
 
 
 class Refiner:
-    """Refine poses of one cuboid in images of fixed cameras; any number of threads may use it."""
+    """Refine poses of one cuboid in images of fixed cameras; thread-safe."""
 
     def __init__(
         self, box: Box, cameras: Sequence[Camera], label_table: Array, table: Table = NO_TABLE
@@ -122,7 +122,7 @@ class Refiner:
     ) -> Fit:
         """Return the fit to pictures (C,) of PICTURE nearest to a pose (3, 3), (3,) [m].
 
-        ask: whether to work out what each camera sees by itself. Label maps are not counted yet.
+        ask: whether to estimate the pose that each camera sees by itself. Label maps are not counted here.
         """
         solution, cameras = self.begun(rotation, position, lag)
         start = start or self.likely
@@ -149,7 +149,7 @@ class Refiner:
     def _run(
         self, pictures: Array, schedule: Schedule, start: Start, solution: Array, cameras: Array, asked: int
     ) -> tuple[Array, OwnViews]:
-        """Call `refine`; return what it fills beside the solution (1,) and cameras (C,)."""
+        """Call `refine`; return what it fills besides the solution (1,) and cameras (C,)."""
         seen = np.zeros(len(cameras), SEEN)
         own = OwnViews(np.empty((asked, 6, 6)), np.empty((asked, 6)), np.empty(asked))
         refine(self.model, pictures, schedule, start, solution[0], cameras, seen, self._local.work, own)
@@ -170,8 +170,8 @@ class Refiner:
             rotation: (3, 3) world_from_object.
             position: (3,) of the object's centre [m].
             start: blur of the images, and the exponent and rim with which the object is drawn.
-            offsets: (C, 6) known displacements of the object in each camera's view [m, rad], where the edges
-                are sought.
+            offsets: (C, 6) known displacements of the object in each camera's view [m, rad]; edges are
+                measured there.
         """
         (solution, cameras), work = self.begun(rotation, position), self._local.work
         if offsets is not None:

@@ -35,7 +35,7 @@ class Status(Word):
     POOR_FIT = "poor_fit"
     """A pose explains the colours, but not the edges."""
     OTHER_OBJECT = "other_object"
-    """Something with other colours or another shape is there: another object, or RGB images for BGR."""
+    """Something with other colours or another shape is there: another object, or RGB instead of BGR."""
     AMBIGUOUS = "ambiguous"
     """Two different poses explain the images about equally well."""
     TRACKING = "tracking"
@@ -76,8 +76,8 @@ class PoseEstimate:
     orientation: FloatArray
     """(4,) unit quaternion x, y, z, w of world_from_object."""
     covariance: FloatArray
-    """(6, 6) of position and rotation [m, rad]; includes the calibration errors that files state
-    and, if they state any, what the cameras disagree about."""
+    """(6, 6) of position and rotation [m, rad]; includes the calibration errors that files state and, if they
+    state any, the errors that disagreement between the cameras reveals."""
     confidence: float
     """Probability that the pose is within 5 mm and 5° of the truth."""
     size: FloatArray | None = field(default=None, kw_only=True)
@@ -163,7 +163,7 @@ class MotionEstimate(PoseEstimate):
     """Pose and velocity of the object in the world, fused over time."""
 
     velocity: FloatArray
-    """(6,) of the centre [m/s] and of the rotation [rad/s], along world axes."""
+    """(6,) linear, of the centre [m/s], and angular [rad/s], along world axes."""
     velocity_covariance: FloatArray
     """(6, 6) of the velocity."""
 
@@ -195,7 +195,7 @@ class MotionKind(MotionEstimate):
     """A forecast that assumes one kind of motion; so does its confidence."""
 
     name: str
-    """Of the kind: "at rest", "pushed or carried", "thrown or dropped"."""
+    """Name of the kind: "at rest", "pushed or carried", "thrown or dropped"."""
     probability: float
     """Probability of this kind of motion."""
 

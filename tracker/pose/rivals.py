@@ -14,10 +14,10 @@ from tracker.pose.hypotheses import apart
 from tracker.pose.judge import rank
 
 ONE_FACE = 0.5
-"""Visible area of all other faces, relative to the largest, below which a camera may know that one only."""
+"""Visible area of all other faces, relative to the largest, below which a camera may see only that one."""
 
 RECONCILABLE = 16.8
-"""Squared Mahalanobis distance of two fits of one pose: 99 % are closer (χ² with 6 degrees)."""
+"""Squared Mahalanobis distance between fits of one pose: 99 % are closer (χ², 6 degrees of freedom)."""
 
 SQUARE = 0.02
 """Relative difference of two edges below which their face counts as a square."""
@@ -26,7 +26,7 @@ SQUARE = 0.02
 def turned_about_face(
     rotation: FloatArray, position: FloatArray, half: FloatArray, camera: FloatArray
 ) -> Iterator[FloatArray]:
-    """The other rotations (3, 3) that fit as well if a camera sees little but one face of a box.
+    """Yield other rotations (3, 3) that fit equally well if a camera sees little but one face of a box.
 
     Args:
         rotation: (3, 3) world_from_object.
@@ -49,7 +49,7 @@ def turned_about_face(
 
 
 def reconcilable(one: Fit, other: Fit) -> bool:
-    """Whether two fits may be of one pose, given their covariances: then they are no rivals."""
+    """Whether two fits may be of one pose, given their covariances; if so, they are not rivals."""
     off = np.concatenate([one.position - other.position, so3.log(one.rotation @ other.rotation.T)])
     covariance = one.covariance + other.covariance
     return bool(np.isfinite(covariance).all() and off @ np.linalg.solve(covariance, off) < RECONCILABLE)

@@ -22,7 +22,7 @@ ROTATIONS = 1400
 """Rotations of the even grid: neighbours are about 22° apart."""
 
 APART = math.radians(30)
-"""Least angle between candidates: alignment bridges smaller ones."""
+"""Smallest angle between candidates [rad]: alignment corrects smaller ones."""
 
 
 def even_rotations(count: int) -> FloatArray:
@@ -43,12 +43,12 @@ def even_rotations(count: int) -> FloatArray:
 
 @compiled(fastmath=SUMS)
 def _add_costs(axis, faces, rotations, costs):  # type: ignore[no-untyped-def]
-    """Add to costs (n,) what one camera shows of the two faces across an axis, for rotations (3, 3, n).
+    """Add to costs (n,) one camera's misfit of the two faces across an axis, for rotations (3, 3, n).
 
     This is equation (5) of docs/how-it-works.md.
-    faces (6, 8), in single precision: row 0, the view's three components, half the edge, and the pixels that
-    a unit of seen height should fill; rows 0 and 1 in columns 5 and 6, the pixels that are seen of each face
-    and their root; rows 2 and 3, the projection's derivatives; rows 4 and 5, what is off the middle [px].
+    faces (6, 8), in single precision: row 0, the vector to the camera, half the edge, and pixels per metre
+    above the face; rows 0 and 1, columns 5 and 6, the pixels seen of each face and their square root; rows 2
+    and 3, the projection's derivatives; rows 4 and 5, each face's centroid minus the box's centre [px].
     """
     vx, vy, vz, half, scale = faces[0, 0], faces[0, 1], faces[0, 2], faces[0, 3], faces[0, 4]
     ax, ay, az, bx, by, bz = faces[2, 0], faces[2, 1], faces[2, 2], faces[3, 0], faces[3, 1], faces[3, 2]
@@ -65,7 +65,7 @@ def _add_costs(axis, faces, rotations, costs):  # type: ignore[no-untyped-def]
         gap = (root_f if front else root_b) - np.sqrt(expected)
         du = (u_f if front else u_b) - out * (ax * x + ay * y + az * z)
         dv = (v_f if front else v_b) - out * (bx * x + by * y + bz * z)
-        # Fewer pixels than expected may be hidden.
+        # Pixels that are missing may be hidden.
         cost = gap * gap * (small if gap < zero else one) - seen
         cost += small * min(seen, expected) * (du * du + dv * dv) / (seen + few)
         costs[h] += cost if height > zero else zero
@@ -75,8 +75,8 @@ def _add_costs(axis, faces, rotations, costs):  # type: ignore[no-untyped-def]
 def rank_rotations(lenses, pictures, box, position, stats, rotations, costs):  # type: ignore[no-untyped-def]
     """Costs (n,), single precision: misfit of the colours' areas and centroids for rotations (3, 3, n).
 
-    stats (C, 7, 3): of the colours around the position, see `gather`; rotations: their axes, components of
-    these in the world.
+    stats (C, 7, 3): of the colours around the position, see `gather`; rotations: of the object, by axis and
+    its components in the world.
     """
     half, face_labels = box
     jacobian, view, faces = np.empty((2, 3)), np.empty(3), np.zeros((6, 8), np.float32)
@@ -109,7 +109,7 @@ def rank_rotations(lenses, pictures, box, position, stats, rotations, costs):  #
 def likely_rotations(lenses, labels, pictures, box, position, grid, out):  # type: ignore[no-untyped-def]
     """Fill out (count, 3, 3) with the rotations of a grid that fit the colours around a position best.
 
-    They are apart from each other. grid: see `rotation_grid`.
+    They are at least APART from each other. grid: see `rotation_grid`.
     """
     rotations, single, near = grid
     half, _ = box
@@ -132,7 +132,7 @@ def likely_rotations(lenses, labels, pictures, box, position, grid, out):  # typ
 def rotation_grid() -> tuple[FloatArray, Array, Array]:
     """The even grid (n, 3, 3), for each axis its components (3, 3, n) in single precision, and neighbours.
 
-    Neighbours (n, k) are the rotations nearer than APART, the first of them over again where they are fewer.
+    Neighbours (n, k) are the rotations nearer than APART; where there are fewer than k, the first repeats.
     """
     rotations = even_rotations(ROTATIONS)
     flat = rotations.reshape(ROTATIONS, 9)

@@ -18,18 +18,18 @@ REFERENCE = 55.0
 270×270."""
 
 LEAST_SIZE = 0.6
-"""Least size relative to the reference: below it, strips would have too few pixels."""
+"""Smallest size relative to the reference: below it, strips would have too few pixels."""
 
 LABELS = 25.0
-"""Size of the object in the label maps in which it is searched and aligned [px]."""
+"""Size of the object in the label maps that search and alignment use [px]."""
 
 
 @compiled
 def extent(half):  # type: ignore[no-untyped-def]
     """One length [m] for the size of a box, between its longest edge and its diagonal.
 
-    Their geometric mean is alike, to 4 %, for a cube of 65 mm and a cuboid of 20 × 20 × 80 mm, for which the
-    same lengths suit the refinement.
+    Their geometric mean is equal to within 4 % for a cube of 65 mm and a cuboid of 20 × 20 × 80 mm, for which
+    the same lengths suit the refinement.
     """
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     return math.sqrt(2.0 * max(half[0], half[1], half[2]) * 2.0 * radius)
@@ -50,7 +50,7 @@ def relative_size(lenses, c, half, position):  # type: ignore[no-untyped-def]
 
 
 def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[int, ...]:
-    """Whole number by which each camera's images are reduced for label maps.
+    """Return the whole number by which each camera's images are reduced for label maps.
 
     An object in the arena's middle then has about the size LABELS.
     """
@@ -74,7 +74,7 @@ def label_camera(camera: Camera, factor: int) -> Camera:
 
 @compiled
 def window(lenses, c, position, radius, rim):  # type: ignore[no-untyped-def]
-    """Left, top, right, bottom around an object of a radius [m] at a position (3,), `rim` pixels wider."""
+    """Return left, top, right, bottom around an object of a radius [m] at (3,) [m], plus `rim` pixels."""
     width, height = lenses[c].width, lenses[c].height
     u, v, z = project(lenses, c, position[0], position[1], position[2])
     if z < 2.0 * radius:

@@ -1,4 +1,4 @@
-"""Estimate the size of errors from the images themselves: of cameras and of edges."""
+"""Estimate from the images themselves how large the errors of cameras and edges are."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.0
 state."""
 
 SHARES_PRIOR = np.array([0.02, 0.04, 0.06, 0.12, 0.28, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05])
-"""Prior probability of each. Three cameras agree by chance far more often than files exaggerate; with more
-weight on small shares, generated scenes with errors of all kinds fall outside their covariances."""
+"""Prior probability of each. Three cameras agree by chance far more often than files overstate errors; with
+more weight on small shares, generated scenes with errors of all kinds fall outside their covariances."""
 
 MOVING_SHARE = 3
 """Index of the largest share with which a pose moves: with looser cameras, an object that differs a little
-from its model would pass for displaced cameras. The covariance may use larger shares."""
+from its model would look like displaced cameras. The covariance may use larger shares."""
 
 WEAR = np.array([0.0125, 0.03, 0.08, 0.18, 0.4]) ** 2
 """Candidate variances of edges' own offsets [px² for an object of reference size]."""
@@ -43,10 +43,10 @@ and most of that of worn ones."""
 
 ALIKE = 16.0, 0.8
 """Weight of that part, since cameras are independent here: first × (1 - second / number of cameras). Chosen
-on generated scenes, for worn boxes to lie in their covariances as sharp ones do."""
+on generated scenes, so that worn boxes lie within their covariances as sharp ones do."""
 
 NEGLIGIBLE = 12.0
-"""Twice the log odds by which a size may be behind the best and still count."""
+"""Twice the log odds by which a size may fall behind the best and still count."""
 
 
 @compiled
@@ -97,10 +97,10 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
 
     Both scatter the offsets of strips more than noise does: those of a camera together, those of an edge by
     themselves. Each candidate size is weighted by the likelihood of the measurements (empirical Bayes):
-    equation (18) of docs/how-it-works.md. One is searched with the other at its most likely value.
+    equation (18) of docs/how-it-works.md. Each is searched with the other at its most likely value.
 
-    doubtful: whether the calibration states errors; ask: whether the edges' sizes are estimated, too; else
-    the solution's variances `own` and `foot` stay, which otherwise become the posterior means.
+    doubtful: whether the calibration states errors; ask: whether to estimate the edges' errors, too, and set
+    the solution's variances `own` and `foot` to their posterior means.
 
     Return the mean share of the stated calibration variance among those with which a pose moves, and the mean
     among all.
@@ -126,7 +126,7 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
             if share == 1.0:
                 break
     if not several:
-        # A single camera cannot tell how far it is off, and an exact one is not.
+        # A single camera cannot tell how far it is off, and an exact calibration is not off.
         with_edges(cameras, solution.feet, solution.own, solution.foot)
         shares[:] = solve(solution, cameras, 1.0)
         for k in range(len(SHARES)):

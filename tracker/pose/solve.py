@@ -17,7 +17,7 @@ from tracker.geometry.linear import factorise, median, substitute
 from tracker.pose.solution import EDGE, EXPONENT, KNOWN, OWN, PULL, RIM, ROW, UNKNOWNS
 
 FLOOR = 0.06
-"""Standard deviation of an edge's place that noise does not explain [px]."""
+"""Standard deviation of an edge's position that noise does not explain [px]."""
 
 TUKEY = 4.685
 """Residual at which a piece's weight reaches zero [robust standard deviations]."""
@@ -36,7 +36,7 @@ DEVIATION_STD = 0.13
 """Standard deviation of a camera's response exponent around the shared one."""
 
 MODEL_STD = 4e-4, 3e-4
-"""What no number of samples averages away: edge lengths, unmodelled optics [radii of the object, rad]."""
+"""Errors that do not average out over samples: edge lengths, unmodelled optics [radii of the object, rad]."""
 
 
 @compiled(inline="always")
@@ -70,7 +70,7 @@ def residual(strip, found, since, exponent, rim):  # type: ignore[no-untyped-def
 
 @compiled(inline="always")
 def trust_of(camera):  # type: ignore[no-untyped-def]
-    """Factor on the weight of pieces whose errors neighbours share; the edge's own offset is exempt."""
+    """Factor on the weight of pieces, since neighbours share errors; the edge's own offset is exempt."""
     shared = 1.0 if camera.parts > 1 else 1.0 / CORRELATION**2
     return shared / (1.0 + (camera.blur / (SMEAR * camera.scale)) ** 4)
 
@@ -87,7 +87,7 @@ def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ig
 
     Weights are those of equation (14) of docs/how-it-works.md.
     since (6,): motion since they were measured; drawn: exponent and rim; weighing: residual at which a weight
-    reaches zero [px], variance of an edge's place that noise does not explain [px²], factor on all weights.
+    reaches zero [px], variance of an edge's position not explained by noise [px²], factor on all weights.
     """
     limit, floor, trust = weighing
     whole, force, edges, row = camera.whole, camera.force, camera.edges, np.empty(UNKNOWNS)
@@ -166,8 +166,8 @@ def with_edges(cameras, feet, own, foot):  # type: ignore[no-untyped-def]
 def _eliminate(camera, share):  # type: ignore[no-untyped-def]
     """Eliminate a camera's own unknowns by forward substitution.
 
-    Filled: lower, reduced, change. Return its part of the doubt, see `solve`: infinite if it cannot be
-    solved, NaN if the camera sees nothing, lest rounding speak for it.
+    Filled: lower, reduced, change. Return its part of what `solve` returns: infinite if it cannot be solved,
+    NaN if the camera sees nothing, so that its rounding errors do not count.
     """
     information, offset, lower = camera.information, camera.offset, camera.lower
     reduced, change = camera.reduced, camera.change
@@ -325,7 +325,7 @@ def own_changes(solution, cameras):  # type: ignore[no-untyped-def]
                 shared[k] -= camera.delay * solution.change[UNKNOWNS + k]
         for i in range(OWN - 1, -1, -1):
             if blind:
-                # It returns to its calibration.
+                # A camera that sees nothing returns to its calibration.
                 camera.change[i] = -camera.offset[i]
                 continue
             total = camera.change[i]
@@ -389,7 +389,7 @@ def offset_weights(calibration, position, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def add_model_errors(covariance, radius):  # type: ignore[no-untyped-def]
-    """Add to a pose's covariance (6, 6) what no number of samples averages away; radius: of the object.
+    """Add to a pose's covariance (6, 6) errors that do not average out; radius: of the object [m].
 
     This is equation (19) of docs/how-it-works.md.
     """

@@ -17,10 +17,10 @@ from tracker.geometry.lens import face_heights, project_corners, project_with_ja
 from tracker.segmentation.light import CLIPPED
 
 PIECES = 24
-"""Most pieces of one edge."""
+"""Maximum number of pieces of one edge."""
 
 MAX_STRIPS = 9 * PIECES
-"""Most pieces of one cuboid in one camera, which sees nine of its twelve edges."""
+"""Maximum number of pieces of one cuboid in one camera, which sees at most nine of its twelve edges."""
 
 STRIP = np.dtype(
     [
@@ -46,17 +46,17 @@ MIN_FACE = 1.5
 """A face narrower than this [px] has no edges: its colour mixes with its neighbours'."""
 
 PIXELS = 1 << 14
-"""Most pixels of all strips of a camera, a multiple of BLOCK: beyond half of it, only every second row and
-column is used, or fewer."""
+"""Maximum number of pixels of a camera's strips, a multiple of BLOCK: beyond half of it, only every second
+row and column is used, or fewer."""
 
 MAX_PIXELS = 1024
-"""Most pixels of a strip, a multiple of BLOCK."""
+"""Maximum number of pixels of a strip, a multiple of BLOCK."""
 
 BLOCK = 8
 """Each strip's pixels begin at a multiple of this, so that sums consist of whole vectors."""
 
 BESIDE = 2.0
-"""Distance from a strip's middle, to both sides, at which no mask may hide the pixel [px]."""
+"""Distance from a strip's middle, on both sides, at which no mask may hide the pixel [px]."""
 
 FAR = 1e6
 """Distance that fills the gaps [px]."""
@@ -69,7 +69,7 @@ SUMS = {"reassoc", "contract", "nsz"}
 def _face_depth(corners, k, face, axis, nu, nv):  # type: ignore[no-untyped-def]
     """Signed distance along a normal from corner k of an edge to the opposite edge of `face` [px].
 
-    corners: as of `project_corners`; axis: of the edge.
+    corners: from `project_corners`; axis: of the edge.
     """
     # The in-face direction away from the edge is the face's axis that is neither its normal nor the edge.
     other = k ^ (1 << (3 - axis - face // 2))
@@ -80,8 +80,8 @@ def _face_depth(corners, k, face, axis, nu, nv):  # type: ignore[no-untyped-def]
 def _depths(corners, ends, faces, length):  # type: ignore[no-untyped-def]
     """How far the face and the neighbour of an edge reach at its ends, and the face's outward normal.
 
-    corners: as of `project_corners`; ends: the edge's corners; faces: face, neighbour, whether that is
-    visible, and the edge's axis; length: of the edge [px].
+    corners: from `project_corners`; ends: the edge's corners; faces: face, neighbour, whether the neighbour
+    is visible, and the edge's axis; length: of the edge [px].
     """
     (a, b), (face, neighbour, inner, axis) = ends, faces
     nu, nv = (corners[b, 1] - corners[a, 1]) / length, (corners[a, 0] - corners[b, 0]) / length
@@ -98,9 +98,9 @@ def _depths(corners, ends, faces, length):  # type: ignore[no-untyped-def]
 
 @compiled
 def _place_piece(lenses, c, rotation, position, local, axis, outwards, jacobian, strip):  # type: ignore[no-untyped-def]
-    """Fill in the place of a piece with its middle at `local` (3,) in the object's frame, and its Jacobian.
+    """Fill in pixel, normal and Jacobian of a piece with its middle at `local` (3,) [m], object's frame.
 
-    axis: of the edge; outwards: as of `_outwards`; jacobian (2, 3): workspace; strip: its normal's sign is
+    axis: of the edge; outwards: from `_outwards`; jacobian (2, 3): workspace; strip: its normal's sign is
     kept.
     """
     x = rotation[0, 0] * local[0] + rotation[0, 1] * local[1] + rotation[0, 2] * local[2]
@@ -130,10 +130,10 @@ def _place_piece(lenses, c, rotation, position, local, axis, outwards, jacobian,
 
 @compiled
 def _outwards(rotation, corner, one, other, out):  # type: ignore[no-untyped-def]
-    """Fill out (3,) with the mean of two faces' normals that meet at a corner, along world axes.
+    """Fill out (3,) with the mean normal, along world axes, of two faces that meet at a corner.
 
     A face's colour ends a rim's width before its neighbour's plane. If both faces are visible, the edge is
-    the middle between their borders.
+    midway between their borders.
     """
     for i in range(3):
         out[i] = 0.5 * (
@@ -153,7 +153,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     face_heights(lenses, c, half, rotation, position, heights)
     project_corners(lenses, c, half, rotation, position, corners)
     local, outwards, jacobian = np.empty(3), np.empty(3), np.empty((2, 3))
-    # An edge so close to a camera exceeds its image.
+    # An edge closer to the camera than this extends beyond the image.
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
     for e in range(12):
@@ -196,7 +196,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
 
 @compiled(inline="always")
 def padded(count):  # type: ignore[no-untyped-def]
-    """Length of a number of pixels with the gap after them."""
+    """Return a number of pixels plus the gap after them."""
     return (count + BLOCK - 1) // BLOCK * BLOCK
 
 
@@ -223,7 +223,7 @@ def _in_view(strip, reach, width, height):  # type: ignore[no-untyped-def]
 def _collect(image, tilt, strip, reach, at, pixels):  # type: ignore[no-untyped-def]
     """Collect the signed distances [px] and colours of a strip's pixels; return their number.
 
-    at: first place, stride, which pixels of the mosaic measured red, and the channel whose measured pixels
+    at: first index, stride, which pixels of the mosaic measured red, and the channel whose measured pixels
     count.
     """
     start, stride, red, channel = at
@@ -279,7 +279,7 @@ def _sum_of_squares(values, first, last):  # type: ignore[no-untyped-def]
 
 @compiled
 def _stride(strips, n, reach):  # type: ignore[no-untyped-def]
-    """Stride of rows and columns at which the pixels of all strips fit."""
+    """Stride of rows and columns at which the pixels of all strips fit into their arrays."""
     total, most = 0.0, 0.0
     for s in range(n):
         size = strips[s].length * 2.0 * reach
@@ -292,9 +292,9 @@ def collect(shown, picture, camera, strips, every, pixels):  # type: ignore[no-u
     """Collect the pixels of strips in one image (H, W, 3) into pixels: distance (P,) and values (3, P).
 
     shown: the image and its mask of hidden pixels (H, W); picture: its light and mosaic (`views.PICTURE`);
-    camera (`solve.CAMERA`): number of strips, their half width, and whether the mosaic counts; every: only
-    one in so many strips gets pixels. Each strip stores where its pixels are, separately for each channel of
-    a mosaic. Gaps up to the next multiple of BLOCK are filled with FAR and 0; P must be such a multiple.
+    camera (`solve.CAMERA`): number of strips, their half width, and whether the mosaic counts; every: collect
+    for every n-th strip only. Each strip stores where its pixels are, separately for each channel of a
+    mosaic. Gaps up to the next multiple of BLOCK are filled with FAR and 0; P must be such a multiple.
     """
     (image, mask), start, parts, reach = shown, 0, camera.parts, camera.reach
     stride = _stride(strips, camera.strips, reach) if parts == 1 else 1

@@ -1,4 +1,4 @@
-"""The table's prior on a pose: the object rests on it, nearly so, is held flat, is on an edge, or is free."""
+"""The table's prior on a pose: at rest on it, nearly so, held flat above it, on an edge, or anything else."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FLAT = np.array(
 """Ways to lie on a face: probability, standard deviation of the face's height [m], of its tilt [rad]."""
 
 LEANING = 0.15, 1e-3, math.radians(3.0)
-"""The same for standing on an edge: of its height [m], and of its slope [rad]."""
+"""The same for standing on an edge: probability, standard deviation of its height [m], of its slope [rad]."""
 
 FREE = 0.3 / (4 * math.pi * 0.15)
 """Density of anything else: any rotation, up to 0.15 m above the table [1/(m sr)]."""
@@ -44,7 +44,7 @@ class Table(NamedTuple):
     """What is known of the table."""
 
     known: bool
-    """Whether there is one, and objects are expected to rest on it."""
+    """Whether there is a table, and objects are expected to rest on it."""
     center: FloatArray
     """(2,) where its height is known [m]."""
     height: float
@@ -67,7 +67,7 @@ NO_TABLE = table_of(Arena(table=None))
 
 @compiled
 def mark_feet(table, half, solution):  # type: ignore[no-untyped-def]
-    """Mark the edges of a solution that may lie in a contact shadow: of the face below, near the table."""
+    """Mark the edges that may lie in a contact shadow: those of the face below, if near the table."""
     up, feet = solution.rotation[2], solution.feet
     low = solution.position[2] - table.height
     for k in range(3):
@@ -86,8 +86,8 @@ def mark_feet(table, half, solution):  # type: ignore[no-untyped-def]
 def contacts_of(table, half, rotation, position, value, slope, plane):  # type: ignore[no-untyped-def]
     """Residuals of the object against the table; return the lowest edge's drop from middle to end [m].
 
-    Filled: value (5,) of ROWS [m, rad], slope (5, 6) by the pose, plane (5, 3) by the table's height and
-    slopes.
+    Filled: value (5,) of ROWS [m, rad], and its derivatives: slope (5, 6) by the pose, plane (5, 3) by the
+    table's height and slopes.
     """
     up = rotation[2]
     x, y = position[0] - table.center[0], position[1] - table.center[1]
@@ -124,9 +124,9 @@ def _above(mean, variance):  # type: ignore[no-untyped-def]
 
 @compiled
 def _way(rows, spread, noise, value, weights, force):  # type: ignore[no-untyped-def]
-    """Log density of some of the residuals value (5,), with covariance spread + diag(noise).
+    """Log density of residuals value[rows[0] : rows[1]], with covariance spread + diag(noise), else NaN.
 
-    Filled: weights (5, 5), the covariance's inverse, and force (5,), weights · value. NaN: there is none.
+    Filled: weights (5, 5), the covariance's inverse, and force (5,), weights · value.
     """
     n = rows[1] - rows[0]
     matrix, lower, column = np.empty((n, n)), np.empty((n, n)), np.empty(n)
@@ -165,7 +165,7 @@ def reduce_by_table(solution):  # type: ignore[no-untyped-def]
 
 @compiled
 def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-untyped-def]
-    """Log densities of all ways to be somewhere, with forces and weights as of `_way`.
+    """Log densities of all ways to be placed, with forces and weights as in `_way`.
 
     spread (5, 5): covariance of value (5,). Filled: logs (6,), forces (6, 5), weights (6, 5, 5), of FLAT, on
     an edge, and free.
@@ -176,7 +176,7 @@ def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-u
         logs[way] = _way((0, 3), spread, noise, value, weights[way], forces[way])
         logs[way] += math.log(FLAT[way, 0] / FACE_WAYS)
         if way == LIFTED:
-            # Of the height's posterior.
+            # Only the positive part of the height's posterior counts.
             share = spread[0, 0] / (spread[0, 0] + noise[0])
             logs[way] += math.log(2.0 * _above(value[0] * (1.0 - share), noise[0] * share) + 1e-300)
     noise = np.array([LEANING[1] ** 2, LEANING[2] ** 2])
@@ -215,10 +215,10 @@ def _mix_ways(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def
 
 @compiled
 def apply_table(table, half, solution):  # type: ignore[no-untyped-def]
-    """Move a step's pose towards where the table makes it likely.
+    """Change a step so that it leads to the posterior mean of the pose, given the table.
 
-    By the images alone the pose is Gaussian around the step's result. The prior is a mixture of Gaussians and
-    a uniform density, so the posterior is one, too; the step then leads to its mean: equation (28) of
+    Given only the images, the pose is Gaussian around the step's result. The prior is a mixture of Gaussians
+    and a uniform density, and so is the posterior; the step then leads to its mean: equation (28) of
     docs/how-it-works.md.
 
     Filled: the solution's columns and less, such that columns · less · columnsᵀ is the reduction of the

@@ -42,13 +42,13 @@ PICTURE = np.dtype(
 """One camera's image as a whole."""
 
 TILE = 4
-"""Label-map pixels per side of a square that is read if its first pixel shows a face colour, or a
-neighbouring square's does; all else is background."""
+"""Label-map pixels per side of a square, which is read if its first pixel or that of a neighbouring square
+shows a face colour; all else is background."""
 
 
 Hidden: TypeAlias = Sequence[Array | None] | None
-"""For each camera a mask (H, W) bool of pixels whose labels and edges count neither for nor against, or
-None."""
+"""For each camera a mask (H, W) bool of pixels whose labels and edges count neither for nor against a pose,
+or None."""
 
 
 class Sight(NamedTuple):
@@ -59,7 +59,7 @@ class Sight(NamedTuple):
     pictures: Array
     """(C,) of PICTURE."""
     images: Sequence[Image | None]
-    """(H, W, 3) BGR as the cameras gave them; `pictures` points to their memory."""
+    """(H, W, 3) BGR from the cameras, unchanged; `pictures` points to their memory."""
     hidden: Hidden = None
     """(H, W) masks of pixels whose labels and edges are ignored."""
 
@@ -70,7 +70,7 @@ class Sight(NamedTuple):
         return used
 
     def without(self, *cameras: int) -> Sight:
-        """The same with some cameras left out."""
+        """Return the same with some cameras left out."""
         if not cameras:
             return self
         pictures = self.pictures.copy()
@@ -128,10 +128,10 @@ def _light_slopes(picture, width, height):  # type: ignore[no-untyped-def]
 
 @compiled
 def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-untyped-def]
-    """Tiles (h, w) of a label map that show a face colour in a window, and those beside them.
+    """Return which tiles (h, w) of a label map show a face colour in a window, or are beside such tiles.
 
-    A function call per pixel, here and below, would count references to its array arguments, which takes ten
-    times as long as all else.
+    The loops are written out here and below: a function call per pixel would count references to its array
+    arguments, which takes ten times as long as all else.
     """
     (left, top, right, bottom), (across, down) = window, slopes
     even = across.shape[1] == 0
@@ -185,7 +185,7 @@ def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: i
 
 
 class Reader:
-    """Reads images by one colour model; no memory.
+    """Reads images with one colour model, without memory.
 
     Args:
         colors: the colour model.
@@ -197,7 +197,7 @@ class Reader:
         self.colors, self.factors, self.shape = colors, tuple(factors), shape
 
     def __call__(self, images: Sequence[Image | None]) -> Sight:
-        """Read images (H, W, 3), None where a camera gave none, each in the light of its own greys."""
+        """Read images (H, W, 3), None for a missing one, each in the light estimated from its own greys."""
         return self.labelled(images, self.lit(images))
 
     def lit(
@@ -210,8 +210,8 @@ class Reader:
 
         Args:
             images: of the cameras.
-            lights: (C,) of PICTURE, as estimated a moment ago; None: not yet.
-            fresh: whether each camera's light is estimated again; None: all.
+            lights: (C,) of PICTURE, with the light of earlier images; None: there is none.
+            fresh: for each camera, whether to estimate its light again; None: all.
         """
         pictures = np.zeros(len(images), PICTURE) if lights is None else lights.copy()
         pictures["hidden"] = 0
@@ -231,11 +231,11 @@ class Reader:
         windows: Sequence[Any] | None = None,
         hidden: Hidden = None,
     ) -> Sight:
-        """Label those pictures.
+        """Return the images with their label maps.
 
         Args:
             images: of the cameras.
-            pictures: as of `lit`; the number of face-coloured pixels is filled in.
+            pictures: from `lit`; the number of face-coloured pixels is filled in.
             windows: left, top, right, bottom [px of the label map], outside which labels are background;
                 None: everywhere.
             hidden: masks of pixels whose labels become UNKNOWN and whose edges are ignored.
@@ -264,7 +264,7 @@ def _hide(labels: Array, mask: Array, by: int) -> int:
 
 
 def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> tuple[Reader, list[Camera]]:
-    """The reader of a rig's images of an object, and the cameras of its label maps."""
+    """Return the reader of a rig's images of an object, and the cameras of its label maps."""
     factors = label_factors(rig.cameras, box, rig.arena)
     small = [label_camera(camera, factor) for camera, factor in zip(rig.cameras, factors, strict=True)]
     shape = (len(small), max(c.height for c in small), max(c.width for c in small))

@@ -21,7 +21,7 @@ from tracker.objects.box import Box
 from tracker.objects.labels import UNKNOWN
 
 MIN_VOTE, RELATIVE_VOTE = 0.15, 0.35
-"""Least vote of a position: absolute, and relative to the best."""
+"""Smallest vote of a position: absolute, and relative to the best."""
 
 DOUBT = 0.5
 """Number of imaginary cameras that see nothing at a point, beside those that view it."""
@@ -30,7 +30,7 @@ GRID_STEP = 0.5
 """Spacing of the grid [radii of the object]."""
 
 MOST_POINTS = 1 << 18
-"""Most points of the grid: in a larger arena they are farther apart."""
+"""Maximum number of grid points: in a larger arena they are farther apart."""
 
 TIGHT = 0.6
 """Width of the tight box relative to the wide one."""
@@ -53,7 +53,7 @@ BITS = 21
 _COUNTS = np.array(
     [[0, 1, 1 << BITS, 1 << 2 * BITS, 0, 0, 0, 0], [0, 0, 0, 0, 1, 1 << BITS, 1 << 2 * BITS, 0]]
 )
-"""What a pixel of each label adds to the two integers; the last stands for UNKNOWN."""
+"""What a pixel of each label adds to the two integers; the last column is for UNKNOWN."""
 
 BOXES = np.dtype(
     [
@@ -122,7 +122,7 @@ def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def
             wide = _shown(integrals, c, at.wide, at.share)
             if wide > 0.0:
                 total += wide + _shown(integrals, c, at.tight, at.share)
-        # A camera that does not view the point does not count, but the more agree the better.
+        # A camera that does not view the point does not count, but the more cameras agree, the better.
         votes[p] = total / number
         most = max(most, votes[p])
     return most
@@ -130,7 +130,7 @@ def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def
 
 @compiled
 def _take_best(points, votes, radius, out):  # type: ignore[no-untyped-def]
-    """Copy the best point (3,) to out, remove all within `radius` [m] from the vote; return its vote."""
+    """Copy the best point to out (3,), and drop all within `radius` [m] from the vote; return its vote."""
     best = 0
     for p in range(len(votes)):
         if votes[p] > votes[best]:
@@ -175,7 +175,7 @@ def gather(lenses, labels, pictures, position, radius, stats):  # type: ignore[n
 
 @compiled
 def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
-    """Move a position (3,) [m] in place to where it projects to the middles of stats (C, 7, 3)."""
+    """Move a position (3,) [m] in place so that it projects to the centroids of stats (C, 7, 3)."""
     jacobian, matrix = np.empty((2, 3)), np.empty((3, 3))
     vector, step = np.zeros(3), np.empty(3)
     for i in range(3):
@@ -206,7 +206,7 @@ def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
 def next_place(points, votes, lenses, labels, pictures, radius, position):  # type: ignore[no-untyped-def]
     """Put the best point into a position (3,), remove those near it, and centre it; return its vote.
 
-    Centred, it projects to the centroids of the face-coloured pixels around it.
+    A centred point projects to the centroids of the face-coloured pixels around it.
     """
     best = _take_best(points, votes, 2.0 * SEPARATION * radius, position)
     stats, before = np.empty((len(pictures), 7, 3)), np.empty(3)

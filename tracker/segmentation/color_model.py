@@ -2,7 +2,7 @@
 
 A model is a grid of 32³ nodes over the normalised blue, green and red. The axes are square-root
 companded, because shot noise grows with the square root of the level and because the darkest faces
-differ by few levels only. Two dense tables of 64³ cells are interpolated from it, so that a pixel costs
+differ by only a few levels. Two dense tables of 64³ cells are interpolated from it, so that a pixel costs
 three small look-ups and one large one.
 """
 
@@ -81,7 +81,7 @@ class ColorModel:
 
     @functools.cached_property
     def _dense(self) -> FloatArray:
-        # As scipy.ndimage.zoom of order 1, whose import takes a fifth of the time to a first pose.
+        # Like scipy.ndimage.zoom of order 1, whose import would take a fifth of the time to a first pose.
         cells = np.linspace(0, NODES - 1, CELLS)
         weights = np.stack([np.interp(cells, np.arange(NODES), node) for node in np.eye(NODES)], axis=1)
         dense: FloatArray = np.einsum(

@@ -28,7 +28,7 @@ MIN_EVIDENCE = 0.25
 
 
 MAY_BE_GREY = 1.2
-"""Largest ratio of the channels of a clipped pixel that counts as grey."""
+"""Largest ratio between the channels of a clipped pixel that counts as grey."""
 
 
 @compiled
@@ -117,7 +117,7 @@ def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:
     for label in range(1, 7):
         mask = cv2.medianBlur((labels == label).astype(np.uint8), 5 if fine else 3)
         if fine:
-            # Pixels at the rim mix two surfaces; at this resolution a face can do without them.
+            # Pixels at the rim mix two surfaces; at this resolution a face is large enough without them.
             mask = cv2.erode(mask, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
         count, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
         large = stats[:, cv2.CC_STAT_AREA] >= MIN_AREA * scale * scale

@@ -26,17 +26,17 @@ CLIPPED = 250
 """Level from which a channel may be clipped."""
 
 BRIGHTNESS_RANK = 0.7
-"""Quantile of the greys' brightness scaled to TARGET_GREY: the wall's, even if table and robot are dark."""
+"""Quantile of the greys' brightness that is scaled to TARGET_GREY: the wall, even if all else is dark."""
 
 MIN_GREYS = 20
 """Smallest number of grey samples; with fewer, no grey is found."""
 
 TILTED_ROUNDS, LAST_ROUNDS = 4, 2
-"""Rounds that fit a slope of the chromaticity, from the most frequent one on, and final rounds after them."""
+"""Rounds that fit a slope of the chromaticity, starting at the most frequent one, and final rounds."""
 
 MIN_TILT, MAX_TILT = 0.05, 1.2
 """Slope of the log chromaticity from middle to corner below which the light counts as even, and above which
-other pixels were mistaken for greys."""
+other pixels must have been mistaken for greys."""
 
 _BINS = 56
 _RANGE = 1.75

@@ -1,7 +1,7 @@
 """Traces of the sensor in an image: noise, and the pattern of an interpolated Bayer mosaic.
 
 Cameras with a Bayer filter measure blue, green or red at a pixel; the other two colours are means of the
-neighbours' (`cv2.cvtColor` with `COLOR_Bayer…2BGR`). Such an image equals these means to the bit.
+neighbours' (`cv2.cvtColor` with `COLOR_Bayer…2BGR`). In such an image these means are exact to the bit.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ LOUD = 6.0
 """Standard deviation of the noise above which colours are read from median-filtered pixels [levels]."""
 
 _ROW_STEP, _ROWS = 20, 14
-"""Smallest distance of the rows in which noise is measured [px], and their number in large images."""
+"""Smallest spacing of the rows in which noise is measured [px], and their number in large images."""
 
 _PER_SIGMA = 0.6745 * np.sqrt(6.0)
-"""Median absolute second difference over the noise's standard deviation."""
+"""Median absolute second difference divided by the noise's standard deviation."""
 
 NO_MOSAIC = -1
 """No mosaic, or one that later changes have made unrecognisable."""
 
 MOSAIC_STEP = 5
-"""Distance of the rows and columns that are tested for a mosaic; odd, to reach all places of the pattern."""
+"""Spacing of the rows and columns tested for a mosaic [px]; odd, to reach all positions in the pattern."""
 
 ENOUGH_PIXELS = 100
 """Number of pixels, not equal to their neighbours, that must all fit a mosaic for it to be detected."""

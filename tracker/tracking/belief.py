@@ -40,7 +40,7 @@ class TrackingOptions:
     min_confidence: float = 0.4
     """Smallest confidence of an accepted measurement, assuming that the calibration is right."""
     max_disagreement: tuple[float, float] = (0.02, math.radians(15))
-    """Largest difference of two measurements that agree [m, rad], plus half of `max_speed` per second."""
+    """Largest difference between measurements that agree [m, rad], plus half of `max_speed` per second."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -154,7 +154,7 @@ class Belief(NamedTuple):
         """Time for which the object may have moved unseen [s]."""
         assert self.timestamp is not None
         assert self.seen is not None
-        # If a measurement is pending, the object was not hidden and could not go far unseen.
+        # If a measurement is pending, the object was visible and cannot have gone far unseen.
         return self.step if self.pending is not None else self.timestamp - self.seen
 
     def _believed(self, fit: Fit, motion: MotionFilter, fitting: float, spread: float) -> Belief:

@@ -24,10 +24,10 @@ NOISELESS = 0.5
 """Standard deviation of an image's noise up to which an unchanged image does not count as frozen [levels]."""
 
 BLACK = 12
-"""Level that the brightest pixel of an image must reach, or the image counts as black."""
+"""Level that the brightest pixel of an image must reach; otherwise the image counts as black."""
 
 SHARE = 0.2
-"""Weight of a new check in the running mean: small, as successive images of an object at rest are alike."""
+"""Weight of a new check in the running mean; small, as successive images of an object at rest are alike."""
 
 LOOKS = 5
 """Number of checks before a contradiction counts as lasting."""
@@ -95,9 +95,9 @@ def looked_at(
 
 
 def after(uses: Sequence[CameraUse], fit: Fit) -> tuple[CameraUse, ...]:
-    """Return the use of each image after a fit, given the uses before: mark those that contradict it.
+    """Return the use of each image after a fit, given the use before: mark those that contradict the fit.
 
-    An image that was left out contradicts if it shows the object; else the object is only hidden from it.
+    An image that was left out contradicts if it shows the object; otherwise the object is only hidden.
     """
     against = contradicting(fit)
     left_out = [c in fit.left_out and one["shows"] > 0.5 for c, one in enumerate(fit.counts)]
@@ -108,7 +108,7 @@ def after(uses: Sequence[CameraUse], fit: Fit) -> tuple[CameraUse, ...]:
 
 
 class Agreement(NamedTuple):
-    """Running estimate of the calibration's errors, from checks whether the cameras agree."""
+    """Running estimate of the calibration's errors, from checks of how well the cameras agree."""
 
     disagreement: FloatArray | None = None
     """(S,) mean log likelihoods of `pose.agreement.SCALES`; None before the first check."""
@@ -143,12 +143,12 @@ class Agreement(NamedTuple):
 
     @property
     def contradicts(self) -> bool:
-        """Whether the cameras contradict each other lastingly: the calibration does not belong to them."""
+        """Whether the cameras persistently contradict each other: the calibration is not theirs."""
         return self.looks >= LOOKS and contradict(self.disagreement)
 
 
 def still(state: MotionState) -> bool:
-    """Whether an object is so slow that the cameras' different moments of exposure do not matter."""
+    """Whether an object is so slow that it does not matter if cameras are read at different times."""
     return all(
         math.hypot(*part) < limit
         for part, limit in zip((state.velocity[:3], state.velocity[3:]), STILL, strict=True)

@@ -23,14 +23,14 @@ from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
 """Smallest log odds at which a fit near the prediction is kept without a search everywhere: if several
-cameras see the object, and if only one does, to which wrong poses look better."""
+cameras see the object, and if only one does, since wrong poses look better to a single camera."""
 
 MORE_EXTRA = 0.08
 """Largest increase, since the last search everywhere, of the share of object-coloured pixels outside the
-outline at which a fit is kept: one that slid along an edge looks good, too, but leaves them uncovered."""
+outline at which a fit is kept: a fit that slid along an edge looks good, too, but leaves them uncovered."""
 
 MOSTLY = 0.8
-"""Share of these pixels above which a single camera shows most of them."""
+"""Share of these pixels above which one camera counts as showing most of them."""
 
 
 class Memory(NamedTuple):
@@ -207,7 +207,7 @@ def extra(counts: Sequence[dict[str, float]]) -> float:
 
 
 def lasting(fit: Fit) -> float:
-    """Return `extra`; of more than two cameras, leave out one that has most of it: it may see the object."""
+    """Return `extra`; of more than two cameras, omit one that shows most of it, as it may see the object."""
     most = MOSTLY * fit.total("extra")
     counts = [one for one in fit.counts if one["predicted"] > 0]
     if len(counts) > ENOUGH:

@@ -22,7 +22,7 @@ from tracker.geometry import so3
 from tracker.geometry.linear import congruence, factorise, product, substitute
 
 STATE = 12
-"""Size of the error of the state."""
+"""Dimension of the state's error."""
 
 MODE = np.dtype(
     [
@@ -46,7 +46,7 @@ class Motions(NamedTuple):
     push: FloatArray
     """(M, 2) white-noise acceleration, linear [m/s^1.5] and angular [rad/s^1.5]."""
     lasting: FloatArray
-    """(M,) mean duration of a motion of a kind [s]."""
+    """(M,) mean duration of each kind of motion [s]."""
 
 
 MOTIONS = Motions(
@@ -61,7 +61,7 @@ KINDS = "at rest", "pushed or carried", "thrown or dropped"
 """Names of the kinds of motion."""
 
 DECAY = 0.4
-"""Time in which an unseen object's velocity falls to 1/e [s]: moving objects soon stop."""
+"""Time in which the velocity of an unseen object falls to 1/e [s]: moving objects soon stop."""
 
 START_STD = 0.3, 4.0
 """Standard deviation of a new object's velocity [m/s], [rad/s]."""
@@ -71,7 +71,7 @@ CONSTANT = 0.8
 the object's model are the same in each image."""
 
 LIKELIEST_SHARE = 0.95
-"""A forecast averages the likeliest kinds of motion that together have this probability."""
+"""A forecast averages the likeliest kinds of motion that together reach this probability."""
 
 
 @compiled
@@ -328,8 +328,8 @@ class MotionFilter(NamedTuple):
     def forecast(self, dt: float) -> tuple[MotionState, list[tuple[int, float, MotionState]]]:
         """Return the fused state after dt [s] if the motion continues, and (kind, weight, state) of each.
 
-        The fused state averages the likeliest kinds. Changes of the kind of motion are not predicted here,
-        only between images: rare changes would hide what is nearly certain.
+        The fused state averages the likeliest kinds. Changes of the kind of motion are predicted between
+        images but not here: rare changes would hide what is nearly certain.
         """
         weights, modes = self.modes["weight"], self.modes.copy()
         predict(dt, MOTIONS, modes, False)
