@@ -65,7 +65,7 @@ def check_images(images: Images, rig: CameraRig, least: int = 1) -> list[Image |
     ]
     if least and all(image is None for image in checked):
         raise ImageError(
-            f"images: all are None; at least one of {', '.join(rig.names)} is needed "
+            f"images: found None for all, expected at least one of {', '.join(rig.names)} "
             "(cv2.imread gives None for a file that it cannot read)"
         )
     return checked
@@ -128,7 +128,7 @@ def _by_camera(
     found += [f"missing {missing}"] if missing else []
     if found:
         raise error(
-            f"{what} by camera: {'; '.join(found)}; one for each of {', '.join(names)} is needed "
+            f"{what} by camera: {'; '.join(found)}; expected one for each of {', '.join(names)} "
             f"({nothing} where a camera gave none)"
         )
     return [values[name] for name in names]

@@ -193,7 +193,7 @@ def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_pa
     assert (mine.name, mine.colors) == ("cube_v2", "cube_v2")
     assert f"{1e3 * mine.rim:.2f} ± {1e3 * mine.rim_std:.2f} mm" in result.stdout
     assert abs(mine.rim) < 3 * mine.rim_std < 1e-3  # drawn boxes are sharp
-    for words in ("camera60", "against the mean", "in frames that only check", "x, y and yaw", "focal"):
+    for words in ("camera60", "against the mean", "in held-out frames", "x, y and yaw", "focal"):
         assert words in result.stdout
     rigs = (tracker.CameraRig.load(folder) for folder in (target, wrong))
     mended, before = (abs(relative_errors(rig, RIG)[:, :3]).max() for rig in rigs)

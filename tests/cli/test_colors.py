@@ -30,7 +30,7 @@ def test_adapted_colors_are_written_and_summarised(recording, tmp_path, run_here
     arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", target, *QUICK)
     result = well(run_here("colors", "adapt", recording, *arguments))
     assert "round 1: " in result.stdout
-    assert "3 frames that only check" in result.stdout
+    assert "3 held-out frames" in result.stdout
     assert tracker.load_colors(target).normalise
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz"]
 

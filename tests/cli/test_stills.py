@@ -163,10 +163,10 @@ def test_twelve_bits_in_sixteen_are_named_and_not_taken_for_black(detect, tmp_pa
         cv2.imwrite(str(tmp_path / f"whole_{name}.png"), image * 256)
     given = ["--calibration", DEMO]
     result, _ = detect(*given, *(f"{name}.png" for name in NAMES))
-    assert_one_line_error(result, "16 bits, as of a camera of 12 bits", "image >> 4")
+    assert_one_line_error(result, "16-bit values up to", "as from a 12-bit camera", "image >> 4")
     assert detect(*given, *(f"whole_{name}.png" for name in NAMES))[1]["pose"] is not None
     images = [cv2.imread(str(tmp_path / f"{name}.png"), cv2.IMREAD_UNCHANGED) for name in NAMES]
-    with pytest.raises(tracker.TrackerError, match=r"uint8 is needed: \(image >> 4\)"):
+    with pytest.raises(tracker.TrackerError, match=r"expected uint8: \(image >> 4\)"):
         tracker.ObjectTracker("cube_v2", DEMO).detect(images)
 
 

@@ -96,7 +96,7 @@ def test_the_format_in_the_docstring_is_valid(tmp_path):
         ('"red"', '"orange"', r"\+x: found 'orange', expected one of red"),
         ('"red"', '"background"', "found 'background'"),
         ('"red"', "[1]", r"found \[1\]"),
-        ('"red"', '"cyan"', "cyan is given twice"),
+        ('"red"', '"cyan"', "found cyan twice"),
         ('"+x" = "red"\n', "", "faces: found"),
         ('"+x"', '"+w"', "faces: found"),
         ("[0.05, 0.06, 0.07]", "[0.05, 0.06]", "size"),

@@ -330,7 +330,7 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
     if not focal:
         unknown += "; lenses (see --focal)"
     summary = [
-        ["before", f"{found.before:.3f} px: offset of edges in frames that only check"],
+        ["before", f"{found.before:.3f} px: offset of edges in held-out frames"],
         ["after", f"{found.after:.3f} px"],
         ["rim", f"{1e3 * found.rim[0]:.2f} ± {1e3 * found.rim[1]:.2f} mm at the object's edges"],
         ["frames", str(found.frames)],

@@ -166,7 +166,7 @@ def described(
 def _learned(learned: Adapted, output: Path) -> str:
     kinds = table([["pixels that taught", *learned.pixels], ["", *map(str, learned.pixels.values())]])
     unseen = [color for color, count in learned.pixels.items() if not count]
-    judged = f"{learned.before} of {learned.before.frames} frames that only check"
+    judged = f"{learned.before} of {learned.before.frames} held-out frames"
     summary = listing([["before", judged], ["after", str(learned.after)], ["colours", str(output)]])
     kept = [f"{color} was hardly seen and stays as it was" for color in unseen]
     return "\n".join(["", kinds, *kept, "", summary])

@@ -99,7 +99,7 @@ def adapt(
         mistaken |= strays >= OFTEN
         colors = refit(pixels, mistaken, remembered, options, name)
         after = judge(model, footage, colors)
-        say(f"round {turn + 1}: {len(lessons)} frames of confidence {gate:g} teach; {after}")
+        say(f"round {turn + 1}: learned from {len(lessons)} frames of confidence {gate:g} or more; {after}")
         idle += 1
         if after.explained > best.after.explained + GAIN:
             idle = 0
@@ -108,7 +108,7 @@ def adapt(
         if idle >= PATIENCE and gate == GATES[-1]:
             break
     if best.after is before:
-        fault = fault or f"frames that only check are explained no better than before: {before}"
+        fault = fault or f"held-out frames are explained no better than before: {before}"
         raise NotBetterError(f"{start.name}: refused: {fault}")
     return best
 
@@ -135,7 +135,7 @@ def _lessons(
     fault = (
         f"found {len(result)} of {count} frames with a pose of confidence {gate:g} or more, expected {FEW}"
     )
-    return [], f"{fault}; in {off} more the faces have not the hues of their names" if off else fault
+    return [], f"{fault}; in {off} more, the faces' hues do not match their names" if off else fault
 
 
 def _told_wrong(hues: Mapping[int, float]) -> str:

@@ -119,7 +119,7 @@ def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bo
     pixels = {int(label): image[labelled.labels == label] for label in shown}
     background = image[surely_background(labelled.labels)]
     if not len(background):
-        raise ImageError(f"labelled image {labelled.name}: the masks leave no background; some is needed")
+        raise ImageError(f"labelled image {labelled.name}: found no background, expected some")
     return pixel_histograms({**pixels, 0: background}, options, rng)
 
 

@@ -60,7 +60,7 @@ def read_image(path: Path) -> Image:
         deep = _decoded(content, cv2.IMREAD_UNCHANGED)
         if deep is not None and deep.dtype == np.uint16 and 0 < deep.max() < 4096:
             raise ImageError(
-                f"image {path}: found values up to {deep.max()} in 16 bits, as of a camera of 12 bits; "
+                f"image {path}: found 16-bit values up to {deep.max()}, as from a 12-bit camera; "
                 "expected 8 bits: (image >> 4).astype(np.uint8)"
             )
     return np.asarray(image, dtype=np.uint8)

@@ -47,7 +47,7 @@ class Arena:
             if not 0 < getattr(self, key) <= LARGEST:
                 raise _error(key, getattr(self, key), f"more than 0 and at most {LARGEST:g} metres")
         if min(self.table_std) < 0:
-            raise _error("table_std", self.table_std, "no negative deviation")
+            raise _error("table_std", self.table_std, "standard deviations of at least 0")
 
     @property
     def ground(self) -> float:

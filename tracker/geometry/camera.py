@@ -51,7 +51,7 @@ def check_name(name: object, what: str, fault: type[TrackerError]) -> None:
     """Raise `fault`, with a message that begins with `what`, if this is not a valid camera name."""
     if not may_be_name(name):
         raise fault(
-            f"{what}: found {shown(name)}, expected a text of up to 100 letters, digits, "
+            f"{what}: found {shown(name)}, expected a name of up to 100 letters, digits, "
             "'_' and '-', with '.' and ' ' in between"
         )
 
@@ -90,8 +90,8 @@ class Camera:
         if self.camera_from_world_std is not None:
             std = self._array("camera_from_world_std", self.camera_from_world_std, (4, 4))
             if std.min() < 0 or std.max() > FARTHEST:
-                worst = std.min() if std.min() < 0 else std.max()
-                raise self._error("camera_from_world_std", f"{worst:g}", f"deviations from 0 to {FARTHEST:g}")
+                worst, valid = min(std.min(), 0) or std.max(), f"standard deviations from 0 to {FARTHEST:g}"
+                raise self._error("camera_from_world_std", f"{worst:g}", valid)
             object.__setattr__(self, "camera_from_world_std", std)
         self._check_matrix()
         self._check_transform()

@@ -74,9 +74,7 @@ class CuboidModel:
         for key in ("name", "colors"):
             value = getattr(self, key)
             if not isinstance(value, str) or not value:
-                raise ObjectModelError(
-                    f"object {key}: found {shown(value)}, expected a text that is not empty"
-                )
+                raise ObjectModelError(f"object {key}: found {shown(value)}, expected a non-empty string")
         size = _numbers(self.name, "size", self.size, 3)
         if not ((size >= MIN_SIZE) & (size <= MAX_SIZE)).all():
             valid = f"edges from {MIN_SIZE} to {MAX_SIZE} m"
@@ -156,7 +154,7 @@ def face_labels_of(faces: Any) -> Array:
     used = list(faces.values())
     twice = sorted({color for color in used if used.count(color) > 1})
     if twice:
-        raise ObjectModelError(f"faces: {twice[0]} is given twice; each colour may have one face")
+        raise ObjectModelError(f"faces: found {twice[0]} twice, expected each colour once")
     return np.array([COLOR_NAMES.index(faces[face]) for face in FACE_NAMES], dtype=np.int64)
 
 

@@ -71,12 +71,12 @@ class ColorModel:
         shape, what = (CLASSES, NODES, NODES, NODES), f"colour model {shown(self.name)}: log posteriors"
         values = float_array(self.log_posterior, shape, what, ColorModelError)
         if values.max() > 0:
-            raise ColorModelError(f"{what}: found {values.max():g}, expected 0 of the best class, else less")
+            raise ColorModelError(f"{what}: found {values.max():g}, expected 0 for the best class, else less")
         of_kind(self.normalise, bool, f"colour model {shown(self.name)}: normalise", ColorModelError)
         object.__setattr__(self, "log_posterior", values)
 
     def __repr__(self) -> str:
-        light = "greys normalised" if self.normalise else "pictures as they are"
+        light = "greys normalised" if self.normalise else "images as they are"
         return f"ColorModel({self.name!r}: {', '.join(COLOR_NAMES[1:])}; {light})"
 
     @functools.cached_property
@@ -135,11 +135,11 @@ def _read(path: Path, name: str) -> ColorModel:
     if version.shape != () or version.dtype.kind not in "iu" or version != 1:
         raise ColorModelError(f"colour model {path}: format {version!s}; this version reads format 1")
     if normalise.shape != () or normalise.dtype != np.bool_:
-        raise ColorModelError(f"colour model {path}: normalise is {normalise!s}; one truth value is needed")
+        raise ColorModelError(f"colour model {path}: normalise: found {normalise!s}, expected one boolean")
     if codes.dtype != np.uint8 or codes.shape != (CLASSES, NODES, NODES, NODES):
         raise ColorModelError(
-            f"colour model {path}: log_posterior is {codes.dtype} {codes.shape}; "
-            f"uint8 {(CLASSES, NODES, NODES, NODES)} is needed"
+            f"colour model {path}: log_posterior: found {codes.dtype} {codes.shape}, "
+            f"expected uint8 {(CLASSES, NODES, NODES, NODES)}"
         )
     return ColorModel(name, codes * -_LOG_STEP, bool(normalise))
 
@@ -151,7 +151,7 @@ def _entries(path: Path) -> tuple[Array, Array, Array]:
         sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
     missing = _KEYS - set(sizes)
     if missing:
-        raise ColorModelError(f"colour model {path}: {sorted(missing)} missing; needed are {sorted(_KEYS)}")
+        raise ColorModelError(f"colour model {path}: found no {sorted(missing)}, expected {sorted(_KEYS)}")
     if sum(sizes.values()) > _MAX_BYTES:
         raise ColorModelError(f"colour model {path}: unpacks to more than {_MAX_BYTES} bytes")
     with np.load(io.BytesIO(content), allow_pickle=False) as data:
@@ -174,7 +174,7 @@ def check_colors(colors: object) -> ColorModel:
     """Return the argument if it is a colour model; else raise ColorModelError."""
     if not isinstance(colors, ColorModel):
         raise ColorModelError(
-            f"colors: {type(colors).__name__} given; a ColorModel is needed: tracker.load_colors gives one"
+            f"colors: found {type(colors).__name__}, expected a ColorModel, as tracker.load_colors returns"
         )
     return colors
 

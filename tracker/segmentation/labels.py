@@ -69,16 +69,16 @@ def check_image(image: object, who: str = "image") -> Image:
     """Return the image if it is (H, W, 3) uint8; else raise ImageError."""
     if not isinstance(image, np.ndarray):
         raise ImageError(
-            f"{who}: {type(image).__name__} given; a NumPy array (H, W, 3) of uint8, BGR, is needed"
+            f"{who}: found {type(image).__name__}, expected a NumPy array (H, W, 3) of uint8, BGR"
         )
     if image.dtype != np.uint8:
         bits = 12 if image.dtype == np.uint16 and image.max(initial=0) < 4096 else 16
         remedy = f": (image >> {bits - 8}).astype(np.uint8)" if image.dtype == np.uint16 else ""
-        raise ImageError(f"{who}: dtype {image.dtype}; uint8 is needed{remedy}")
+        raise ImageError(f"{who}: found {image.dtype}, expected uint8{remedy}")
     if image.ndim != 3 or image.shape[2] != 3:
-        raise ImageError(f"{who}: shape {image.shape}; (height, width, 3) is needed, BGR")
+        raise ImageError(f"{who}: found shape {image.shape}, expected (height, width, 3), BGR")
     if min(image.shape[:2]) < 16:
-        raise ImageError(f"{who}: {image.shape[1]}×{image.shape[0]} px; at least 16×16 is needed")
+        raise ImageError(f"{who}: found {image.shape[1]}×{image.shape[0]} px, expected at least 16×16")
     return image
 
 

@@ -94,7 +94,7 @@ class Belief(NamedTuple):
         if self.timestamp is not None and timestamp < self.timestamp:
             raise TrackerError(
                 f"timestamp: found {timestamp:.6f} s after {self.timestamp:.6f} s, expected no earlier one; "
-                "reset() begins another recording"
+                "reset() starts another recording"
             )
         step = 0.0 if self.timestamp is None else timestamp - self.timestamp
         moved = self._replace(timestamp=timestamp, step=step)
@@ -191,7 +191,7 @@ class Belief(NamedTuple):
         """
         if self.timestamp is not None and timestamp < self.timestamp:
             raise TrackerError(
-                f"timestamp: found {timestamp:.6f} s, before the last pictures at {self.timestamp:.6f} s; "
+                f"timestamp: found {timestamp:.6f} s, before the last images at {self.timestamp:.6f} s; "
                 "expected no earlier one"
             )
         motion = self._going_on(timestamp)

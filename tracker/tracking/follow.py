@@ -71,8 +71,8 @@ class Gate:
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
             raise TrackerError(
-                "update: found another call of update or reset at work on this tracker; expected one caller "
-                "at a time: take a tracker for each recording (detect may be called from many threads)"
+                "update: found another call of update or reset in progress on this tracker, expected one at "
+                "a time: use one tracker for each recording (detect may be called from many threads)"
             )
 
     def __exit__(self, *_: object) -> None:

@@ -111,7 +111,7 @@ def _camera_of(data: dict[Any, Any]) -> Camera:
     std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
     std = None if std_key is None else _matrix_of(data, std_key, (4, 4))
     if std is not None and std.min() < 0:
-        raise CalibrationError(f"{std_key}: found {std.min():g}, expected no negative deviation")
+        raise CalibrationError(f"{std_key}: found {std.min():g}, expected standard deviations of at least 0")
     if (transform[3] != (0, 0, 0, 1)).any():
         found = transform[3].tolist()
         raise CalibrationError(f"{transform_key}: found the last row {found}, expected [0, 0, 0, 1]")
