@@ -20,7 +20,7 @@ Kind = TypeVar("Kind")
 
 
 def optional(package: str, extra: str, what: str, fault: type[TrackerError] = TrackerError) -> Any:
-    """Import a package (or submodule) of an extra; raise `fault`, that `what` needs it, if it is missing."""
+    """Import a package (or submodule) of an extra; if it is missing, raise `fault`, which names `what`."""
     try:
         return import_module(package)
     except ImportError as error:
@@ -60,7 +60,7 @@ def check_sequence(given: object, what: str, fault: type[TrackerError], valid: s
 
 
 def path_of(given: object, what: str, fault: type[TrackerError], valid: str = "a path") -> Path:
-    """Return `given` as a Path; raise `fault`, which names `what`, if it is no path or has a null byte."""
+    """Return `given` as a Path; raise `fault`, which names `what`, if it is not a path or has a null byte."""
     text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
     if not isinstance(text, str):
         raise fault(f"{what}: found {shown(given)}, expected {valid}")
@@ -135,7 +135,7 @@ def float_array(
 
 
 LATEST = 1e11
-"""Largest valid timestamp [s], over three thousand years: anything larger is in nanoseconds or the like."""
+"""Largest valid timestamp [s], over three thousand years: anything larger is not in seconds."""
 
 
 def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) -> FloatArray:
@@ -154,7 +154,7 @@ def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) 
 
 
 def one_stamp(given: object, what: str, fault: type[TrackerError] = TrackerError) -> float:
-    """Return one timestamp [s]; raise `fault`, which names `what`, if it is not one or out of range."""
+    """Return one timestamp [s]; raise `fault`, which names `what`, if it is not one, or is out of range."""
     stamp = seconds(given, what, fault)
     if stamp.ndim:
         raise fault(f"{what}: found {shown(given)}, expected one finite number of seconds")

@@ -26,7 +26,7 @@ _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 _FOLDER = "kernels-"
 _OTHERS = 1
-"""Number of cache folders of other source versions to keep, so that alternating versions do not recompile."""
+"""Number of cache folders of other source versions to keep, so that switching versions does not recompile."""
 _OTHERS_SHARED = 8
 """The same below NUMBA_CACHE_DIR, which all copies of a package share."""
 
@@ -34,13 +34,13 @@ _OTHERS_SHARED = 8
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compile a function on its first call and keep the result on disk; `options` are those of numba.njit.
 
-    Division by zero gives what NumPy gives: a check would cost time, above all when compiling. Assigning one
+    Division by zero gives what NumPy gives: checks would cost time, mostly in compilation. Assigning one
     array to another is slow to compile, too, as its error message is compiled as well: use loops instead.
-    If no folder is writable and none holds the machine code already, each process compiles it again.
+    If no folder is writable or holds the machine code already, each process compiles it again.
     """
     if function is None:
         return lambda function: compiled(function, **options)
-    # Kernels are never called from C; wrappers for C would cost as much again as those for Python.
+    # Kernels are never called from C; wrappers for C would take as long to compile as those for Python.
     usual = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     # In this package, only kernels call functions with private names.
     usual["no_cpython_wrapper"] = function.__module__.startswith("tracker.") and function.__name__[0] == "_"
@@ -171,7 +171,7 @@ def _place(base: Path, name: str) -> Path:
     folder = base / name
     if not folder.is_dir():
         folder.mkdir(parents=True, exist_ok=True)
-        # Another process may do the same, or still use a removed folder: it then compiles for itself.
+        # Another process may do the same, or still use a removed folder: it then compiles on its own.
         with contextlib.suppress(OSError):
             others = [other for other in base.glob(f"{_FOLDER}*") if other != folder]
             others.sort(key=lambda other: other.stat().st_mtime)

@@ -32,7 +32,7 @@ class LogError(TrackerError):
 
 
 class NotBetterError(TrackerError):
-    """A new result is no better than the old one, so it is discarded."""
+    """A new result is not better than the old one, so it is discarded."""
 
 
 class LiveError(TrackerError):

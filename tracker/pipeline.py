@@ -41,7 +41,7 @@ class ObjectTracker:
         rig: the cameras in the order of the images, or their calibration files, or the folder with them.
         colors: a colour model, or its name or file; None: the object's own.
         tracking: the limits for `update`; None: the defaults, which suit the platform.
-        table_prior: whether to assume that the object often stands on the table (`rig.arena` gives the
+        table_prior: whether to assume that the object often rests on the table (`rig.arena` gives the
             table's height and how well it is known).
 
     Raises:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 def python_command(program: str, *arguments: str) -> list[str]:
     """Return the command that runs a program as `python -c` does, with arguments for its `sys.argv`.
 
-    By default Python searches the current folder first, where a user's file may have the name of a module.
+    By default Python searches the current folder first, where a user's file may be named like a module.
     The command makes it search where this process does.
     """
     paths = [os.fspath(path) for path in sys.path]

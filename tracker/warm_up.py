@@ -49,7 +49,7 @@ _SECONDS = 300
 KERNELS = 17
 """Number of machine code files that compilation produces."""
 _THRESHOLDS = (100_000, 50, 100)
-"""Thresholds of Python's garbage collection; without it, each process would need 200 MB more."""
+"""Thresholds of Python's garbage collection; without it, each process would need 200 MB more memory."""
 
 
 def kernels_are_cached() -> bool:
@@ -139,9 +139,9 @@ def _kept(folder: Path) -> int:
 
 @contextlib.contextmanager
 def quickly() -> Iterator[None]:
-    """Reduce compilation within the `with` block to four fifths of its time.
+    """Cut compile time within the `with` block by a fifth.
 
-    The garbage collector runs seldom: a compiler keeps most of its objects, and each run goes through them.
+    Garbage is collected less often: a compiler keeps most of its objects, and each collection scans them.
     The signature of an operator for given operand types is resolved once; numba would try dozens of
     signatures at each use.
     """

@@ -14,7 +14,7 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 UNSTATED_STD = np.full((4, 4), 1e-7)
-"""Element-wise standard deviation of a transform whose file states none; it is taken as exact."""
+"""Element-wise standard deviation of a transform whose file states none; it counts as exact."""
 
 LEAST_VARIANCE = 1e-14
 """Smallest variance of a calibration: that of a ten-thousandth of a millimetre or milliradian [m², rad²]."""
@@ -38,7 +38,7 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
 
 
 def is_stated(camera: Camera) -> bool:
-    """Return whether a calibration states deviations; if not, it is taken as exact."""
+    """Return whether a calibration states deviations; if not, it counts as exact."""
     return camera.camera_from_world_std is not None and bool(camera.camera_from_world_std.any())
 
 
@@ -55,7 +55,7 @@ def calibration_covariance(camera: Camera) -> FloatArray:
 
 
 def turned_std(rotation: FloatArray, std: FloatArray, turned: FloatArray) -> FloatArray:
-    """Return the element-wise deviations (3, 3) of the rotation `turned` (3, 3) with errors as before."""
+    """Return the element-wise deviations (3, 3) of the rotation `turned` (3, 3) for the same errors."""
     variances = rotation_vector_variance(rotation, std)
     moved = np.stack([so3.hat(axis) @ turned for axis in np.eye(3)])
     out: FloatArray = np.sqrt(np.tensordot(variances, moved**2, axes=1))

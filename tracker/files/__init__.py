@@ -20,7 +20,7 @@ from tracker.errors import LogError, shown
 
 @contextlib.contextmanager
 def on_error(undo: Callable[[], object]) -> Iterator[None]:
-    """Call `undo` if the `with` block raises, for instance to close a half-opened file; then raise on."""
+    """Call `undo` if the `with` block raises, for instance to close a half-opened file; then re-raise."""
     try:
         yield
     except BaseException:
@@ -29,9 +29,9 @@ def on_error(undo: Callable[[], object]) -> Iterator[None]:
 
 
 class OneAtATime:
-    """Lets one thread at a time use what is open, in the process that opened it; a context manager.
+    """A context manager that lets one thread at a time use an open file, only in the process that opened it.
 
-    Forked processes would move each other's place in the file.
+    Forked processes share the position in the file, and would move it for each other.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,7 +47,7 @@ class OneAtATime:
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
-    """Open a regular file for reading, without blocking, as opening a pipe without a writer would.
+    """Open a regular file for reading; a pipe without a writer raises an error instead of blocking.
 
     Raises:
         OSError: the file cannot be opened, or is a folder, a pipe or a device.
@@ -66,7 +66,7 @@ def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
     """Return the content of a regular file of at most `largest` bytes, without reading larger ones whole.
 
     Raises:
-        OSError: the file cannot be read, is no regular file, or is larger.
+        OSError: the file cannot be read, is not a regular file, or is larger.
     """
     with open_regular(path) as file:
         content = file.read(largest + 1)
@@ -92,10 +92,10 @@ def check_suffix(path: Path, suffixes: Sequence[str], what: str, fault: type[Exc
 
 
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EROFS)
-"""Errors of file systems without locks, such as some network drives."""
+"""Errors raised by file systems without locks, such as some network drives."""
 
 _MOST_BYTES = 200
-"""Largest part of a file name that is kept in a name derived from it [bytes]."""
+"""Largest part of a file name to keep in names derived from it [bytes]."""
 
 
 @contextlib.contextmanager
@@ -158,7 +158,7 @@ def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
     """Lock a file for writing until the `with` block or the process ends; other callers get an error.
 
     The lock is on a hidden file beside it, which is removed at the end. File systems without locks give no
-    protection. (filelock would be one more dependency of the core, for forty lines.)
+    protection. (filelock would save forty lines, but add a dependency to the core.)
 
     Raises:
         BlockingIOError: another run has locked the file.
@@ -174,7 +174,7 @@ def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     finally:
-        # Remove it while it is locked: a process that has it open already then sees that it is gone.
+        # Remove it while it is locked: a process that already has it open then notices that it is gone.
         lock.unlink(missing_ok=True)
         os.close(descriptor)
 

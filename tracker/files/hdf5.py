@@ -2,12 +2,12 @@
 
 Only data in the file itself are read, with the filters that come with the HDF5 library: no links to other
 files, no external or virtual storage, no plug-ins, no objects. Type, shape and the number of stored bytes
-are checked before anything is read. Strings have fixed length: those of variable length are in a heap
-without a checksum, and a damaged heap can make the library search forever.
+are checked before anything is read. Strings must have fixed length: those of variable length are stored in a
+heap without a checksum, and a damaged heap can make the library search forever.
 
-If the disk is full while a file is written, the library loses track of its open objects, and ends the
-process when they are closed or earlier. `Disk` keeps in memory what the disk refuses, so that the library
-can finish and the fault can be reported.
+If the disk is full while a file is written, the library loses track of its open objects, and crashes
+the process when they are closed, or earlier. `Disk` keeps what the disk refuses in memory, so that the
+library can finish and the error can be reported.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tracker.errors import LogError, TrackerError
 from tracker.files import open_regular, told_of
 
 MAX_CHUNK = 1 << 28
-"""Largest valid chunk of a dataset [bytes]."""
+"""Size of the largest valid chunk of a dataset [bytes]."""
 
 TYPES = {
     "f": "floating-point numbers",
@@ -66,14 +66,14 @@ def faults_as_log_errors(what: str) -> Iterator[None]:
         if isinstance(error, LogError) and str(error).startswith(what):
             raise
         raise LogError(f"{what}: {error}") from error
-    # The type of h5py's error depends on which stage of the library's work fails.
+    # The type of h5py's error depends on the stage at which the library fails.
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError) as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise LogError(f"{what}: cannot be read, expected a whole HDF5 file: {reason}") from error
 
 
 def open_file(path: str | os.PathLike[str]) -> h5py.File:
-    """Open a regular file for reading; OSError or any error of h5py if it is no HDF5 file."""
+    """Open a regular file for reading; OSError or any error of h5py if it is not an HDF5 file."""
     open_regular(path).close()  # the library would wait for a pipe's writer
     # Reading needs no lock, since files are replaced whole; network drives often have no locks.
     return h5py.File(path, "r", locking=False)
@@ -96,7 +96,7 @@ def check_stated_end(path: Path) -> str | None:
 
 
 def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
-    """Return the dataset at a path, unread, or None; LogError if it is unsafe to read or no dataset.
+    """Return the dataset at a path, unread, or None; LogError if it is unsafe to read or not a dataset.
 
     where: text before the path in errors.
     """
@@ -176,7 +176,7 @@ def text(file: Any, key: str) -> str:
 
 
 def text_of(path: str | os.PathLike[str], key: str) -> str | None:
-    """Return the text in an attribute of a file; None without one, or if the file is no HDF5 or damaged."""
+    """Return the text in an attribute of a file; None if there is none, or the file is damaged or no HDF5."""
     try:
         with open_file(path) as file:
             return text(file, key)
@@ -273,8 +273,8 @@ def _check_stored(dataset: h5py.Dataset) -> None:
 def uninterrupted() -> Iterator[None]:
     """Defer signals that have a Python handler until the `with` block ends.
 
-    The HDF5 library drops what a handler raises within a write, loses track of the file, and crashes. Other
-    threads than the main one receive no signals, so nothing changes there.
+    If a handler raises during a write, the HDF5 library drops the exception, loses track of the file, and
+    crashes. Only the main thread receives signals, so nothing changes in others.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -295,7 +295,7 @@ def uninterrupted() -> Iterator[None]:
 
 
 class Disk(io.FileIO):
-    """The new file that h5py writes to, `uninterrupted`; it keeps in memory what a full disk refuses."""
+    """The new file that h5py writes to, `uninterrupted`; it keeps what a full disk refuses in memory."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path, "xb+")
@@ -310,7 +310,7 @@ class Disk(io.FileIO):
         return self._at
 
     def write(self, data: Any) -> int:
-        """Write all of the data, to memory once the disk has refused something."""
+        """Write all data; to memory once the disk has refused any."""
         content, done = bytes(data), 0
         try:
             while self.fault is None and done < len(content):

@@ -1,7 +1,7 @@
 """Reads zarr 2 arrays in an LMDB database block by block, without trusting the file.
 
 The LMDB library maps the file to memory and follows any offset in it: a damaged offset or a missing page
-crashes the process. It therefore runs in a separate process, which is queried for values.
+crashes the process. It therefore runs in a separate process that is asked for values.
 
 Only lists of byte strings, and lists and tables of plain numbers, are decoded, uncompressed or compressed by
 Blosc (zarr's default); codecs that could run code (pickle) are refused. The size of a block is checked before
@@ -42,15 +42,15 @@ with file.begin(buffers=True) as values:
         answers.write(value if value is not None and len(value) <= int(largest) else b"")
         answers.flush()
 """
-"""Program that writes the file's least length [bytes] and the number of values; then, for each key that it
-reads, the length of the value (-1 if there is none) and, if it is not above the given limit, the value."""
+"""Program that writes the file's minimum length [bytes] and the number of values; then, for each key that it
+reads, the length of the value (-1 if there is none) and, unless it exceeds the given limit, the value."""
 
 
 class LmdbFile:
     """An LMDB file without named databases, open for reading.
 
     Raises:
-        LogError: the file is no database or truncated, or a package is missing.
+        LogError: the file is truncated or not a database, or a package is missing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -117,7 +117,7 @@ _PACKER = "blosc"
 class StoredArray:
     """A list of byte strings or of numbers, or a table of numbers, stored in tiles.
 
-    A block is all tiles of the same rows; zarr stores tiles of numbers in full size at the edges, too.
+    A block is all tiles of the same rows; zarr stores tiles of numbers at the edges in full size, too.
     """
 
     def __init__(self, store: LmdbFile, name: str, where: str) -> None:
@@ -134,7 +134,7 @@ class StoredArray:
 
     @classmethod
     def find(cls, store: LmdbFile, name: str, where: str) -> StoredArray | None:
-        """Return the array, or None if there is none of this name; LogError if it is malformed."""
+        """Return the array, or None if there is none with this name; LogError if it is malformed."""
         return cls(store, name, where) if store.get(f"{name}/.zarray", _MAX_JSON) is not None else None
 
     def __len__(self) -> int:

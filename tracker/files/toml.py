@@ -1,4 +1,4 @@
-"""Small TOML files: the user's by path, and the package's by name."""
+"""Small TOML files: those of the user by path, those of the package by name."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def found_by(given: str | os.PathLike[str], folder: Path, what: str, fault: type
 def read_toml(
     path: Path, fault: type[TrackerError], keys: Collection[str] | None = None, what: str = ""
 ) -> dict[str, Any]:
-    """Return a file's values; raise `fault`, which names it, if it is no TOML file or has unknown keys.
+    """Return a file's values; raise `fault`, which names it, if it is not TOML or has unknown keys.
 
     keys: valid keys, None: any. what: text before the path in errors.
     """
     where = f"{what} {path_of(path, what or 'file', fault)}".lstrip()
     with told_of(where, fault):
         content = read_bounded(path, MAX_FILE_SIZE)
-    # The parser also lets errors of number conversion and of too deep nesting through.
+    # The parser also lets through errors of number conversion and of excessive nesting.
     with naming(f"{where}: not a TOML file", fault, ValueError, RecursionError):
         values = tomllib.loads(content.decode("utf-8-sig"))
     if keys is not None and (unknown := sorted(set(values) - set(keys))):

@@ -1,4 +1,4 @@
-"""Check cameras for faults by watching their images for some seconds, without searching for an object."""
+"""Check cameras for faults by watching their images for a few seconds, without searching for an object."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_FROZEN = 0.02
 """Largest share of images that are bit-identical to the previous image."""
 
 LOOK_EVERY = 0.5
-"""Interval between measurements of brightness, clipping and blur [s], which take longer than an image."""
+"""Interval between measurements of brightness, clipping and blur [s], which take longer than a frame."""
 
 
 @dataclass
@@ -76,7 +76,7 @@ class CameraLooks:
         return float(np.median(self.skews)) if self.skews else float("nan")
 
     def faults(self) -> list[str]:
-        """Return what is wrong, with a hint at what may help."""
+        """Return what is wrong, with hints on what may help."""
         found, missing = [], sum(self.missing.values())
         total = self.pictures + missing
         if missing > MOST_MISSING * total:
@@ -131,7 +131,7 @@ class SetLooks:
 
 
 def look_at(source: ImageSource, rig: CameraRig, seconds: float) -> SetLooks:
-    """Measure the images of a source for some seconds, or until it ends; TrackerError if the source fails."""
+    """Measure the images of a source for `seconds` [s] or until it ends; TrackerError if the source fails."""
     looks = SetLooks([CameraLooks(camera.name, (camera.width, camera.height)) for camera in rig])
     end, first = time.monotonic() + seconds, 0.0
     with contextlib.suppress(SourceEnded):

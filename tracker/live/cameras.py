@@ -1,4 +1,4 @@
-"""Trigger several cameras together, each in its own thread, so that none waits for another."""
+"""Trigger several cameras together, each in its own thread so that none waits for another."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ OPENING = 5.0
 """How long the first set waits for cameras that are being opened [s]."""
 
 OPENING_LONG = 20.0
-"""How long to wait while no camera has been opened yet, but some attempt to open one has not ended [s]."""
+"""How long to wait if no camera is open yet, but an attempt to open one is still running [s]."""
 
 _GRAB = 1.0
-"""Longest time that a camera may take for an image [s]; its set was delivered without it long before."""
+"""Longest time that a camera may take for an image [s]; the set is delivered without it long before."""
 
 _UNTRIED = "not opened yet"
 
@@ -41,7 +41,7 @@ class CameraLost(LiveError):
 
 
 class CameraUnfit(LiveError):
-    """The camera is there, but unusable with its settings; opening it again would not help."""
+    """The camera is connected, but unusable with its settings; opening it again would not help."""
 
 
 class CameraEnded(SourceEnded):
@@ -85,7 +85,7 @@ class _Slot:
     answered: int = 0
     """Number of the newest requested set that the camera has answered."""
     picture: Grabbed | None = None
-    """Its answer; None: it failed, for the reason in `fault`."""
+    """Its image; None: it failed, for the reason in `fault`."""
     fault: str | None = _UNTRIED
     there: bool = False
     """Whether the camera is open."""
@@ -98,10 +98,10 @@ class _Slot:
 class CameraSet:
     """A source of images that cameras take when triggered together, at a steady rate.
 
-    A camera that fails once has no image in that set. One that is lost or missing is opened as soon as it is
-    available. Sets continue at their rate whatever happens to the cameras, even if all are lost. Only if none
-    could be opened within seconds, or if one is unusable with its settings from the beginning (CameraUnfit),
-    `next` raises LiveError, which names the cameras.
+    A camera that fails once has no image in that set. One that is lost or missing is opened once it is
+    available. Sets continue at their rate, even if all cameras are lost. `next` raises LiveError, naming the
+    cameras, only if none could be opened within seconds, if one was unusable with its settings when first
+    opened (CameraUnfit), or if the film of one has ended (CameraEnded).
 
     Args:
         openers: one function per camera that opens it, or raises a LiveError naming the camera.
@@ -143,7 +143,7 @@ class CameraSet:
                 return None
             time.sleep(max(0.0, self._tick - time.monotonic()))
             now = time.monotonic()
-            # A caller that is late does not get the sets that it missed.
+            # A caller that is late does not receive the sets that it missed.
             self._tick = max(self._tick, now - self._period) + self._period
             with self._changed:
                 self._asked += 1

@@ -21,7 +21,7 @@ KEPT = (
     "DeviceSerialNumber", "PixelFormat", "ExposureTime", "ExposureAuto", "Gain", "GainAuto", "Gamma",
     "BlackLevel", "BalanceWhiteAuto",
 )  # fmt: skip
-"""Features reported for every camera that has them; white balance also has a ratio for each colour."""
+"""Features reported for every camera that has them; so are the white balance ratios of the colours."""
 
 _RATIOS = ("Red", "Green", "Blue")
 _AS_THEY_ARE, _TURNED = slice(None), slice(None, None, -1)
@@ -39,7 +39,7 @@ class PylonCamera:
     """A Basler camera with a given serial number, triggered by software.
 
     The timestamp is the middle of the exposure: the time of the trigger plus half the exposure time. Settings
-    are applied in their order, and each is read back.
+    are applied in the given order, and each is read back.
 
     Raises:
         LiveError: there is no such camera, or it is in use.
@@ -104,7 +104,7 @@ class PylonCamera:
         return Grabbed(array if order is None else np.ascontiguousarray(array[:, :, order]), stamp)
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """See `LiveCamera`; values of KEPT and of all features that were set, by GenICam names."""
+        """See `LiveCamera`; the values of KEPT and of all features that were set, by GenICam name."""
         found: dict[str, str | int | float | bool] = {}
         for name in dict.fromkeys((*KEPT, *self._names)):
             with contextlib.suppress(Exception):  # the feature is missing or not readable
@@ -160,7 +160,7 @@ def pylon_serials(names: Sequence[str]) -> list[str]:
 
 
 def _pylon() -> Any:
-    # Its import emits warnings about its own types, and crashes if warnings are errors.
+    # Importing it emits warnings about its own types, and crashes if warnings are errors.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return optional("pypylon.pylon", "pylon", "pylon", LiveError)
@@ -185,8 +185,8 @@ class OpenCvCamera:
     """A camera given by its number, a film by its file, or a stream by its address.
 
     The timestamp is the time at which the image arrived, since OpenCV provides no other. A film gives one
-    image per request until it ends. A camera given by its number is requested to use a size (width, height)
-    [px], but may deliver another.
+    image per request until it ends. A camera given by its number is asked for images of `size` (width,
+    height) [px], but may deliver another size.
 
     Raises:
         LiveError: it cannot be opened, or a file is not a film.

@@ -1,4 +1,4 @@
-"""Process moments in separate threads, so that the tracking never waits."""
+"""Process moments in separate threads, so that tracking never waits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tracker.objects.model import CuboidModel
 from tracker.viz.rerun_viewer import open_scene
 
 WAITING = 30
-"""Number of image sets that may wait for the disk: three seconds of cameras at 10 Hz."""
+"""Number of image sets that may wait for the disk: three seconds at 10 Hz."""
 
 FLUSH = 0.7
 """Interval at which recorded data is flushed to the operating system [s]; including the flush itself and the
@@ -28,7 +28,7 @@ wait for the next set, this makes a second."""
 class Listener:
     """Processes moments in a thread of its own; if more than `waiting` are queued, the oldest is dropped.
 
-    After a failure it processes no more moments; the tracking continues.
+    After a failure it processes no more moments; tracking continues.
     """
 
     def __init__(self, waiting: int) -> None:
@@ -38,7 +38,7 @@ class Listener:
         self.left_out = 0
         """Number of moments dropped."""
         self.fault: str | None = None
-        """Why the listener ended early; None if it did not."""
+        """Why the listener stopped early; None if it did not."""
         name = f"tracker.{type(self).__name__}"
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -85,8 +85,8 @@ class Recorder(Listener):
     """Records each moment in the platform's HDF5 format, 2.1.
 
     Raw pixels are recorded as the cameras gave them, with the calibration scaled to their size. Colour images
-    are reduced to a Bayer pattern: each pixel keeps the one colour that such a sensor measures there. The
-    measured poses are recorded, too. Moments that the disk cannot store in time are dropped and counted; if
+    are reduced to a Bayer pattern: each pixel keeps the one colour that such a sensor measures there.
+    Measured poses are recorded, too. Moments that the disk cannot store in time are dropped and counted; if
     writing fails, the recording ends.
 
     Args:

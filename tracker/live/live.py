@@ -20,7 +20,7 @@ from tracker.pose.result import MotionEstimate
 from tracker.warm_up import load
 
 HISTORY = 256
-"""Number of moments kept: 25 s of cameras at 10 Hz. Only the newest keeps its images."""
+"""Number of moments kept: 25 s at 10 Hz. Only the newest keeps its images."""
 
 STAMPS_APART = 1.0
 """Largest difference of a camera's timestamp from the others' [s]; beyond it the image is dropped."""
@@ -33,7 +33,7 @@ CLOSING = 5.0
 
 
 def check_arguments(tracker: object, history: object) -> None:
-    """Raise LiveError for what is no tracker, or no number of results to keep."""
+    """Raise LiveError if `tracker` is not a tracker, or `history` not a valid number of results to keep."""
     if not callable(getattr(tracker, "update", None)):
         raise LiveError(f"tracker: found {shown(tracker)}, expected a tracker.ObjectTracker")
     if not is_whole(history) or history < 1:
@@ -44,19 +44,19 @@ class Live:
     """Tracks an object in the images of a source, from its creation until `close`; a context manager.
 
     The tracker runs in a thread of its own, which owns it: do not call its `update` or `reset`. If several
-    sets of images arrive while one is processed, the newest is processed next. No method but `wait` waits for
-    the tracker.
+    sets of images arrive while one is processed, the newest is processed next. Only `wait` and `close` wait
+    for the tracker.
 
     Args:
         source: the source of images, which is closed at the end; or an argument of `open_source`: a
             recording's path, `pylon`, `opencv:0,1,2`, `simulation`.
-        tracker: finds the object.
+        tracker: the tracker that finds the object.
         listeners: called in the tracking thread with each Moment; must return quickly. A listener that raises
             is not called again, and is reported in `faults`.
         history: number of moments kept for `at`.
 
     Raises:
-        TrackerError: the source cannot be opened, or an argument is none of its kind.
+        TrackerError: the source cannot be opened, or an argument has the wrong type or value.
     """
 
     def __init__(
@@ -111,13 +111,13 @@ class Live:
         """The exception that ended the source or the tracker; None if there was none.
 
         A KeyboardInterrupt or SystemExit in the source is re-raised by `wait`, and at the end of a
-        with-statement unless that ends by another exception.
+        with-statement unless that ends with another exception.
         """
         return self._error
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """The last hundred distinct faults after which the tracking continued."""
+        """The last hundred distinct faults after which tracking continued."""
         with self._changed:
             return tuple(self._faults)
 
@@ -168,7 +168,7 @@ class Live:
         return None if forecast is None else forecast(timestamp)
 
     def close(self) -> None:
-        """End the tracking and close the source; further calls do nothing.
+        """Stop tracking and close the source; further calls do nothing.
 
         A source that takes seconds to return from `next` or `close` is left to the thread, which closes it
         later; `faults` reports this.
@@ -287,7 +287,7 @@ class Live:
         return replace(taken, images=tuple(images), stamps=tuple(stamps), faults=tuple(faults), raw=raws)
 
     def _usual_stamp(self, taken: ImageSet) -> float:
-        """Return the median timestamp; of only two, the one closer to the last set's."""
+        """Return the median timestamp; if there are only two, the one closer to the last set's."""
         given = [t for image, t in zip(taken.images, taken.stamps, strict=True) if image is not None]
         if len(given) == 2 and self._last is not None:
             last = self._last
@@ -296,6 +296,6 @@ class Live:
 
     def _note(self, fault: str) -> None:
         with self._changed:
-            if fault in self._faults:  # a camera that repeats one ten times a second must not displace others
+            if fault in self._faults:  # one repeated ten times a second must not displace others
                 self._faults.remove(fault)
             self._faults.append(fault)

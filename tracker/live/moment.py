@@ -26,9 +26,9 @@ class ImageSet:
     """
 
     images: tuple[Image | None, ...]
-    """Image (H, W, 3) uint8 BGR of each camera in order, or None if it gave none."""
+    """Image (H, W, 3) uint8 BGR of each camera in order; None if it gave none."""
     stamps: tuple[float, ...]
-    """Timestamp of each image [s]; without an image, the time at which it was missed."""
+    """Timestamp of each image [s]; for a missing image, the time at which it was missed."""
     faults: tuple[str | None, ...] = ()
     """What is wrong with each camera, in a few words; None: nothing."""
     raw: tuple[Image | None, ...] | None = None
@@ -36,7 +36,7 @@ class ImageSet:
     age: float = 0.0
     """Age of the latest image when the set was delivered [s]."""
     fresh: bool = False
-    """Whether the set begins something new, so that the tracker must forget earlier images."""
+    """Whether the set is unrelated to earlier ones, so that the tracker must forget them."""
 
     def __post_init__(self) -> None:
         count = len(self.images)
@@ -60,7 +60,7 @@ class ImageSource(Protocol):
     """A source of image sets; only the newest counts, and sets not fetched in time are dropped."""
 
     def next(self, timeout: float) -> ImageSet | None:
-        """Return the newest set not returned yet, waiting for up to `timeout` [s]; None: none came.
+        """Return the newest set not returned yet, waiting up to `timeout` [s]; None: none came.
 
         Raises:
             SourceEnded: no more sets will come.
@@ -90,7 +90,7 @@ class Moment:
     jump: str | None = None
     """How the timestamps of all cameras jumped since the previous set; None: they did not."""
     fault_counts: Mapping[str, int] = field(default_factory=dict)
-    """Number of moments so far with a fault, by camera name; moments that nobody fetched count, too."""
+    """Number of moments so far with a fault, by camera name; moments that were never fetched count, too."""
     jump_count: int = 0
     """Number of timestamp jumps so far."""
 

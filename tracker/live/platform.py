@@ -4,7 +4,7 @@ Names and meanings are those of the platform's observations, front ends and log 
 differences, described only here:
 
 - The platform has an object pose in every observation. Here, position and orientation are NaN if the object
-  was not found, so that nobody computes with them unnoticed, and the confidence is 0.
+  was not found, so that no one uses them by mistake, and the confidence is 0.
 - A time index counts sets of images. The platform's robot counts its own steps at 1 kHz, and its
   `get_camera_observation(t)` returns the newest observation at step t; here it returns the newest one of all.
 """
@@ -80,7 +80,7 @@ class Frontend:
 
     Args:
         source: the source of images, which is closed at the end.
-        tracker: finds the object.
+        tracker: the tracker that finds the object.
         raw: whether observations hold raw Bayer pixels, as in newer versions of the platform; only for
             sources that provide them.
         history: number of observations kept.
@@ -111,7 +111,7 @@ class Frontend:
         return self._live
 
     def shutdown(self) -> None:
-        """End the tracking, and close the source."""
+        """Stop tracking and close the source."""
         self._live.close()
 
     def get_sensor_info(self) -> CameraRig:
@@ -193,7 +193,7 @@ class Frontend:
 
 
 class LogReader:
-    """A recording, read into memory at once; for long ones, `tracker.open_log` holds one frame at a time."""
+    """A recording, read wholly into memory; for long ones, `tracker.open_log` holds one frame at a time."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.data: list[CameraObjectObservation] = []
@@ -203,7 +203,7 @@ class LogReader:
         self.read_file(path)
 
     def read_file(self, path: str | os.PathLike[str]) -> None:
-        """Replace this recording by another; LogError if it cannot be read."""
+        """Replace this recording with another; LogError if it cannot be read."""
         self.data, self.timestamps = [], []
         with open_log(path) as log:
             for frame in log:

@@ -20,7 +20,7 @@ from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
 
 VERSION = 3
-"""Version of the message; raised when a field is removed or changes its meaning, not when one is added."""
+"""Version of the message; increased when a field is removed or changes its meaning, not when one is added."""
 
 _FORMS = "tcp://127.0.0.1:PORT, ipc://PATH"
 _ADDRESS = re.compile(r"tcp://(?P<host>.+):(?P<port>\d{1,5}|\*)|(ipc|inproc)://.+")
@@ -31,7 +31,7 @@ def message_of(moment: Moment) -> bytes:
     """Return the message in UTF-8: the filtered pose of the newest images, or null if the object is lost.
 
     `timestamp` [s]; `pose` as in `detect --json`; `velocity` (6) [m/s, rad/s] along world axes; other fields
-    as in Moment. The counts inform subscribers about sets that they never fetched.
+    as in Moment. The counts tell subscribers about sets that they never fetched.
     """
     pose = moment.filtered_object_pose
     content: dict[str, Any] = {
@@ -54,7 +54,7 @@ class ZmqPublisher:
     """Publishes each moment by ZeroMQ; a listener of `Live`.
 
     Subscribers get only the newest message: a newer one replaces what was not fetched, so a subscriber that
-    hangs delays nobody. Nothing is ever received.
+    hangs delays no one. Nothing is ever received.
 
     Args:
         address: e.g. `tcp://127.0.0.1:5555`.
@@ -90,7 +90,7 @@ class ZmqPublisher:
         self.address: str = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
         """Address for subscribers, with the port that was chosen for `*`."""
         self.fault: str | None = None
-        """As for `LcmPublisher`; always None, since only messages that nobody fetched are not delivered."""
+        """As for `LcmPublisher`; always None, since only messages that were never fetched are dropped."""
 
     def __call__(self, moment: Moment) -> None:
         """Publish a moment."""
@@ -122,7 +122,7 @@ it."""
 
 POSITIONS = ("qw", "qx", "qy", "qz", "x", "y", "z")
 VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
-"""Names of the numbers, which follow the body's name."""
+"""Suffixes of the numbers' names, which begin with the body's name."""
 
 _BODY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")  # LCM's channel names have up to 63 characters
 
@@ -154,7 +154,7 @@ def body_of(model: CuboidModel, name: str | None = None) -> str:
 
 
 def lcm_message_of(moment: Moment, object_name: str, body: str) -> bytes | None:
-    """Return a message with the newest filtered pose; None if the object is lost, which the type cannot say.
+    """Return a message with the newest filtered pose; None if the object is lost, which it cannot express.
 
     `utime` is the timestamp of the latest image [µs], on the source's clock (for cameras, since the epoch).
     Positions are the object's quaternion, w first, and centre [m] in the world; velocities are angular
@@ -190,7 +190,7 @@ class LcmPublisher:
             multicast group; `file://PATH`, a new LCM log file.
         model: the object.
         body: its name in messages; None: see `body_of`.
-        public: whether other machines may receive messages, which takes a time to live of 1 or more.
+        public: whether other machines may receive messages, which requires a time to live of 1 or more.
 
     Raises:
         LiveError: the package is not installed, the address is invalid or reaches other machines, or LCM
@@ -287,7 +287,7 @@ Publisher = ZmqPublisher | LcmPublisher
 
 
 def is_lcm(address: str) -> bool:
-    """Return whether the address is one of LCM, not ZeroMQ."""
+    """Return whether the address is for LCM, not ZeroMQ."""
     return address.partition("://")[0] in ("lcm", "udpm", "file")
 
 

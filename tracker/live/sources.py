@@ -37,7 +37,7 @@ class Replay:
     """A source that replays a recording's frames at the pace of their timestamps.
 
     Timestamps are shifted to begin when the first frame is requested, on the clock of `time.time`. As with
-    cameras, a frame that is not fetched before the next is due is dropped.
+    cameras, a frame not fetched before the next is due is dropped.
 
     Args:
         log: the recording, or its path.
@@ -112,10 +112,10 @@ _PERIOD = 0.1
 
 
 class Simulation:
-    """A source that plays a film of the generator `synthetic`, at 10 Hz without end.
+    """A source that plays a film from the generator `synthetic` at 10 Hz in an endless loop.
 
     The generator is imported only here: the tracker does not depend on it. Errors are raised at once. The
-    film is rendered by `draw`, or when the first images are requested, which are then late.
+    film is rendered by `draw`, or when the first images are requested, which delays them.
 
     Args:
         object_name: the object in the film.
@@ -170,7 +170,7 @@ class Simulation:
 
 
 def _maker(object_name: str, seed: int, frames: int) -> FrameMaker:
-    # Another package may have the name `synthetic`, too.
+    # Another package may be named `synthetic`, too.
     found = find_spec("synthetic") is not None and find_spec("synthetic.frames") is not None
     if not found or find_spec("pybullet") is None:
         raise LiveError(f"simulation: found no generator: {install('synthetic')}")
@@ -182,7 +182,7 @@ def _maker(object_name: str, seed: int, frames: int) -> FrameMaker:
 
 
 class Pushed:
-    """A source of images that are pushed into it from any thread; a newer set replaces one that waits."""
+    """A source of images that are pushed into it from any thread; a newer set replaces one still waiting."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -241,7 +241,7 @@ FORMS = "a recording's path, pylon, pylon:SERIAL,…, opencv:0,1,2 or simulation
 
 
 def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> ImageSource:
-    """Open the source that a text names, for the tracker's cameras: see FORMS.
+    """Open the source named by a text, for the tracker's cameras; see FORMS.
 
     Raises:
         TrackerError: it cannot be opened.
@@ -269,7 +269,7 @@ def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Image
 def open_cameras(
     source: str, rig: CameraRig, *, rate: float = RATE, settings: Path | None = None
 ) -> CameraSet:
-    """Open the cameras that a text names, one for each camera of a rig, in its order.
+    """Open the cameras named by a text, one for each camera of a rig, in its order.
 
     Args:
         source: `pylon`, for cameras whose DeviceUserIDs are the rig's names; `pylon:SERIAL,…`; or `opencv:…`
@@ -280,8 +280,8 @@ def open_cameras(
             `["SERIAL"]` are for one camera only.
 
     Raises:
-        LiveError: the text is malformed or names another number of cameras, the settings cannot be read, or
-            a camera with a name of the rig is missing.
+        LiveError: the text is malformed or names the wrong number of cameras, the settings cannot be read,
+            or a camera with a name of the rig is missing.
     """
     kind, _, listed = of_kind(source, str, "source", LiveError).partition(":")
     which = [part.strip() for part in listed.split(",") if part.strip()]
@@ -306,7 +306,7 @@ def open_cameras(
 
 
 def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str, Any]]:
-    """Return each camera's settings from a TOML file; LiveError if that is malformed."""
+    """Return each camera's settings from a TOML file; LiveError if it is malformed."""
     values = {} if path is None else read_toml(path, LiveError, what="settings")
     tables = {name: values.pop(name) for name in sorted(values) if isinstance(values[name], dict)}
     for serial in tables:

@@ -1,6 +1,6 @@
 """A web page on this machine that shows the newest moment and each camera's health.
 
-It never delays the tracking.
+It never delays tracking.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SPAN = 10.0
 """Time window for rates, skews and missing images [s]."""
 
 LATENCIES = 600
-"""Number of latencies whose percentiles are shown: a minute of cameras at 10 Hz."""
+"""Number of latencies whose percentiles are shown: a minute at 10 Hz."""
 
 PERCENTILES = (50, 90, 99, 100)
 
@@ -75,7 +75,7 @@ class WebPageState:
             self._seen.popleft()
 
     def look(self, moment: Moment) -> None:
-        """Measure the images themselves, which takes some tens of milliseconds."""
+        """Measure the images themselves, which takes tens of milliseconds."""
         images, pose, rig = moment.taken.images, moment.filtered_object_pose, self._tracker.rig
         self._looks = [{} if image is None else PictureLook.of(image)._asdict() for image in images]
         found = None if pose is None else sample(self._tracker, images, still=slow(pose.velocity))
@@ -152,11 +152,11 @@ _TIMEOUT = 10.0  # for a browser that does not read its response [s]
 _REFUSED = b"this page is for this machine only"
 
 CONNECTIONS = 16
-"""Largest number of connections; each takes a thread and a file, which cameras and recording need too."""
+"""Largest number of connections; each takes a thread and a file handle, which cameras and disk need, too."""
 
 
 class WebPage(Listener):
-    """Serves the page at a port of this machine; 0: any free port.
+    """Serves the page on a port of this machine; 0: any free port.
 
     Only this machine can connect, and only by its local host names: requests that another site makes through
     a browser are refused. Connections beyond CONNECTIONS are closed. The page cannot change anything. Costly
@@ -196,7 +196,7 @@ class WebPage(Listener):
         return time.monotonic() - self._asked < WATCHED
 
     def message(self, after: str) -> bytes:
-        """Return the newest message unless it is of the set `after`; empty: none came within a second."""
+        """Return the newest message if it is not that of set `after`; empty if none came within a second."""
         self._asked = time.monotonic()
 
         def is_newer() -> bool:

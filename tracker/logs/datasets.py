@@ -1,6 +1,6 @@
 """Image data sets of trifinger_rl_datasets, `NAME.zarr/data.mdb`: their images and control steps.
 
-`observations` (steps, n) is a nested dictionary, flattened in the order of sorted keys; n tells the task.
+`observations` (steps, n) is a nested dictionary, flattened in order of sorted keys; n identifies the task.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _IN_ROBOT = {"joints": (21, 30), "robot": (30, 31)}
 
 
 class DatasetSource(Source):
-    """The images of all episodes, one after the other.
+    """The images of all episodes, one episode after the other.
 
     A frame's timestamp is that of the first control step that saw it: the store has no other times.
     """
@@ -145,7 +145,7 @@ class DatasetSource(Source):
 
 
 class Episode(NamedTuple):
-    """A part of a store that one robot recorded without interruption."""
+    """A part of a store that a single robot recorded without interruption."""
 
     number: int
     """Number of the episode, from 0."""
@@ -154,7 +154,7 @@ class Episode(NamedTuple):
     steps: range
     """Control steps of the episode."""
     frames: range
-    """Sets of images that the steps saw, without those that an earlier episode saw, too."""
+    """Sets of images that the steps saw, except those that an earlier episode also saw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +226,7 @@ def is_store(path: Path) -> bool:
 
 
 def read_steps(path: Path) -> StoreSteps:
-    """Return the control steps of a store; LogError if it is no store, damaged or inconsistent."""
+    """Return the control steps of a store; LogError if it is not a store, or is damaged or inconsistent."""
     # DatasetSource checks the stored numbers of images for consistency.
     with closing(DatasetSource(path.parent if path.name == STORE_FILE else path)) as source:
         frame, ends = (

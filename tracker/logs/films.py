@@ -19,7 +19,7 @@ SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
 _MAX_PICTURES = 10_000_000
 
 _CONTAINERS = {"format_whitelist": "mov,matroska,avi", "protocol_whitelist": "file"}
-"""The only containers and protocols that FFmpeg may open: playlists would read the files that they name."""
+"""The only containers and protocols that FFmpeg may open: playlists would read the files they name."""
 
 _BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
 _MATROSKA = b"\x1aE\xdf\xa3"
@@ -39,7 +39,7 @@ class FilmFile:
     """A film whose pictures are decoded on access.
 
     Raises:
-        LogError: the file is no film, is damaged, has no picture, or ones of an invalid size.
+        LogError: the file is not a film, is damaged, has no pictures, or pictures of an invalid size.
         TrackerError: the optional package `av` is missing.
     """
 

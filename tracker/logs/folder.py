@@ -25,7 +25,7 @@ from tracker.logs.pictures import decode, head_of
 TRUTH_FILE = "ground_truth.json"
 """File that `python -m synthetic dataset` writes beside the pictures; timestamps are read from it."""
 
-_PAUSE = 8  # frames; sequences drop only single pictures, while pauses between motions have 10 frames or more
+_PAUSE = 8  # frames; sequences lack only single pictures, but pauses between motions have 10 frames or more
 
 _MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # bytes; more than the largest picture uncompressed
 _MAX_TRUTH = 1 << 28  # bytes; a frame has about 1000
@@ -103,7 +103,7 @@ def _picture(file: Picture, size: tuple[int, int]) -> Image:
 
 
 def _first_size(files: Iterable[Picture | None]) -> tuple[int, int]:
-    """Return (width, height) [px] of the camera's first picture with a readable size; zeros without one."""
+    """Return (width, height) [px] of the camera's first picture with a readable size; else zeros."""
     for file in files:
         if isinstance(file, FilmPicture):
             return file.film.size
@@ -123,7 +123,7 @@ def _content(file: Path, largest: int = _MAX_FILE) -> bytes:
 def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
     """Write frames as one folder of PNG files per camera, named by their timestamps, with the calibration.
 
-    The folder appears once everything is written. A picture that the recorder repeated is written once.
+    The folder appears only once everything is written. A picture that the recorder repeated is written once.
     """
     with told_as(LogError, path), whole_file(path) as folder:
         for name in rig.names:

@@ -13,7 +13,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 
 MAX_DISTANCE = 2e4
-"""Largest valid coordinate of a recorded position [m]: cameras may be that far from the world's origin."""
+"""Largest valid coordinate of a recorded position [m]: cameras may be this far from the world's origin."""
 
 MAX_CONFIDENCE = 2.0
 """Largest valid recorded confidence: nominally 1, but a sum with hand-tuned weights may exceed it."""
@@ -26,7 +26,7 @@ EARLIEST = -MAX_GAP
 damaged sign is far below."""
 
 _APART = 1e-3  # [s] between frames without a timestamp at the beginning or end of a recording
-_ZERO_NORM = 1e-6  # quaternions shorter than this were never set: their memory held about zero
+_ZERO_NORM = 1e-6  # shorter quaternions were never set: their memory held about zero
 _NORM_TOLERANCE = 0.01
 
 
@@ -53,7 +53,7 @@ class LogFrame:
     index: int
     """Number of the frame in its recording, from 0."""
     timestamp: float
-    """Timestamp of the frame [s], since the epoch in recordings of the platform. If a driver's error left the
+    """Timestamp of the frame [s], since the epoch in recordings of the platform. If a driver error left the
     frame empty: between its neighbours' timestamps, or NaN if the frame was read alone."""
     camera_timestamps: FloatArray
     """(C,) timestamps of the cameras' images [s]; NaN for a missing image."""
@@ -80,7 +80,7 @@ def recorded_frame(
 ) -> LogFrame:
     """Make a frame from values of the platform's recorder; LogError, naming `where`, if they are invalid.
 
-    After a driver's error the recorder appends an empty frame: it has no images, and its timestamp is NaN.
+    After a driver error the recorder appends an empty frame: it has no images, and its timestamp is NaN.
     `camera_stamps`: (C,) [s]; `stamp`: the frame's [ms], or None; `poses`: records (8,), up to two: the
     measured and the filtered pose.
     """

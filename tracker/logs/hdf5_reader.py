@@ -57,7 +57,7 @@ class StoredImages:
     """The field `images`, (n, C, H, W) uint8; keeps the frames of one compressed block in memory."""
 
     def __init__(self, field: h5py.Dataset) -> None:
-        """Raise LogError if the field cannot be images."""
+        """Raise LogError if the field cannot hold images."""
         shape: tuple[int, ...] = field.shape or ()
         sides = len(shape) == 4 and all(MIN_SIDE <= side <= MAX_SIDE for side in shape[2:])
         if not sides or not 1 <= shape[1] <= MAX_CAMERAS or field.dtype != np.uint8:
@@ -68,7 +68,7 @@ class StoredImages:
         self._field = field
         self.count, self.cameras, self.rows, self.columns = (int(side) for side in shape)
         stored = int(field.chunks[0]) if field.chunks else 1
-        # Unpack all frames of a block at once: each frame by itself would unpack the whole block again.
+        # Unpack all frames of a block at once: reading each frame alone would unpack the whole block again.
         few = 1 < stored <= self.count and stored * math.prod(shape[1:]) <= hdf5.MAX_CHUNK
         self._together = stored if few else 1
         self._kept: tuple[int, Image] = 0, np.empty((0, 0, 0, 0), np.uint8)  # first frame, and pixels
@@ -104,7 +104,7 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
     """Return the names in the field `camera_names`; LogError unless there are `count` different ones.
 
     Strings of variable length are in a heap of the file. If it is damaged, the HDF5 library reads beyond its
-    memory, which ends the process, or searches forever. Even in version 2.0, 39 of the 1,664 bits of a heap
+    memory and crashes, or searches forever. Even in version 2.0, 39 of the 1,664 bits of a heap
     of three names do this when flipped. Therefore this function reads the heap itself.
     """
     offset, variable = field.id.get_offset(), field.dtype.kind == "O"
@@ -157,7 +157,7 @@ class Hdf5Source(Source):
         # In a damaged file any property of a field may raise.
         with on_error(self.close), faults_as_log_errors(str(path)):
             self._flushed = self._attribute(FLUSHED)
-            # A killed writer leaves such an end, but then there is the attribute FLUSHED.
+            # A killed writer leaves such a file, too, but with the attribute FLUSHED.
             if self.opening_fault and self._flushed is None and not recover:
                 raise LogError(self.opening_fault)
             self._open(recover)
@@ -253,7 +253,7 @@ class Hdf5Source(Source):
             return hdf5.values(field, self._flushed).astype(np.float64).reshape(-1, width)
 
     def _attribute(self, name: str) -> int | None:
-        """Return an integer attribute of the file, or None if there is none of this name."""
+        """Return an integer attribute of the file, or None if there is none with this name."""
         return int(hdf5.attribute(self._file, name, "iu")) if name in self._file.attrs else None
 
     def _check_head(self) -> None:

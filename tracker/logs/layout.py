@@ -1,4 +1,4 @@
-"""Finds out which pictures and films of a folder belong together.
+"""Finds out which pictures or films in a folder belong together.
 
     ROOT/camera60.png, camera180.png …              one frame
     ROOT/camera60/000000.png, camera180/000000.png  a folder for each camera
@@ -6,10 +6,10 @@
     ROOT/camera60.mp4, camera180.mp4 …              a film for each camera
     ROOT/recording.toml                             a file that assigns the pictures to cameras
 Films may have other names, and so may folders of cameras if their pictures' names are numbers. A folder with
-nothing but numbered pictures is one camera. Pictures of one moment have the same name in all cameras'
-folders, or names that are timestamps close together.
+nothing but numbered pictures is that of one camera. Pictures of one moment have the same name in all
+cameras' folders, or names that are timestamps close together.
 
-If the names do not show which picture is whose, `recording.toml` does, with `stamps.csv` beside it:
+If the names do not show which camera took a picture, `recording.toml` does, with `stamps.csv` beside it:
 
     rate = 30.0                    # frame rate [Hz], if neither names nor films give the time
 
@@ -119,7 +119,7 @@ class Layout:
 
 
 def find_layout(root: Path, rate: float) -> Layout:
-    """Find the frames in a folder, or in one camera's film; LogError if there is no frame.
+    """Find the frames in a folder, or in one camera's film; LogError if there are none.
 
     rate: frame rate [Hz] where names are not timestamps.
     """
@@ -132,7 +132,7 @@ def find_layout(root: Path, rate: float) -> Layout:
     if streams:
         return _of_streams(streams, rate)
     frames = {folder.name: _of_cameras(folder) for folder in folders}
-    if not any(frames.values()):  # with folders, a loose picture does not count: it may be an overlay
+    if not any(frames.values()):  # with folders, a picture beside them does not count: it may be an overlay
         frames = {root.name: _of_cameras(root)}
     if any(frames.values()):
         cameras = sorted({name for files in frames.values() for name in files}, key=_natural)

@@ -79,7 +79,7 @@ class Source(ABC):
         """Read the frame with this number, 0 ≤ index < count; LogError if it is damaged."""
 
     def check_end(self) -> None:  # noqa: B027 - most formats have no end to check
-        """Check the file after its last frame, when that has been read; LogError if it is wrong."""
+        """Check the file's end once the last frame has been read; LogError if it is wrong."""
 
     def rig(self) -> CameraRig | None:
         """Return the cameras' calibration, or None if there is none; TrackerError if it is malformed."""
@@ -98,7 +98,7 @@ class Source(ABC):
 
 
 def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
-    """Load the calibration in the folder; None without any.
+    """Load the calibration in the folder; None if there is none.
 
     Files are camera60.yml or camera_calib_60.yml for each camera, camera_left.yml or left.yml for `left`.
 
@@ -130,7 +130,7 @@ def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
 class Log:
     """Frames of a recording. A context manager; iterating starts at the first frame each time.
 
-    `log[3]` is a frame, `log[100:200]` a part of the recording, read while you iterate. Only one frame is in
+    `log[3]` is a frame, `log[100:200]` a part of the recording, read as you iterate. Only one frame is in
     memory at a time.
 
     With `recover`, iteration skips damaged frames, and `fault` describes them. Without it, the first damaged
@@ -232,7 +232,7 @@ class Log:
 
     @property
     def rig(self) -> CameraRig | None:
-        """The cameras' calibration from the recording or from files beside it; None without one.
+        """The cameras' calibration from the recording or from files beside it; None if there is none.
 
         It is not scaled: the images may have another size.
 
@@ -254,7 +254,7 @@ class Log:
 
     @property
     def random_access(self) -> bool:
-        """Whether `frame` and parts are quick, without reading all frames before."""
+        """Whether `frame` and slices are quick, without reading all earlier frames."""
         return not self._source.sequential
 
     @property
@@ -264,7 +264,7 @@ class Log:
 
     @property
     def fault(self) -> str | None:
-        """The faults found so far in a log opened with `recover`, on one line; None without any."""
+        """The faults found so far in a log opened with `recover`, on one line; None if there are none."""
         if not self._faults:
             return None
         first = self._faults[min(self._faults)]
@@ -272,7 +272,7 @@ class Log:
         return first if not more else f"{first} (and {more} more of this recording)"
 
     def close(self) -> None:
-        """Close the files, also for all parts of the log."""
+        """Close the files, for all parts of the log, too."""
         if self._open[0]:
             self._open[0] = False
             self._source.close()

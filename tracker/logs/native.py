@@ -5,8 +5,8 @@
     camera = i32 rows | i32 cols | i32 type | u8 continuous | pixels | f64 stamp [s]
     pose   = px py pz qx qy qz qw confidence, in autumn 2020 after a ninth number
 
-The oldest files have neither version nor record timestamps. Files do not state their variant: the reader
-tries all variants, and takes the one where the second record has a camera's header at the right offset.
+The oldest files have neither a version nor record timestamps. Files do not state their variant: the reader
+tries all variants, and picks the one for which the second record's first camera has the right header.
 Numbers are checked before they determine any size.
 """
 
@@ -55,7 +55,7 @@ class NativeSource(Source):
             self._raw = open_regular(path)
             self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
         with on_error(self.close):
-            # A gzip file states its content's size only modulo 2³², and at its very end.
+            # A gzip file states the size of its content only modulo 2³², and only at its end.
             size = os.fstat(self._raw.fileno()).st_size
             self._largest = size * _MAX_RATIO if self.sequential else size
             if self.sequential:
@@ -196,7 +196,7 @@ class NativeSource(Source):
                 raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
 
     def _read_plain(self, data: memoryview, offset: int) -> int:
-        """Read without moving the place in the file, which threads and forked processes share."""
+        """Read without moving the position in the file, which threads and forked processes share."""
         done = 0
         with told_of(self.path):
             while count := os.preadv(self._raw.fileno(), [data[done:]], offset + done):

@@ -30,7 +30,7 @@ STORE_FILE = "data.mdb"
 
 _SUFFIXES = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
 _BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
-"""Files of a folder that describe its pictures."""
+"""Files in a folder that describe its pictures."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
@@ -40,7 +40,7 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
 
     Formats: native logs (`camera_data.dat`, gzipped or not), HDF5 logs, a job's folder with one of these,
     folders of images or of films, films, and image stores of trifinger_rl_datasets (`NAME.zarr`). The format
-    is recognised by content, not by name, except for films. Frames are read on access.
+    is recognised by its content, not by name, except for films. Frames are read on access.
 
     Args:
         path: the file or folder.
@@ -168,7 +168,7 @@ def fitted_to(
         )
     ordered = [rig[rig.names.index(name)] for name in names] if known else list(rig)
     for number, size in enumerate(log.image_sizes):
-        if any(size):  # else no picture of the camera can be read, and reading them reports why
+        if any(size):  # otherwise no picture of the camera is readable, and reading them reports why
             ordered[number] = sized_for(size, ordered[number], where, resize=resize)
     return dataclasses.replace(rig, cameras=tuple(ordered))
 

@@ -1,4 +1,4 @@
-"""Pictures of recordings and of users: raw Bayer pixels and encoded files.
+"""Pictures from recordings and from users: raw Bayer pixels and encoded files.
 
 The stated size is checked before memory is allocated for the pixels. Pillow reads the headers. Its `verify`
 finds all damage to a PNG, but only 7 of 150 truncated JPEGs: these are checked for their end marker. OpenCV
@@ -44,7 +44,7 @@ def from_bayer(raw: Image) -> Image:
 
 
 def to_bayer(image: Image) -> Image:
-    """Return raw pixels (H, W) of a BGR image (H, W, 3), as a sensor with the same mosaic measures them."""
+    """Return raw pixels (H, W) of a BGR image (H, W, 3), as a sensor with this mosaic measures them."""
     raw = image[:, :, 1].copy()
     raw[0::2, 0::2] = image[0::2, 0::2, 2]
     raw[1::2, 1::2] = image[1::2, 1::2, 0]
@@ -66,7 +66,7 @@ def from_quadrants(quadrants: Image) -> Image:
 
 
 def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
-    """Read a picture's header; `Image.open` would also warn about sizes that are refused later anyway.
+    """Read a picture's header; `Image.open` would also warn about sizes that are rejected later anyway.
 
     Raises:
         LogError: the picture has another format, or its header is damaged.

@@ -1,4 +1,4 @@
-"""The robot's states at the times of the images, from the platform's robot logs.
+"""The robot's states at the times of the images, read from the platform's robot logs.
 
 A log is text, one line per step after a header of names, or binary, version 2; either may be gzipped.
 """
@@ -24,10 +24,10 @@ from tracker.logs.frame import LogFrame
 from tracker.logs.log import Log
 
 MAX_STEPS = 4_000_000
-"""Largest number of steps in a log, over an hour at 1 kHz."""
+"""Largest number of steps in a log: over an hour at 1 kHz."""
 
 MAX_LINE = 1 << 16
-"""Longest valid line [bytes]; usual lines have 3 kB."""
+"""Longest valid line [bytes]; typical lines have 3 kB."""
 
 _JOINTS = 9
 _MILLISECONDS = 1e11  # larger timestamps are in milliseconds

@@ -29,8 +29,8 @@ class PoseColumns:
     """Poses stored in a recording. Arrays are copied and read-only.
 
     Raises:
-        LogError: an array has the wrong shape or type, a row with a pose is not finite or no valid pose, or
-            a row without one is not NaN.
+        LogError: an array has the wrong shape or type, a row with a pose is not finite or not valid, or a
+            row without one is not NaN.
     """
 
     has_pose: Array
@@ -129,7 +129,7 @@ class FilteredColumns(MeasuredColumns):
 
 
 def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
-    """Raise a LogError that shows the first row of `column` where `bad` (n,) is true, if any is."""
+    """Raise a LogError that shows the first row of `column` where `bad` (n,) is true, if there is one."""
     if bad.any():
         row = int(np.argmax(bad))
         found = " ".join(f"{value:g}" for value in column[row].ravel()[:6])
@@ -140,7 +140,7 @@ def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
 def _check_covariance(name: str, has_pose: Array, column: FloatArray) -> None:
     covariance = np.where(has_pose[:, None, None], column, np.eye(6))
     variance = np.diagonal(covariance, axis1=1, axis2=2)
-    # Scale to a unit diagonal, so that one tolerance suits metres and radians of any size.
+    # Scale to a unit diagonal, so that one tolerance suits metres and radians of any magnitude.
     with np.errstate(all="ignore"):
         factor = 1 / np.sqrt(np.where(variance > 0, variance, 1))
         scaled = covariance * factor[:, :, None] * factor[:, None, :]

@@ -35,7 +35,7 @@ def write_csv(
     keypoints_of: an object whose corners to add as columns. more: further columns (n,) by name, such as those
     of `tracker.logs.RobotState`.
 
-    Numbers are written such that reading them gives the same bits. Standard deviations are square roots of
+    Numbers are written so that reading them back gives the same bits. Standard deviations are square roots of
     the covariance's diagonal.
 
     Raises:
@@ -91,7 +91,7 @@ def write_bop(
         object_id: number of the object's model.
 
     Raises:
-        LogError: the recording has no such poses, one has no confidence, or the file cannot be written.
+        LogError: the recording has no such poses, a pose has no confidence, or the file cannot be written.
     """
     _check(poses)
     of_kind(camera, Camera, "camera", LogError)

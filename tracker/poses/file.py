@@ -26,7 +26,7 @@ from tracker.poses.poses import KINDS, About, Kind, Poses
 
 
 class PosesBuilder:
-    """Collects poses frame by frame; `build` returns those so far, and can be called repeatedly."""
+    """Collects poses frame by frame; `build` returns all so far, and may be called repeatedly."""
 
     def __init__(self, about: About) -> None:
         self._about = about
@@ -36,11 +36,11 @@ class PosesBuilder:
         return len(self._frames)
 
     def append(self, index: int, timestamp: float, answer: Observation, recorded: Any = None) -> None:
-        """Add a frame: its number and time [s], the tracker's answer, and the recording's own pose or None.
+        """Add a frame: its number and time [s], the tracker's result, and the recording's own pose or None.
 
         Raises:
             LogError: the time is not in seconds, a pose lacks a column or has one of the wrong shape, or the
-                answer has another number of cameras than the rig.
+                result has a different number of cameras than the rig.
         """
         stamp = one_stamp(timestamp, f"frame {index}: timestamp", LogError)
         rig, uses = self._about.rig, [_text(use) for use in answer.cameras]
@@ -104,7 +104,7 @@ GROUPS: dict[Kind, str] = {
 """HDF5 group of each kind of poses."""
 
 MAX_FRAMES = 2_000_000
-"""Largest number of frames in a file, two days at 10 Hz: a damaged length must not exhaust the memory."""
+"""Largest number of frames in a file, two days at 10 Hz: a damaged length must not exhaust memory."""
 
 _ABOUT = {"object": "object_name", "source": "source", "tracker_version": "tracker_version"}
 """Field of About for each root attribute."""
@@ -113,7 +113,7 @@ _MAY_BE_MISSING = ("fingerprint", "fault")
 """Root attributes, also fields of About, that are written only if they are not empty."""
 
 _DATASETS = {"index": "frame", "timestamp": "timestamps"}
-"""Names in the file of those fields of Poses that have another name there."""
+"""Dataset names of those fields of Poses that have another name in the file."""
 
 _UNITS = {
     "timestamps": "s",
@@ -130,7 +130,7 @@ _OLD_SPELLINGS = {
     "no object colours": Status.NO_OBJECT_COLORS.value,
     **{word.value.replace("_", " "): word.value for word in (*Status, *CameraUse)},
 }
-"""Present values by their spelling in files up to version 0.1.0, for statuses and uses of cameras."""
+"""Current values of statuses and camera uses, by their spelling in files up to version 0.1.0."""
 
 _MAX_NAMES = 256
 _MAX_CAMERAS = 1000
@@ -172,13 +172,13 @@ def is_poses_file(path: str | os.PathLike[str]) -> bool:
 
 
 def read_fingerprint(path: str | os.PathLike[str]) -> str:
-    """Return the fingerprint in a file of poses; empty if it has none or is no file of poses."""
+    """Return the fingerprint in a file of poses; empty if it has none or is another kind of file."""
     return hdf5.text_of(path, "fingerprint") or ""
 
 
 def _content(poses: Poses) -> bytes:
-    """Make the file in memory and return its bytes: an hour at 10 Hz has 40 MB before compression."""
-    # The format of HDF5 1.10 (2016) has checksums; short files take a fifth of the older format's size.
+    """Make the file in memory and return its bytes: an hour at 10 Hz takes 40 MB before compression."""
+    # The format of HDF5 1.10 (2016) has checksums; short files are a fifth as large as in the older one.
     libver = ("v110", "v110")
     # Write to a file object: before HDF5 2.0, the image of an open file has wrong checksums.
     content = io.BytesIO()
@@ -219,7 +219,7 @@ def _put(group: Any, name: str, array: Array) -> None:
     dataset = group.create_dataset(name, data=array, track_times=False, **filters)
     if name in _UNITS:
         dataset.attrs["unit"] = hdf5.encoded(_UNITS[name])
-    # Flush to fix its place in the file; else that happens at garbage collection, which threads may delay.
+    # Flush to fix its place in the file: otherwise garbage collection does, which threads may delay.
     dataset.id.flush()
 
 

@@ -19,7 +19,7 @@ from tracker.objects.model import CuboidModel
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, refuse
 
 CAMERA_SEPARATOR = "|"
-"""Separator between the uses of the cameras' pictures in the column `cameras`."""
+"""Separator between the uses of the cameras' images in the column `cameras`."""
 
 _AXES = {3: "axis", 4: "xyzw", 6: "twist"}
 """Names of array axes by length."""
@@ -78,7 +78,7 @@ class About:
     fingerprint: str = ""
     """Hash of recording, object, calibration, options and code; empty: unknown."""
     fault: str = ""
-    """Fault of a damaged recording, of which the poses are what could be recovered; empty: no fault."""
+    """Fault of a damaged recording, of which only these poses could be recovered; empty: no fault."""
 
     def __post_init__(self) -> None:
         for name in ("object_name", "source", "tracker_version", "fingerprint", "fault"):
@@ -127,7 +127,7 @@ class Poses:
     about: About
     """What the poses were made from."""
     cameras: Array | None = None
-    """(n, C) text: use of each camera's picture in the order of the rig, a value of `tracker.CameraUse`,
+    """(n, C) text: use of each camera's image in the order of the rig, a value of `tracker.CameraUse`,
     or empty if unknown. None if all are unknown."""
 
     def __post_init__(self) -> None:
@@ -246,7 +246,7 @@ class Poses:
         return package("xarray").Dataset(variables, coords=coordinates, attrs=about)
 
     def _known(self, kind: Kind) -> PoseColumns:
-        """Return the poses of one kind; frames without poses if the recording has none of it."""
+        """Return the poses of one kind; frames without poses if the recording has none."""
         columns: PoseColumns | None = getattr(self, kind)
         return PoseColumns.nothing(len(self)) if columns is None else columns
 
@@ -265,7 +265,7 @@ class Poses:
 
 
 def concatenate(parts: Sequence[Poses]) -> Poses:
-    """Join the poses of consecutive parts of one recording; different sources are listed.
+    """Join the poses of consecutive parts of a recording; `source` lists all different sources.
 
     Raises:
         LogError: there is no part, frame numbers do not increase, or objects or cameras differ.
@@ -292,12 +292,12 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
 
 
 def _cameras(part: Poses) -> Array:
-    """Return (n, C) uses of the cameras' pictures, empty texts if a part has none."""
+    """Return the uses (n, C) of the cameras' images; empty texts if a part has none."""
     return np.full((len(part), len(part.about.rig)), "") if part.cameras is None else part.cameras
 
 
 def _cells(columns: PoseColumns) -> Iterator[FloatArray]:
-    """Yield the columns (n,) of a table, see _CELLS."""
+    """Yield the columns (n,) of a table; see _CELLS."""
     for name in columns.ROW_SHAPES:
         values = getattr(columns, name)
         if values.ndim == 3:
@@ -325,7 +325,7 @@ def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
         `share_only_found`, `share_only_recorded` and `share_neither` of all frames, None without frames.
 
     Raises:
-        LogError: the recording has no poses, or there is no such kind.
+        LogError: the recording has no recorded poses, or there is no such kind.
     """
     found, recorded = poses.columns(kind), poses.columns("recorded")
     both = found.has_pose & recorded.has_pose

@@ -1,7 +1,7 @@
-"""How recordings are tracked, the same for all of a run, and the fingerprint of a recording's poses.
+"""How all recordings of a run are tracked, and the fingerprint of a recording's poses.
 
-The fingerprint shows whether poses of an earlier run can be reused. It covers names, sizes and modification
-times of the recording and of the calibration beside it: to read the content would take as long as tracking.
+The fingerprint shows whether poses of an earlier run can be reused. Of the recording and the calibration
+beside it, it covers names, sizes and modification times: reading the content would take as long as tracking.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Reading:
     correct_halved_principal_point: bool = False
     """Whether the calibration was halved without the quarter pixel."""
     resize_calibration: bool = False
-    """Whether a calibration of another image size is scaled to that of the images."""
+    """Whether a calibration for another image size is scaled to that of the images."""
     start: int = 0
     """Number of the first frame to track."""
     stop: int | None = None
@@ -66,7 +66,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Options(Reading):
-    """A user's options, in plain values that any process on any machine understands."""
+    """A user's options, as plain values that any process on any machine understands."""
 
     object: str
     """The object, or its TOML file."""
@@ -78,7 +78,7 @@ class Options(Reading):
     """Pattern of the files in that folder."""
 
     def absolute(self) -> Options:
-        """Return the same with absolute paths, independent of the working folder."""
+        """Return the options with absolute paths, which do not depend on the working folder."""
 
         def path(name: str, there: Callable[[str], bool] = os.path.isfile) -> str:
             return os.path.abspath(name) if there(name) else name

@@ -36,7 +36,7 @@ class Tracked:
     poses: Poses
     """Poses of all frames, as in the file."""
     expected: int
-    """Number of frames that the recording should have; a damaged one has fewer."""
+    """Number of frames to track; a damaged recording gives fewer poses."""
     fault: str | None
     """Fault of the recording; None: no fault."""
     new: int
@@ -57,14 +57,14 @@ def track(
     recover: bool = False,
     progress: Progress | None = None,
 ) -> Tracked:
-    """Track the object in every frame of a recording, with the results of a loop over `ObjectTracker.update`.
+    """Track the object in every frame of a recording, as a loop over `ObjectTracker.update` does.
 
     Args:
         path: the recording, as for `open_log`.
         model: the object, or its name or TOML file.
-        output: the file of poses to write. If it exists, from the same recording, object, colours, cameras,
-            frames and code, it is read instead. None: nothing is written.
-        rig: the cameras, or their calibration files, or the folder of these; None: the calibration in or
+        output: the file of poses to write. If it exists, made from the same recording, object, colours,
+            cameras, frames and code, it is read instead. None: nothing is written.
+        rig: the cameras, their calibration files, or the folder of these; None: the calibration in or
             beside the recording.
         colors: a colour model, or its name or file; None: the object's own.
         start: number of the first frame to track.
@@ -127,7 +127,7 @@ def chosen(log: Log, job: Job) -> tuple[int, int]:
 
 
 def rig_for(job: Job, log: Log) -> CameraRig:
-    """Return the cameras of a recording, see `fitted_to`."""
+    """Return the cameras of a recording; see `fitted_to`."""
     correct, resize = job.recipe.correct_halved_principal_point, job.recipe.resize_calibration
     return fitted_to(job.log, log, job.recipe.rig, correct_halved_principal_point=correct, resize=resize)
 
@@ -176,7 +176,7 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
 
 
 def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Observation]]:
-    """Yield each frame with the tracker's answer; the tracker is reset at the start of each episode.
+    """Yield each frame with the tracker's result; the tracker is reset at the start of each episode.
 
     Raises:
         LogError: a frame is damaged or does not fit the tracker.

@@ -1,1 +1,1 @@
-"""Lenses and places of cameras, from photos of a board."""
+"""Lenses and poses of cameras, from photos of a board."""

@@ -1,4 +1,4 @@
-"""The ChArUco board, a chessboard whose white squares hold numbered markers, and the page to print it on.
+"""The ChArUco board, a chessboard with numbered markers in its white squares, and the page to print.
 
 Board frame: origin at the board's centre, x to the right and y upwards as the board is printed, z out of
 the print. Corners are the inner corners of the chessboard, numbered row by row from 0 at the top left.
@@ -33,13 +33,13 @@ MOST_SQUARES = 60
 
 
 def dictionaries() -> tuple[str, ...]:
-    """Names of the sets of markers that OpenCV knows, e.g. `DICT_APRILTAG_16h5`."""
+    """Names of OpenCV's marker dictionaries, e.g. `DICT_APRILTAG_16h5`."""
     return tuple(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_")))
 
 
 @dataclasses.dataclass(frozen=True)
 class Board:
-    """A board of `columns` × `rows` squares; CalibrationError if no such board can exist."""
+    """A board of `columns` × `rows` squares; CalibrationError if such a board is impossible."""
 
     columns: int
     rows: int
@@ -48,7 +48,7 @@ class Board:
     marker: float
     """Edge of a marker [m]."""
     dictionary: str = "DICT_APRILTAG_16h5"
-    """Name of the set of markers; see `dictionaries`."""
+    """Name of the marker dictionary; see `dictionaries`."""
     legacy: bool = False
     """Whether a board with an even number of rows begins with a marker (the old pattern)."""
 
@@ -83,7 +83,7 @@ class Board:
 
     @property
     def markers(self) -> Any:
-        """OpenCV's dictionary of markers."""
+        """OpenCV's marker dictionary."""
         return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
 
     @property
@@ -118,11 +118,11 @@ PAGES = {"A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1":
 """Width and height [mm] of standard pages, the smallest first."""
 
 _DOTS, _LARGE_DOTS = 600, 300
-"""Resolution of pages [dots per inch]; lower beyond A1, where the image would otherwise need a gigabyte."""
+"""Resolution of pages [dots per inch]; lower for pages above A1, which would need a gigabyte."""
 
 _LEAST_MARGIN = 4.0
 _LARGEST = 1200.0
-"""Longest edge [mm] of a board that fits no standard page."""
+"""Longest valid edge [mm] of a board that fits on no standard page."""
 
 _TEXT = 2.5
 """Height of the text [mm]."""
@@ -146,7 +146,7 @@ class Page:
 
 
 def page_of(board: Board) -> Page:
-    """Return the smallest page of PAGES, portrait or landscape, that holds the board; else one made to fit.
+    """Return the smallest page of PAGES, portrait or landscape, that holds the board; else a custom one.
 
     CalibrationError: the board is too large to print.
     """

@@ -4,7 +4,7 @@ The unknowns are the camera poses and all poses of the board but the first, whic
 all corners in all photos are fitted together:
     r = seen - project(camera_from_world · world_from_board · corner).
 Lenses are not changed. The standard deviations of a camera's pose hold for its given lens and relative to the
-board's given pose; an error of that given pose moves all cameras alike.
+board's given pose; an error of the given pose moves all cameras together.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from tracker.errors import CalibrationError
 from tracker.geometry import so3
 
 MOST_RMS = 1.5e-3
-"""Largest RMS residual of a camera [focal lengths], 0.9 px at 590; beyond it the lens is another camera's."""
+"""Largest RMS residual of a camera [focal lengths], 0.9 px at 590; if larger, it is another camera's lens."""
 
 Photo = tuple[int, int]
-"""Numbers of the camera and of the board's pose."""
+"""Numbers of a photo's camera and of its board pose."""
 
 Poses = Mapping[int, FloatArray]
 """Transforms (4, 4) by the number of a camera or of a board pose."""
@@ -72,7 +72,7 @@ def place_cameras(
             )
     residuals = [one.least_misses(_optics(lenses[number])) for (number, _), one in sightings.items()]
     views = list(sightings.values())
-    # Every photo is cleaned at its own best pose; at least two thirds of its corners must remain.
+    # Remove outliers from every photo at its own best pose; at least two thirds of its corners must remain.
     cleaned = without_wrong(views, residuals, lambda one: 2 * len(one) / 3) if views else []
     photos, faults = dict(zip(sightings, cleaned, strict=True)), dict[Photo, str]()
     fit = _fitted(lenses, photos, world_from_board)
@@ -142,14 +142,14 @@ def _odd_one(
 ) -> tuple[Photo, str, _Fit] | None:
     """Return the photo that the others contradict, what is wrong with it, and the fit without it; or None.
 
-    Removing it lowers the sum of squares most, and by far more than its corners account for.
-    Its residuals are no criterion: a `fit` to all photos spreads the error of one photo over many.
+    Removing this photo lowers the sum of squares most, and by far more than its corners account for.
+    Its own residuals are not a criterion: a `fit` to all photos spreads the error of one over many.
     """
     alone = {at: float((one.least_misses(_optics(lenses[at[0]])) ** 2).sum()) for at, one in photos.items()}
     best: tuple[Photo, _Fit] | None = None
     for at, one in photos.items():
         others = {other: kept for other, kept in photos.items() if other != at}
-        # No joint fit is better than separate fits of each photo: this bound clears most photos cheaply.
+        # No joint fit is better than separate fits of each photo: this bound rules out most photos cheaply.
         least = sum(alone[other] for other in others)
         if not others or fit.squares - least <= _odd_gain(one, least, others):
             continue
@@ -187,7 +187,7 @@ def _step(pose: FloatArray, step: FloatArray) -> FloatArray:
 def _start(
     lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
 ) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
-    """Return initial camera and board poses, chained from photo to photo, those with most corners first."""
+    """Return initial camera and board poses, chained by photos, those with the most corners first."""
     poses = {at: one.pose(_optics(lenses[at[0]])) for at, one in photos.items()}
     cameras: dict[int, FloatArray] = {}
     places = {0: world_from_board}

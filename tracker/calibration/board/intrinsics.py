@@ -28,20 +28,20 @@ from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 
 FEWEST_PHOTOS = 6
-"""Smallest number of photos to fit a lens to."""
+"""Smallest number of photos needed to fit a lens."""
 
 FEWEST_CORNERS = 8
-"""Smallest number of corners of a photo that the lens is fitted to."""
+"""Smallest number of corners in a photo for it to be used in the fit."""
 
 MOST_FOCAL_STD = 0.01
-"""Largest relative standard deviation of the focal lengths; it is larger if the photos are too similar."""
+"""Largest relative standard deviation of the focal lengths; it is exceeded if photos are too similar."""
 
 LEAST_TILT = 15.0
-"""Smallest angle [degrees] between the two most different boards; below it a fit may find any focal length,
-sometimes with standard deviations that look small."""
+"""Smallest angle between the two most different tilts of the board [degrees]; below it, a fit may give any
+focal length, sometimes with small standard deviations."""
 
 MOST_LEFT_OUT = 2e-3
-"""Largest RMS of left-out photos [focal lengths], 1.2 px at 590; beyond it no single lens explains them."""
+"""Largest RMS of left-out photos [focal lengths], 1.2 px at 590; if larger, no single lens fits them all."""
 
 _MORE_TILT = "tilt the board by 30° to 45° in all directions"
 
@@ -77,7 +77,7 @@ class Lens:
     left_out: float
     """RMS residual of the same photos, each under a lens fitted without it [px]."""
     reach: float
-    """Largest distance of a corner from the image centre [half diagonals]; beyond it the lens is a guess."""
+    """Largest distance of a corner from the image centre [half diagonals]; beyond, the fit extrapolates."""
 
 
 def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
@@ -128,7 +128,7 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
 def _judged(
     name: str, sightings: Sequence[BoardView], numbers: Sequence[int], size: tuple[int, int]
 ) -> tuple[FloatArray, dict[int, str]]:
-    """Return the left-out RMS (N,) of photos [px], NaN if not in `numbers`; and the faults by photo."""
+    """Return each photo's left-out RMS (N,) [px], NaN if not in `numbers`, and faults by photo number."""
     left_out = np.full(len(sightings), np.nan)
     faults: dict[int, str] = {}
     kept = list(numbers)

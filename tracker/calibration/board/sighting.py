@@ -1,4 +1,4 @@
-"""Detect a board in a photo: its pose, its corners and their sharpness; or say why there is none."""
+"""Detect a board in a photo: its pose, its corners and their sharpness; or say why none was found."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ FEWEST_CORNERS = 4
 """Smallest number of corners that determines the board's pose."""
 
 MOST_BLUR = 1.5
-"""Largest standard deviation [px] of the blur; above it markers are missed and corners drift."""
+"""Largest standard deviation [px] of the blur; above it, markers are missed and corners shift."""
 
 _FEWEST_MARKERS = 4
-"""Smallest number of markers that is taken for a board."""
+"""Smallest number of markers that counts as a board."""
 
 MANY_TIMES = 3.0
 """A photo is an outlier if its residual exceeds that of the others by this factor."""
@@ -66,7 +66,7 @@ class BoardView:
     def pose(self, optics: Optics) -> FloatArray:
         """Return camera_from_board (4, 4) [m] with the smallest reprojection error.
 
-        A distant plane looks alike in two poses (Collins and Bartoli, Infinitesimal plane-based pose
+        A distant plane looks the same in two poses (Collins and Bartoli, Infinitesimal plane-based pose
         estimation, 2014): both are refined, and the one that fits better is returned.
         """
         seen = self.points, self.pixels, *optics
@@ -111,8 +111,8 @@ def without_wrong(
 ) -> list[BoardView]:
     """Return the views without outlying corners; a view that would keep fewer than `least` is left as it is.
 
-    The standard deviation follows from the median residual, which few outliers hardly move. A photo's own is
-    used where it is larger: a photo that misfits as a whole keeps its corners and is judged as a whole.
+    The standard deviation is estimated from the median residual, which a few outliers hardly affect. If a
+    photo's own is larger, it is used, so a photo that fits badly keeps its corners and is judged as a whole.
     """
     spread = _spread(np.concatenate(residuals))
     result = []
@@ -142,7 +142,7 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
     pixels, numbers, _, _ = _detector(board).detectBoard(gray)
     if numbers is None or len(numbers) < FEWEST_CORNERS:
         return None
-    if board.opencv.checkCharucoCornersCollinear(numbers):  # do not determine the pose
+    if board.opencv.checkCharucoCornersCollinear(numbers):  # collinear corners do not determine the pose
         return None
     found = np.asarray(numbers).ravel()
     places = np.asarray(pixels, np.float64).reshape(-1, 2)
@@ -157,7 +157,7 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
 
 
 def _neighbours(numbers: list[int], columns: int) -> tuple[Array, Array]:
-    """Return pairs (N, 2) of adjacent corners, as indices into `numbers`: those in rows, and in columns."""
+    """Return pairs (N, 2) of adjacent corners, as indices into `numbers`: those along rows, then columns."""
     at = {number: k for k, number in enumerate(numbers)}
     right = [(k, at[n + 1]) for n, k in at.items() if n + 1 in at and (n + 1) % columns]
     below = [(k, at[n + columns]) for n, k in at.items() if n + columns in at]
@@ -165,7 +165,7 @@ def _neighbours(numbers: list[int], columns: int) -> tuple[Array, Array]:
 
 
 def _refined(gray: Image, places: FloatArray, neighbours: Array, board: Board) -> FloatArray:
-    """Return corners (N, 2) refined to saddle points, since OpenCV 4's are off by half a pixel.
+    """Return corners (N, 2) refined to saddle points, since those of OpenCV 4 are off by half a pixel.
 
     The windows end well before the markers, whose blurred edges would pull the corners towards them.
     """
@@ -220,7 +220,7 @@ def why_no_board(image: Image, board: Board) -> str:
 
 
 def require_size(photo: str, image: Image, board: Board) -> None:
-    """Raise CalibrationError if the image shows markers beyond the board: the stated size is only a part."""
+    """Raise CalibrationError if an image shows markers that the stated board does not have."""
     edges = _markers(grey(image), board)
     known = set(board.opencv.getIds().ravel().tolist())
     usual = np.median([edge for number, edge in edges.items() if number in known] or [0.0])

@@ -1,6 +1,6 @@
 """Check whether a calibration fits: compare the poses in which the cameras see the same object; see `looks`.
 
-Also predict the disagreement that the stated deviations allow, and the error that a lens leaves possible.
+Also predict the disagreement due to the stated deviations, and the depth error due to the focal length.
 
 A camera k with error ξ_k (see `looks`) sees an object at P displaced by -G ξ_k. Relative to the pose that the
 others see, camera c then sees it displaced by d = -Σ_k M_k G ξ_k, with M_c = I and M_k minus the share of
@@ -37,10 +37,10 @@ FOCAL = 295.0
 """Focal length of the reference images in whose pixels all cameras are compared [px]."""
 
 SQUARE = 0.003
-"""Largest relative difference of a camera's focal lengths fx and fy; calibrations by a board give 0.001."""
+"""Largest relative difference of a camera's focal lengths fx and fy; calibrations with a board give 0.001."""
 
 DEPTH = 2e-3
-"""Depth error of one camera for which the required accuracy of its focal length is stated [m]."""
+"""Largest depth error of a single camera, which determines how accurate its focal length must be [m]."""
 
 
 @dataclass(frozen=True)
@@ -53,21 +53,21 @@ class Corners:
     seen: float
     """Measured in the looks."""
     shift: float
-    """The part that the corners of a look have in common, from the object's position."""
+    """The part common to all corners of a look, due to the object's position."""
     shape: float
-    """The remainder, from the object's size and rotation."""
+    """The remainder, due to the object's size and rotation."""
     stated: float
     """Predicted from the deviations stated in the cameras' files; NaN if any file states none."""
 
 
 @dataclass(frozen=True)
 class FocalCheck:
-    """How far a camera's focal length may be wrong, and the error of its depth that follows."""
+    """How wrong a camera's focal length may be, and the resulting depth error."""
 
     ratio: float
     """Ratio of the focal lengths, fy over fx."""
     off: float
-    """Possible relative error of the focal length: the deviation stated in the camera's file, but at least
+    """Possible relative error of the focal length: the standard deviation stated in its file, but at least
     half the relative difference of fx and fy."""
     distance: float
     """Distance from the camera to the object, median over the looks [m]; NaN if not measured."""
@@ -87,7 +87,7 @@ LIMIT = 1.6 / FOCAL
 """Largest median disagreement of the cameras [rad]: 1.6 px on the platform, 3 mm at half a metre."""
 
 LOST = 0.6
-"""Share of looks, from which a camera is named, in which it should see the object but cannot use its view."""
+"""A camera is reported if it cannot use its image, but should see the object, in this share of looks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +96,13 @@ class CameraCheck:
 
     name: str
     looks: int
-    """Number of looks in which it sees the object."""
+    """Number of looks in which it and at least one other camera see the object."""
     lost: int
     """Number of looks in which it should see the object but cannot use its image."""
     miss_px: float
     """Median disagreement with the other cameras [px]; NaN if not measured."""
     moved: bool
-    """Whether its pose differs from the calibration."""
+    """Whether its pose has changed since the calibration."""
     correction: FloatArray
     """Transform (4, 4) that reconciles it with the others: camera_from_world is correction · given."""
     shift: float
@@ -149,9 +149,9 @@ class CalibrationCheck:
 def check_calibration(
     looks: Sequence[Look], cameras: Sequence[Camera], focal_std: Mapping[str, float] = {}
 ) -> CalibrationCheck:
-    """Check a calibration of two or more cameras by looks at still objects.
+    """Check a calibration of two or more cameras, given looks at still objects.
 
-    focal_std: relative standard deviation of the focal length that a camera's file states, by its name.
+    focal_std: relative standard deviation of the focal length stated in a camera's file, by camera name.
     CalibrationError: there are too few cameras or looks.
     """
     require_two(cameras, "check")
@@ -250,14 +250,14 @@ def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, f
 
 
 MOST = 40
-"""Largest number of looks per film."""
+"""Largest number of looks per recording or list of images."""
 
 APART = 5
-"""Smallest number of shots between two looks in a film."""
+"""Smallest distance between two looks in a recording [shots]."""
 
 SURE = 0.3
-"""Smallest confidence of a pose that becomes a look, assuming that the calibration fits; if it does not, few
-poses reach it."""
+"""Smallest confidence of a pose that becomes a look, computed as if the calibration fitted; otherwise, few
+poses would reach it."""
 
 
 def check(
@@ -268,9 +268,9 @@ def check(
     progress: Callable[[int], None] = lambda _: None,
     focal_std: Mapping[str, float] = {},
 ) -> CalibrationCheck:
-    """Check a calibration by films and stills of an object.
+    """Check a calibration with recordings and stills of an object.
 
-    `progress` receives the number of further shots read; `focal_std`: see `check_calibration`.
+    `progress` receives the number of shots read since the last call; `focal_std`: see `check_calibration`.
     CalibrationError: there is only one camera, or the object was never seen still.
     """
     tracker = ObjectTracker(model, rig, colors, table_prior=False)
@@ -285,7 +285,7 @@ def check(
 
 
 def look_of(fit: Fit, size: FloatArray) -> Look:
-    """Return the look at a fitted cuboid of `size` (3,) [m]: the poses that the cameras see separately."""
+    """Return the look at a fitted cuboid of `size` (3,) [m]: the poses that the cameras separately see."""
     assert fit.own is not None
     seen = fit.cameras
     used = fit.own.inliers >= USED
@@ -298,7 +298,7 @@ def look_of(fit: Fit, size: FloatArray) -> Look:
 
 
 def _still(tracker: ObjectTracker, footage: Footage, progress: Callable[[int], None]) -> Iterator[int]:
-    """Yield the numbers of the shots in which the object is still; every still image counts."""
+    """Yield the numbers of the shots in which the object is at rest; stills always count."""
     tracker.reset()
     last = -APART
     for shot in footage.shots():

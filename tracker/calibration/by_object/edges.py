@@ -1,6 +1,6 @@
-"""Edges of a posed object measured in a camera's image, as equations that are linear in small changes.
+"""Edges of an object in a given pose, measured in camera images, as equations linear in small changes.
 
-The errors of a pose are partly its own and partly those of the cameras, which all poses share. Edges are
+Some errors of a pose are its own; others are due to the cameras, and all poses share them. Edges are
 measured without assuming that the calibration is correct.
 """
 
@@ -33,7 +33,7 @@ from tracker.segmentation.color_model import ColorModel
 class Contour:
     """Pieces of visible edges whose positions were measured in one camera's image.
 
-    A piece's offset is jacobian · (δp, δθ) + bloom · γ + rim · ρ for an object that is moved by (δp, δθ)
+    A piece's offset is jacobian · (δp, δθ) + bloom · γ + rim · ρ for an object moved by (δp, δθ)
     along world axes [m, rad], a response of exponent 1 + γ and a rim of width ρ [m]. Offsets and their
     standard deviations are in pixels of an image that shows the object in reference size.
     """
@@ -43,11 +43,11 @@ class Contour:
     normal: FloatArray
     """Unit vectors (N, 2) normal to the edges, pointing out of their faces."""
     jacobian: FloatArray
-    """Motion (N, 6) along the normal by the pose [px/m, px/rad]."""
+    """Derivative (N, 6) of the position along the normal by the pose [px/m, px/rad]."""
     bloom: FloatArray
     """Offset (N,) per unit of the exponent [px]."""
     rim: FloatArray
-    """Offset (N,) per width of the rim [px/m]."""
+    """Offset (N,) per metre of the rim's width [px/m]."""
     offset: FloatArray
     """Measured offset (N,) of the piece from its predicted position, along the normal [px]."""
     variance: FloatArray
@@ -84,21 +84,21 @@ EXPONENT_STD = 0.5
 """Standard deviation of the exponent of a camera's response."""
 
 FAR = 2.0
-"""Offset from which a piece is taken for an edge of something else [px]."""
+"""Offset beyond which a piece is assumed to be an edge of something else [px]."""
 
 _VAGUE = np.diag(np.repeat([1e-2, 3e-1], 3) ** -2.0)
 """Weak prior information (6, 6), for directions that no camera observes [1/m², 1/rad²]."""
 
 
 def seen_motion(position: FloatArray) -> FloatArray:
-    """Return the Jacobian (6, 6) of an object pose as seen at (3,) by a camera error (a, w) [m, rad]."""
+    """Return the Jacobian (6, 6) of the apparent pose of an object at (3,) [m] by a camera's error (a, w)."""
     motion = np.eye(6)
     motion[:3, 3:] = -so3.hat(position)
     return motion
 
 
 def pose_information(contour: Contour, rim_std: float) -> FloatArray:
-    """Return a camera's information (6, 6) on a pose, exponent and rim marginalised [1/m², 1/rad²]."""
+    """Return a camera's information (6, 6) on a pose, with exponent and rim marginalised [1/m², 1/rad²]."""
     columns = np.column_stack([contour.jacobian, contour.bloom, contour.rim])
     found = contour.information(columns, (np.abs(contour.offset) < FAR).astype(float), OWN**2)
     other = found[6:, 6:] + np.diag([EXPONENT_STD**-2, rim_std**-2])
@@ -132,7 +132,7 @@ Frame = tuple[Sight, Sighting]
 
 
 class EdgeReader:
-    """Measures edges of an object in a rig's images; results depend on the arguments of a call alone."""
+    """Measures edges of an object in a rig's images; results depend only on a call's arguments."""
 
     def __init__(
         self, model: CuboidModel, rig: CameraRig, colors: ColorModel, reader: Reader | None = None
@@ -153,7 +153,7 @@ class EdgeReader:
                 yield self._reader(images), sighting
 
     def fitted(self, frame: Frame) -> tuple[Fit, list[Contour | None]]:
-        """Return the pose near the one seen that fits the edges best, and each camera's edges there."""
+        """Return the pose near the given one that fits the edges best, and each camera's edges there."""
         sight, seen = frame
         fit = self.refine(sight, seen.rotation, seen.position)
         return fit, self.contours(sight, fit.rotation, fit.position, fit.end)
@@ -172,7 +172,7 @@ class EdgeReader:
     ) -> list[Contour | None]:
         """Return each camera's edges at a pose (3, 3), (3,) [m]; None if it has no image or sees no edge.
 
-        offsets: known apparent displacement (C, 6) of the object in each camera [m, rad]. The edges are
+        offsets: known apparent displacement (C, 6) of the object in each camera [m, rad]. Edges are
         searched there, but the offsets returned are relative to the pose itself.
         """
         solution, cameras, work = self._refiner.edges(sight.pictures, rotation, position, start, offsets)

@@ -1,4 +1,4 @@
-"""Measure the health of a rig on frames spread over a recording: what people otherwise check by hand."""
+"""Measure the health of a rig on frames spread over a recording; people otherwise check this by hand."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MOST_CLIPPED = 0.15
 
 
 def brightness(image: Image) -> float:
-    """Return the median grey level of an image (H, W, 3); a lamp or a dark finger in view hardly matters."""
+    """Return the median grey level of an image (H, W, 3); lamps or dark fingers in view hardly affect it."""
     return float(np.median(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)))
 
 
@@ -48,17 +48,17 @@ def clipped_share(image: Image) -> float:
 
 
 MOST = 200
-"""Number of frames that are measured."""
+"""Largest number of frames to measure."""
 
 LEVEL = float(np.cos(np.radians(3.0)))
-"""Cosine of the largest angle between a face and z = 0 at which the object is taken to rest on that face."""
+"""Cosine of the largest angle between a face and z = 0 at which the object counts as resting on it."""
 
 OFTEN = 0.1
-"""Share of frames beyond a limit from which the quantity is reported."""
+"""A quantity is reported if it is beyond its limits in more than this share of frames."""
 
 
 class Quantity(NamedTuple):
-    """A quantity that is measured for each camera in each frame."""
+    """A quantity measured for each camera in each frame."""
 
     title: str
     unit: str
@@ -121,7 +121,7 @@ class Health:
         return np.array([_beyond(column, QUANTITIES[key]) for column in self.values[key].T])
 
     def complaints(self) -> list[str]:
-        """Return what is beyond its limits, one line each."""
+        """Return what is wrong with the rig, one line per fault."""
         result = []
         for key, quantity in QUANTITIES.items():
             for name, share in zip(self.cameras, self.beyond(key), strict=True):
@@ -134,7 +134,7 @@ class Health:
         return result
 
     def missing(self) -> str | None:
-        """Return in one line what was never measured, and why; None if everything was."""
+        """Return a line that says what was never measured and why; None if everything was."""
         measured = {**self.values, "table": self.height}
         names = [key for key, values in measured.items() if not np.isfinite(values).any()]
         if not names:
@@ -153,7 +153,7 @@ def _beyond(values: FloatArray, quantity: Quantity) -> float:
 def health(
     tracker: ObjectTracker, log: Log, poses: Poses, progress: Callable[[int], None] = lambda _: None
 ) -> Health:
-    """Measure a recording that was tracked; `progress` receives the number of further frames measured.
+    """Measure a tracked recording; `progress` receives the number of frames measured since the last call.
 
     LogError: the recording is damaged; ImageError: an image does not suit the tracker's cameras.
     """

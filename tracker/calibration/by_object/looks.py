@@ -20,21 +20,21 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 
 OFTEN = 3
-"""Smallest number of looks to name a camera; in a single look, an occlusion can resemble a motion."""
+"""Smallest number of looks to call a camera moved; in a single look, an occlusion may resemble a motion."""
 
 TYPICAL = 5e-4, 1.75e-3
 """Standard deviations assumed for cameras whose files state none [m, rad]."""
 
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
-"""Candidate ratios of actual to stated variance: a calibration is often better than its file states, and a
-camera that disagrees with others which agree that well has moved."""
+"""Candidate ratios of actual to stated variance: a calibration is often better than its file states. If the
+other cameras agree that well, a camera that disagrees with them has moved."""
 
 LOOSE = 0.03, 0.09
 """Prior standard deviations of a camera that may have moved [m, rad]."""
 
 ACROSS, ALONG, TILT, ROLL = 3e-4, 4e-3, 8e-3, 3e-3
-"""Errors of a single view that calibration does not cause: relative to its distance, across the line of sight
-and along it; and about axes across the line of sight and along it [rad]."""
+"""Standard deviations of errors of a single view that are not due to calibration: across and along the line
+of sight, relative to the distance; and about axes across and along the line of sight [rad]."""
 
 SAME = 20.0
 """Number of looks beyond which the errors of a camera's view no longer average out."""
@@ -44,8 +44,8 @@ MOVED = 8.0
 
 EVIDENT = -13.5
 """Gain in log evidence from which a camera counts as moved, for instance if the others agree much better than
-stated. It is negative since LOOSE is far wider than most displacements, which evidence penalises: cameras off
-as stated have -14 or less; a camera off by 3 mm or 0.5° among exact ones has -13 or more."""
+stated. It is negative, since evidence penalises LOOSE for being far wider than most displacements: cameras
+whose errors are as stated have -14 or less; a camera off by 3 mm or 0.5° among exact ones has -13 or more."""
 
 FREEDOM = 4.0
 """Degrees of freedom of Student's t, which gives outlying looks less weight."""
@@ -114,7 +114,7 @@ class CameraErrors:
         return errors, cost, cost + 0.5 * float(volume)
 
     def evidence(self, free: Sequence[int]) -> float:
-        """Return the log evidence that just these cameras have moved, marginalised over SHARES."""
+        """Return the log evidence that exactly these cameras have moved, marginalised over SHARES."""
         found = np.array([-self.solve(free, share)[2] for share in SHARES])
         return float(found.max() + np.log(np.mean(np.exp(found - found.max()))))
 

@@ -1,4 +1,4 @@
-"""Refine the relative poses of the cameras by recordings of a moving object.
+"""Refine the relative poses of the cameras from recordings of a moving object.
 
 Bundle adjustment on images: measure edges, solve, update cameras and poses, and measure again.
 
@@ -121,7 +121,7 @@ class Step:
 def solve(views: Sequence[tuple[FloatArray, Sequence[Contour | None]]], now: Unknowns) -> Step:
     """Return the step from the current estimate.
 
-    views: for each frame the object's position (3,) [m], and the edges that each present camera shows there.
+    views: for each frame the object's position (3,) [m], and each camera's edges; None if it shows none.
     """
     count, size = len(now.cameras), 10 * len(now.cameras) + 1
     # Each contour with its residuals (N,): offsets that exponent and rim do not explain [px].
@@ -234,7 +234,7 @@ def _changed(camera: Camera, change: FloatArray) -> Camera:
 
 
 ITERATIONS = 10
-"""Largest number of steps."""
+"""Largest number of iterations."""
 
 SETTLED = 0.02e-3, np.radians(0.002)
 """Change of the cameras below which the iteration has converged [m, rad]."""
@@ -243,7 +243,7 @@ SETTLED = 0.02e-3, np.radians(0.002)
 def adjust(
     edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float], *, focal: bool
 ) -> tuple[Unknowns, Step]:
-    """Return the estimate that fits the frames' edges best, and the last step.
+    """Return the estimate that best fits the edges in the frames, and the last step.
 
     The reader's cameras must state deviations wide enough to move (see `_wider`). `rim`: prior width of the
     rim and its standard deviation [m]. `focal`: whether focal lengths and principal points are unknown, too.
@@ -293,18 +293,18 @@ JUDGED = 3
 """One in this many frames is held out to judge cameras fitted to the others."""
 
 MISSED = 2.0
-"""Offset at which larger ones are clipped when cameras are judged [px of an object of reference size]."""
+"""Value to which larger offsets are clipped when cameras are judged [px of an object of reference size]."""
 
 GAIN = 0.05
-"""Relative decrease of the held-out offsets that is required."""
+"""Smallest required decrease of the offsets in held-out frames, as a share of them."""
 
 FLOOR = 0.15e-3, np.radians(0.04)
-"""Standard deviations added to all that are stated: errors of the model of lenses and edges [m, rad]."""
+"""Standard deviations added to those of the result, for errors of the lens and edge models [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Cameras refined by recordings, and how much better they fit."""
+    """Cameras refined from recordings, and how much better they fit."""
 
     rig: CameraRig
     """The refined rig."""
@@ -319,7 +319,7 @@ class Refined:
     after: float
     """The same with cameras fitted without those frames."""
     rim: tuple[float, float]
-    """How far within its nominal edges the object's colours end, and the standard deviation [m]."""
+    """How far inside its nominal edges the object's colours end, and the standard deviation [m]."""
     frames: int
     """Number of frames used."""
     plane: TablePlane | None
@@ -336,13 +336,13 @@ def refine_cameras(
     most: int = 90,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Refined:
-    """Refine the cameras so that they fit the object's edges in all frames together.
+    """Refine the cameras to fit the object's edges in all frames jointly.
 
-    The cameras are fitted to two thirds of the frames and judged by the others. If those fit better, the
-    final cameras are fitted to all. The world frame is not observable: x, y and yaw stay as the old cameras
-    have them on average, and so do z and tilt unless the object rested often enough to show the table.
+    Cameras are fitted to two thirds of the frames and judged by the others. If those fit better, the final
+    cameras are fitted to all. The world frame is not observable: x, y and yaw stay as they are on average
+    over the old cameras, and so do z and tilt unless the object rested in enough places.
 
-    At most `most` frames are used; `progress` receives the number of further shots that show the object.
+    At most `most` frames are used; `progress` receives the number of new shots that show the object.
 
     Raises:
         CalibrationError: there is only one camera, or the object was seen in too few poses.

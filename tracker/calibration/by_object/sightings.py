@@ -81,7 +81,7 @@ class Sighting:
     skew: float
     """Time between the first and the last image of the shot [s]."""
     begins: bool
-    """Whether it is the first sighting of its film."""
+    """Whether it is the first sighting of its episode."""
 
 
 def all_sightings(
@@ -126,20 +126,20 @@ def _seen(tracker: ObjectTracker, shot: Shot, begins: bool, least: float) -> Sig
 
 
 LEVEL = np.radians(6.0)
-"""Largest tilt of a face of an object at rest against z = 0, which includes the tilt of the world [rad]."""
+"""Largest tilt of a face of an object at rest against z = 0, including the tilt of the world frame [rad]."""
 
 SLOW = 5e-3, np.radians(5.0)
 """Velocities below which an object may be at rest [m/s, rad/s]."""
 
 FRAMES = 3
-"""Number of consecutive frames of a film in which an object must be at rest."""
+"""Number of consecutive frames in a recording in which an object must be at rest."""
 
 SAME = 3e-3, np.radians(2.0)
-"""Motion within which an object at rest is still in the same place [m, rad]."""
+"""Largest motion for which an object at rest counts as being in the same place [m, rad]."""
 
 
 def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
-    """Return one sighting per place in which the object may be at rest, and every still that shows it level.
+    """Return one sighting per place where the object may be at rest, and every still in which it is level.
 
     Some may show an object that is held still: callers must be robust against these.
     """
@@ -168,7 +168,7 @@ def _near(one: Sighting, other: Sighting, limits: tuple[float, float]) -> bool:
 
 
 APART = 8e-3, np.radians(8.0)
-"""Motion from which a pose counts as different [m, rad]."""
+"""Smallest motion for which a pose counts as different [m, rad]."""
 
 LEAST = 18
 """Smallest number of different poses."""

@@ -1,7 +1,7 @@
 """Estimate the table's height and tilt from the lowest faces of objects at rest.
 
 Each pose at rest gives three equations: the height of its contact and two slopes of its lowest face. Camera
-errors shift all poses together; they are kept apart from errors that average out over more poses.
+errors shift all poses together; they are kept apart from errors that average out over many poses.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from tracker.pipeline import ObjectTracker
 from tracker.segmentation.color_model import ColorModel
 
 FLOOR = 0.3e-3, np.radians(0.15)
-"""Additional standard deviations of an object at rest: of its height [m], since table and edges are worn, and
-of its tilt [rad]."""
+"""Additional standard deviations of an object at rest, since table and edges are worn: of its height [m] and
+its tilt [rad]."""
 
 OUTLIER = 25.0
 """Squared Mahalanobis distance from the plane at which a pose's weight is zero (Tukey)."""
 
 LOWEST = 0.2
-"""Share of poses, the lowest, that are taken to be at rest at first: held objects are higher, never lower."""
+"""Share of poses, the lowest ones, initially assumed to be at rest: held objects are higher, never lower."""
 
 WIDER = (3.0, 2.0, 1.5) + (1.0,) * 12
 """Factors on the standard deviations, iteration by iteration."""
 
 LEAST = 5
-"""Smallest number of poses that rest on the plane."""
+"""Smallest number of poses that must rest on the plane."""
 
 SPREAD = 0.015
 """Smallest standard deviation of the places of contact, in the direction in which they vary least [m]."""
@@ -127,7 +127,7 @@ def levelled(rig: CameraRig, plane: TablePlane) -> CameraRig:
     """Return the same cameras in a world whose z = 0 is the plane; x, y and yaw stay as they are.
 
     The world is turned by the tilt about a horizontal axis through the plane's centre, and moved along z. The
-    cameras keep their uncertainty; that of the plane is stated by the arena.
+    cameras keep their uncertainty; the arena states that of the plane.
     """
     normal = np.array([-plane.slope[0], -plane.slope[1], 1.0])
     axis = np.cross(normal, [0.0, 0.0, 1.0])
@@ -236,9 +236,9 @@ def find_table(
     colors: ColorModel,
     progress: Callable[[int], None] = lambda _: None,
 ) -> FoundTable:
-    """Estimate the table from films and stills of an object that rests on it now and then.
+    """Estimate the table from recordings and stills of an object that sometimes rests on it.
 
-    `progress` receives the number of further shots that show the object. CalibrationError: there is only one
+    `progress` receives the number of new shots that show the object. CalibrationError: there is only one
     camera, or the object rested in too few places.
     """
     require_two(rig.cameras, "table", ": one camera's depth is not the table's height")

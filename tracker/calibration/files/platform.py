@@ -50,7 +50,7 @@ _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
 class _Loader(yaml.SafeLoader):
-    """Loader of YAML with plain values only and without duplicate keys."""
+    """YAML loader that accepts only plain values and no duplicate keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[str] = set()
@@ -69,7 +69,7 @@ class _Loader(yaml.SafeLoader):
 _Loader.add_constructor(
     "tag:yaml.org,2002:opencv-matrix", functools.partial(_Loader.construct_mapping, deep=True)
 )
-# YAML 1.1 takes 1e-05 for a string, but writers of YAML 1.2 and C++ print numbers like this.
+# YAML 1.1 reads 1e-05 as a string, but writers of YAML 1.2 and C++ print numbers like this.
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
 )
@@ -85,7 +85,7 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
         data = yaml.load(text, Loader=_Loader)
     except RecursionError as error:
         raise CalibrationError(f"{path}: nested too deeply, expected a calibration") from error
-    # PyYAML passes on errors that Python raises for values such as the date 2001-99-99 or `!!bool 2`.
+    # PyYAML lets errors through that Python raises for values such as the date 2001-99-99 or `!!bool 2`.
     except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
         reason = " ".join(str(error).split())
         raise CalibrationError(f"{path}: not plain YAML: {reason}") from error
@@ -164,7 +164,7 @@ def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> Floa
 
 
 def rotation_of(matrix: FloatArray, what: str, fault: type[TrackerError]) -> FloatArray:
-    """Return the nearest rotation; `matrix` (3, 3) itself, bit by bit, if a Camera accepts it as it is.
+    """Return the nearest rotation; `matrix` (3, 3) itself, bitwise, if a Camera accepts it.
 
     The platform stores element-wise means of rotations. `fault`, naming `what`: it is far from a rotation.
     """
@@ -205,7 +205,7 @@ class Calibrated:
 
 
 def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Calibrated:
-    """Read a file of the platform, with the deviations that it states; `alone`: it may describe only a lens.
+    """Read one of the platform's files with its standard deviations; `alone`: it may describe only a lens.
 
     The file's rotation, an element-wise mean of rotations, is replaced by the nearest true rotation unless it
     is one already. CalibrationError names the file and the key that is missing or malformed.
@@ -277,7 +277,7 @@ def _order(camera_name: str, file_name: str) -> tuple[float, str, str]:
 
 
 def _refuse_variants(folder: Path | None, files: Sequence[str], names: Sequence[str]) -> None:
-    """Raise CalibrationError if several files are of one camera; for a folder, suggest patterns to select."""
+    """Raise CalibrationError if a camera has several files; for a folder, suggest patterns to select one."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if not twice:
         return
@@ -336,7 +336,7 @@ def pattern_of(robot: str) -> str:
 
 
 def focal_deviations(found: Iterable[Calibrated]) -> dict[str, float]:
-    """Return the larger relative deviation of each camera's focal lengths by its name, if stated."""
+    """Return the larger relative standard deviation of fx and fy by camera name, where stated."""
     return {
         one.camera.name: float((one.matrix_std[(0, 1), (0, 1)] / one.camera.matrix[(0, 1), (0, 1)]).max())
         for one in found
@@ -345,10 +345,10 @@ def focal_deviations(found: Iterable[Calibrated]) -> dict[str, float]:
 
 
 def halved_by_rows(path: Path) -> bool:
-    """Return whether a file has the principal point c/2, from halving K[:2], where c/2 - ¼ is right.
+    """Return whether a file's principal point is c/2, from halving K[:2], instead of the correct c/2 - ¼.
 
-    This is judged by a file of twice the size beside it, else by the name that the platform gives to such
-    files. Files that state the deviations of the lens are this package's, which halves correctly.
+    This is judged by a file of twice the size beside it, else by the name that the platform gives such files.
+    Files that state standard deviations of the lens are written by this package, which halves correctly.
     """
     read = read_calibrated(path)
     mine = read.camera
