@@ -1,4 +1,4 @@
-"""`python -m benchmarks`; if packages are missing, it prints how to install them."""
+"""`python -m benchmarks`; if packages are missing, prints how to install them."""
 
 from __future__ import annotations
 

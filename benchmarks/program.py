@@ -113,7 +113,7 @@ def _measuring(parts: Sequence[str], *, whole: bool = False, **chosen: Any) -> R
 
 
 def _draw(run: Run, results: Results) -> None:
-    """Write plots, and for development scenes the worst answers."""
+    """Write plots and, for development scenes, the worst answers."""
     files = write_plots(results.frames, run.output)
     if run.draw == "development" and "accuracy" in results.frames:
         answers = results.frames["accuracy"]

@@ -56,13 +56,13 @@ class Run:
     """Names of the objects; None: all."""
     draw: str = "development"
     rounds: int = 1
-    """Number of runs of each detection of the accuracy, of which the fastest is timed."""
+    """Number of runs of each detection when measuring accuracy, of which the fastest is timed."""
     films: int = 6
-    """Number of films of each camera of a recorded triplet."""
+    """Number of films for each camera of a recorded triplet."""
     results: Results = field(default_factory=Results)
 
     def say(self, line: str) -> None:
-        """Report the progress on stderr."""
+        """Report progress on stderr."""
         click.echo(line, err=True)
 
     def skip(self, what: str, why: str) -> None:
@@ -149,11 +149,11 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
     Args:
         run: what is measured, and where results go.
         parts: keys of PARTS, or `gate`.
-        whole: whether the parts form a run of their own: an interrupted one is continued; results of another
-            tree or of other scenes are replaced.
+        whole: whether the parts form a run of their own: if so, an interrupted run is continued, and results
+            for other sources or scenes are replaced.
 
     Raises:
-        ResultsError: the folder holds results of other sources or scenes, or sources changed in the meantime.
+        ResultsError: the folder holds results for other sources or scenes, or sources have changed since.
     """
     run.output.mkdir(parents=True, exist_ok=True)
     about = run.about()

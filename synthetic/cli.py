@@ -22,7 +22,7 @@ QUALITY_NAMES = ("fast", "default", "best")
 
 
 @click.group(
-    no_args_is_help=False,  # that would be an error of many lines
+    no_args_is_help=False,  # it would be an error of several lines
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 def commands() -> None:
@@ -115,7 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _run(arguments: list[str]) -> int:
-    """Exit code of one run."""
+    """Return the exit code of one run."""
     try:
         with commands.make_context("synthetic", arguments) as context:
             commands.invoke(context)

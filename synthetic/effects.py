@@ -1,7 +1,7 @@
-"""Optional imperfections of the real world in the images.
+"""Optional real-world imperfections in the images.
 
-Each can be switched on alone. Without any, the images are those of a tidy world, to the bit. Each
-effect draws its parameters from its own random stream, so switching one on or off changes no other's draws.
+Each can be switched on by itself. Without any, the images are those of a tidy world, bit for bit. Each effect
+draws its parameters from its own random stream, so switching one on or off does not affect the others.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ class Effects:
     """One switch for each effect."""
 
     chamfers: bool = False
-    """The object's edges are rounded or chamfered by up to 1 mm, about like recorded ones, with glints and
-    dark seams."""
+    """The object's edges are rounded or chamfered by up to 1 mm, about like real ones, with glints and dark
+    seams."""
     focus: bool = False
     """Blur differs from camera to camera, and with depth."""
     response: bool = False
-    """Each camera has a response exponent, a black level and vignetting of its own."""
+    """Each camera has its own response exponent, black level and vignetting."""
     surface: bool = False
     """Faces have texture, prints with rounded borders, and different gloss."""
     reflections: bool = False
@@ -43,15 +43,15 @@ class Effects:
     fringes: bool = False
     """Lateral chromatic aberration."""
     skewed_psf: bool = False
-    """Points are smeared to comets."""
+    """Points are smeared into comets."""
     fixed_pattern: bool = False
-    """Pixels have constant gains and offsets of their own."""
+    """Each pixel has its own constant gain and offset."""
     drift: bool = False
-    """Exposure changes slowly through a film; a single scene has one other exposure."""
+    """Exposure changes slowly during a film; a single scene just has another exposure."""
     sharpening: bool = False
-    """An unsharp mask, as some cameras have it."""
+    """An unsharp mask, as in some cameras."""
     calibration: bool = False
-    """The given calibration is wrong by more than the deviations that it states."""
+    """The given calibration is wrong by more than its stated standard deviations."""
     compression: bool = False
     """Images are compressed by JPEG or H.264, as in recordings."""
     timing: bool = False
@@ -83,7 +83,7 @@ class Effects:
 
     @classmethod
     def of(cls, chosen: str | Iterable[str]) -> Effects:
-        """Return the effects that names or a text list: `none`, `world` for all, or names with commas.
+        """Return the effects given by names or by text: `none`, `world` for all, or comma-separated names.
 
         Raises:
             EffectError: no effect has this name.

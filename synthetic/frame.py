@@ -39,7 +39,7 @@ class Frame:
     stamps: FloatArray
     """(cameras,) timestamp of each image: the middle of its exposure [s]; the latest is `timestamp`."""
     scenes: tuple[PlatformScene, ...]
-    """The scene at each camera's stamp."""
+    """The scene at each camera's timestamp."""
     alone: tuple[Image, ...]
     """(H, W) uint8 label map of the objects alone, without robot or surroundings."""
 
@@ -50,7 +50,7 @@ class Frame:
 
     @property
     def objects_at_stamps(self) -> tuple[tuple[ObjectState, ...], ...]:
-        """Exact states of the objects at each camera's stamp."""
+        """Exact states of the objects at each camera's timestamp."""
         return tuple(
             tuple(self.calibrated.in_calibrated_world(state) for state in scene.objects)
             for scene in self.scenes
@@ -67,14 +67,14 @@ class Frame:
         return self.calibrated.given
 
     def truth(self, names: tuple[str, ...]) -> dict[str, Any]:
-        """Return the entry of `ground_truth.json`, for cameras of these names."""
+        """Return the entry for `ground_truth.json`, for cameras with these names."""
         cameras: dict[str, dict[str, Any]] = {}
         for c, (name, camera) in enumerate(zip(names, self.rig, strict=True)):
             own = cameras[name] = {
                 "visible_fraction": float(self.visible_fraction[c]),
                 "visible_px": int(self.visible_px[c]),
             }
-            # The true calibration if the stated one differs; stamp and poses if they are the camera's own.
+            # True calibration if the stated one differs; timestamp and poses if they are the camera's own.
             if self.calibrated.calibrated_from_world is not None:
                 for key in ("matrix", "distortion", "camera_from_world"):
                     own[key] = getattr(camera, key).tolist()
@@ -91,7 +91,7 @@ class Frame:
 
 
 def _told(states: tuple[ObjectState, ...]) -> Any:
-    """Return None, one pose, or those of all dice."""
+    """Return None, one pose, or the poses of all dice."""
     poses = [
         {
             "position": state.position.tolist(),

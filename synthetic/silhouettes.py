@@ -22,11 +22,11 @@ from tracker.errors import TrackerError
 class FingerMasks(Closing):
     """Silhouettes of the platform's robot in a rig's images; a context manager.
 
-    They ignore objects, so they include what covers a finger. Remove pixels in the object's colours before
-    you pass them to `detect` or `update` as `hidden`: `examples/hidden_fingers.py`.
+    They ignore objects, so they include anything that covers a finger. Remove pixels in the object's colours
+    before you pass them to `detect` or `update` as `hidden`: `examples/hidden_fingers.py`.
 
     Args:
-        rig: the cameras, by their calibration.
+        rig: the cameras, as given by their calibration.
         margin: how far the masks extend beyond the robot [px].
 
     Raises:
@@ -49,7 +49,7 @@ class FingerMasks(Closing):
         self._world.close()
 
     def __call__(self, joints: Sequence[float] | Array) -> list[Array | None]:
-        """Return for each camera the pixels (H, W) bool that the robot covers.
+        """Return, for each camera, the pixels (H, W) bool that the robot covers.
 
         joints: angles (9,) [rad] in the order of the platform's logs, see `tracker.logs.paired`; if one is
             NaN, as before the first step of a log, each mask is None.

@@ -1,1 +1,1 @@
-"""Inputs of the benchmarks: scenes and films with ground truth, disturbances of them, and recordings."""
+"""Inputs for the benchmarks: scenes and films with ground truth, disturbances of these, and recordings."""

@@ -16,7 +16,7 @@ from synthetic.frames import Frame, FrameMaker, FrameOptions
 from tracker.conventions import FloatArray, Image
 
 KINDS = {"thrown": "dice_thrown", "laid": "dice_goal"}
-"""Kinds of scenes. thrown: as physics lets the dice fall. laid: on cells of the task's grid."""
+"""Kinds of scenes. thrown: dice dropped in a physics simulation. laid: on cells of the task's grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class DiceScene:
     labels: tuple[Image, ...]
     """(H, W) uint8 label map, by majority in each pixel: 0 other, k + 1 die k."""
     positions: FloatArray
-    """(D, 3) of the dice's centres [m]."""
+    """(D, 3) centres of the dice [m]."""
     rotations: FloatArray
     """(D, 3, 3) world_from_die."""
     bars: FloatArray
@@ -38,7 +38,7 @@ class DiceScene:
 
 
 def dice_store(kind: str, seed: int, workers: int = 2, cache: Path = CACHE) -> Store[DiceScene]:
-    """Return the scenes of one of KINDS, by their numbers.
+    """Return the scenes of one kind, by number.
 
     Args:
         kind: key of KINDS.

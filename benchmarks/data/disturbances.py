@@ -1,4 +1,4 @@
-"""Disturbances that make images, and the calibration, harder."""
+"""Disturbances of images and calibration that make detection harder."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 Disturbance = Callable[[Sequence[Image], np.random.Generator], list[Image]]
-"""Function from the images of all cameras to disturbed ones; each camera has its own random draws."""
+"""Function from all cameras' images to disturbed ones; each camera has its own random draws."""
 
 SHIFT_STD, TURN_STD = 0.0005, float(np.radians(0.1))
-"""Standard deviations of a perturbed camera_from_world, per axis [m, rad]."""
+"""Standard deviations of the perturbation of camera_from_world, per axis [m, rad]."""
 
 
 def light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
@@ -32,8 +32,8 @@ def light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
 def hard_light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     """Vary gains from 0.6 to 1.5, exposure from 0.4 to 1.7, gamma from 0.7 to 1.4; add ramps of up to ±35 %.
 
-    Linear ramps along random directions act on all channels together and on each channel; their product
-    stays within ±35 % of the middle. Exposure is applied before gamma, as in a camera.
+    Linear ramps in random directions act on all channels together and on each channel separately; their
+    product stays within ±35 % of the middle. Exposure is applied before gamma, as in a camera.
     """
     result = []
     for image in images:
@@ -58,7 +58,7 @@ def poor_images(images: Sequence[Image], rng: np.random.Generator) -> list[Image
 
 
 def slight_blur(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """Blur by σ 0.5 px, the least that a lens in focus adds to a pixel's own square."""
+    """Blur by σ 0.5 px, the least that a lens in focus adds to the area of a pixel."""
     return [_bytes(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 0.5)) for image in images]
 
 
@@ -78,7 +78,7 @@ def jpeg(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
 
 
 def flooded(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
-    """Dazzle one camera: three times the light and a veil of 80 levels."""
+    """Dazzle one camera: three times the light, and a veil of 80 levels."""
     return _in_one(images, rng, lambda image: _bytes(3.0 * image.astype(np.float32) + 80.0))
 
 
@@ -105,7 +105,7 @@ def _in_one(
 def moved_rig(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
     """Return the rig with each camera perturbed by normal draws; it states their standard deviations.
 
-    The transform [R | t] becomes [exp(ω) R | t + δ], with three independent draws each for ω and δ.
+    The transform [R | t] becomes [exp(ω) R | t + δ], with three independent draws for each of ω and δ.
     """
     return dataclasses.replace(rig, cameras=tuple(_moved(camera, rng) for camera in rig))
 
@@ -136,7 +136,7 @@ def _slope(rng: np.random.Generator) -> FloatArray:
 
 
 def _ramp(shape: tuple[int, ...], slope: FloatArray) -> FloatArray:
-    """Return factors (H, W), 1 in the middle and 1 ± |slope| at the farthest border along the slope."""
+    """Return factors (H, W), 1 in the middle and 1 ± |slope| at the farthest points along the slope."""
     y, x = (np.linspace(-1, 1, n) for n in shape)
     reach = max(float(np.abs(slope).sum()), 1e-12) / max(float(np.linalg.norm(slope)), 1e-12)
     result: FloatArray = 1 + (slope[0] * x[None, :] + slope[1] * y[:, None]) / reach

@@ -1,4 +1,4 @@
-"""Benchmark films: each is one long motion of an object, with images and ground truth.
+"""Benchmark films: each shows one long motion of an object, with images and ground truth.
 
 Some frames also exist without the object, so that it can vanish.
 """
@@ -29,9 +29,9 @@ class Style:
     """Contents of the films of one style."""
 
     effects: tuple[str, ...] = ()
-    """Effects of the real world."""
+    """Real-world effects."""
     kinds: tuple[str, ...] = ("mixed",)
-    """Kinds of motion of consecutive films; mixed: pushed, tumbled, lifted, carried, dropped."""
+    """Kinds of motion in consecutive films; mixed: pushed, tumbled, lifted, carried, dropped."""
     quality: str = "default"
     """Key of `synthetic.camera.shot.QUALITIES`."""
 
@@ -41,13 +41,13 @@ STYLES = {
     "world": Style(EFFECTS),
     "errors": Style(EFFECTS, ("push", "tumble", "carry", "drop"), "fast"),
 }
-"""Styles by name. The films of `errors` are many, so they are rendered without the lamps' shadows."""
+"""Styles by name. There are many films of `errors`, so they are rendered without the lamps' shadows."""
 
 ABSENT = 20
-"""Number of frames from which a vanishing object is absent."""
+"""Number of frames for which a vanishing object is absent."""
 
 JUMP = 0.1
-"""Distance between vanishing and reappearing, if the object ever gets so far [m]."""
+"""Distance between vanishing and reappearing, if the object ever gets that far [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ def vanishing_frames(length: int) -> list[int]:
 
 
 class FilmStore:
-    """The films of one object, by their numbers.
+    """The films of one object, by number.
 
     Args:
         object_name: name of the object.
@@ -97,11 +97,11 @@ class FilmStore:
         self.store = Store(name, FilmFrame, make, (__name__,), own, 2 * length, workers, cache)
 
     def numbers(self, film: int, frames: Iterable[int], *, empty: bool = False) -> list[int]:
-        """Return the numbers in the store of frames of a film."""
+        """Return the numbers that frames of a film have in the store."""
         return [(2 * film + empty) * self.length + frame for frame in frames]
 
     def prepared(self, films: Iterable[int], *, vanishing: bool = True) -> list[int]:
-        """Return the numbers in the store of all frames that the benchmarks use."""
+        """Return the numbers that all frames used by the benchmarks have in the store."""
         starts = vanishing_frames(self.length) if vanishing else []
         emptied = sorted({k for start in starts for k in range(start, min(start + ABSENT, self.length))})
         return [
@@ -114,7 +114,7 @@ class FilmStore:
         ]
 
     def frames(self, film: int, frames: Iterable[int], *, empty: bool = False) -> Iterator[FilmFrame]:
-        """Yield frames of a film, in this order."""
+        """Yield frames of a film, in the given order."""
         return self.store.scenes(self.numbers(film, frames, empty=empty))
 
 

@@ -1,6 +1,6 @@
 """A fingerprint of what determines rendered pixels: modules of a renderer, their data files, and libraries.
 
-Changes of exporters, docstrings or comments do not change it, so they do not cause rendering again.
+Changes to exporters, docstrings or comments do not affect it, so nothing is rendered again after them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LIBRARIES = ("numpy", "opencv-python-headless", "pybullet", "pyrender", "trimesh
 
 @functools.cache
 def fingerprint(*modules: str) -> str:
-    """Return a fingerprint, in twelve digits, of everything that determines the pixels of these modules."""
+    """Return a fingerprint, of twelve hex digits, of all that determines the pixels made by these modules."""
     digest = hashlib.sha256()
     for file in sources(modules):
         content = file.read_bytes()
@@ -39,7 +39,7 @@ def fingerprint(*modules: str) -> str:
 
 
 def sources(modules: Sequence[str]) -> list[Path]:
-    """Return the files of these modules and all project modules that they import, and of data beside them."""
+    """Return the files of these modules, of all project modules that they import, and of data beside them."""
     found: set[Path] = set()
     todo = list(modules)
     kept = {_file(keeper) for keeper in KEEPERS}
@@ -54,7 +54,7 @@ def sources(modules: Sequence[str]) -> list[Path]:
 
 
 def code(source: bytes) -> bytes:
-    """Return a module's code without docstrings, comments and layout."""
+    """Return a module's code without docstrings, comments and formatting."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         body = getattr(node, "body", None)

@@ -29,8 +29,8 @@ RATE = 10.0
 """Frame rate [Hz]."""
 
 SKEW = 0.010
-"""Time between the first and the last camera's image of a skewed frame [s]; others are evenly spaced. Which
-camera is first changes from frame to frame, since the cameras run free."""
+"""Time between the first and the last camera's image in a skewed frame [s]; the others are evenly spaced.
+Which camera is first changes from frame to frame, since the cameras are not synchronised."""
 
 AHEAD = 0.050
 """Prediction horizon [s]."""
@@ -39,7 +39,7 @@ SLOW = 0.1
 """Speed below which an object does not count as moving [m/s]."""
 
 STEADY = 0.2
-"""Time for which a steadily moving object has been on its current leg [s]; it also stays for AHEAD."""
+"""Time that a steadily moving object has spent on its current leg [s]; it also stays on it for AHEAD."""
 
 FRAMES = 100
 """Number of frames of each film."""
@@ -64,7 +64,7 @@ class MotionFrame:
     moving: bool
     """Whether the object is faster than SLOW at the latest timestamp."""
     steady: bool
-    """Whether it moves, and steadily."""
+    """Whether it is moving steadily."""
 
     @property
     def timestamp(self) -> float:
@@ -93,7 +93,7 @@ def motion_store(object_name: str, seed: int, workers: int = 2, cache: Path = CA
 
 
 def film_motion(seed: int, film: int) -> Motion:
-    """Return the motion of a film, from before its first frame until after its last."""
+    """Return the motion in a film, from before its first frame until after its last."""
     return random_motion(np.random.default_rng([seed, film]), -STEADY, FRAMES / RATE + STEADY + AHEAD)
 
 

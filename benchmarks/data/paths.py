@@ -1,4 +1,4 @@
-"""Motions with a known pose at any time: an object flies between points in the arena."""
+"""Motions whose pose is known at any time: an object flies between points in the arena."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ SPEED = 0.5
 """Typical speed of an object that is thrown or pushed hard [m/s]."""
 
 REACH, HEIGHTS = 0.12, (0.06, 0.12)
-"""Largest distance of turning points from the arena's axis, and range of their heights [m]: there all cameras
-see the object, and none of its corners touches wall or table."""
+"""Largest distance of turning points from the arena's axis, and range of their heights [m]: all cameras see
+the object there, and none of its corners touches the wall or the table."""
 
 LEAST = 0.1
 """Smallest distance between consecutive turning points [m]; less than REACH, so that one always exists."""
@@ -26,7 +26,7 @@ BULGE = 0.35
 """Largest height of a curved leg over its chord, relative to the chord."""
 
 REST_SECONDS = (0.3, 0.8)
-"""Range of the duration of a rest [s]."""
+"""Shortest and longest duration of a rest [s]."""
 
 KINDS, SHARES = ("straight", "curved", "eased", "rest"), (0.4, 0.25, 0.2, 0.15)
 """Kinds of legs and their probabilities: straight at constant speed; along a parabola; straight, starting and
@@ -46,7 +46,7 @@ class Leg:
     chord: FloatArray
     """(3,) vector from the start to the end [m]."""
     bulge: FloatArray
-    """(3,) displacement of the path's middle from the chord's [m]."""
+    """(3,) displacement of the path's middle from that of the chord [m]."""
     rotation: FloatArray
     """(3, 3) world_from_object at the start."""
     turn: FloatArray
@@ -60,7 +60,7 @@ class Leg:
         return self.begin + self.seconds
 
     def pose(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Return position (3,) [m] and rotation (3, 3) at a time [s]; outside the leg, those of its ends."""
+        """Return position (3,) [m] and rotation (3, 3) at a time [s]; outside the leg, those at its ends."""
         share = min(max((time - self.begin) / self.seconds, 0.0), 1.0)
         if self.eased:
             share = share * share * (3.0 - 2.0 * share)

@@ -1,4 +1,4 @@
-"""Recorded data of real platforms: hand-labelled images, triplets with their calibrations, and robots."""
+"""Data recorded on real platforms: hand-labelled images, triplets with their calibrations, and robots."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tracker.geometry.camera import Camera
 POSED = ("cube_v1", "cube_v2", "cuboid_2x2x8_v2")
 SEGMENTED = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 CORRECTED = "principal point corrected"
-"""Group of a triplet whose files are read with that correction, in addition to the group without."""
+"""Group of a triplet whose files are read with this correction; there is also a group without it."""
 
 
 def labelled_images(real: Path, name: str) -> list[LabelledImage]:
@@ -45,7 +45,7 @@ def triplets(real: Path) -> Iterator[tuple[str, str, tracker.ObjectTracker, list
 
 
 def real_folder(path: Path | None = None) -> Path | None:
-    """Return the given folder of recorded data, or the default one; None if it does not exist."""
+    """Return the given folder of recorded data, or else the default one; None if it does not exist."""
     folder = Path(path or os.environ.get("TRACKER_REAL_DATA") or ROOT.parent / "shared" / "real")
     return folder if folder.is_dir() else None
 
@@ -61,7 +61,7 @@ def robots() -> tuple[CameraRig, ...]:
 
 
 def another(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """Return a rig that differs from the true one as the rigs of two recorded robots do from each other."""
+    """Return a rig that differs from the true one as much as two recorded robots' rigs differ."""
     one, other = (
         sized(robots()[k], rig[0].height) for k in rng.choice(len(robots()), 2, replace=False).tolist()
     )

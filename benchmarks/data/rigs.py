@@ -1,8 +1,8 @@
-"""Rigs unlike the platform's with which the tracker should work, given as data, and their scenes.
+"""Rigs, unlike the platform's, with which the tracker should work; they are given as data, with their scenes.
 
-All scenes are on one stage, the simulated platform. A rig's world is the stage, moved and scaled: if all
-lengths in a world, including the distances of the cameras, are multiplied by one factor, the images do not
-change.
+All scenes are on one stage, the simulated platform. A rig's world is the stage, moved and scaled: multiplying
+all lengths in a world, including the distances of the cameras, by the same factor does not change the
+images.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _DISTORTION = np.array([-0.236, 0.115, -0.0014, 0.0002, -0.042])
 """Approximate distortion of the platform's lenses: k1, k2, p1, p2, k3."""
 
 _LABELS = np.array([1, 5, 2, 6, 3, 4])
-"""Colours of the faces of the boxes defined here: those of cube_v2."""
+"""Face colours of the boxes defined here: those of cube_v2."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,12 @@ class Placement:
         return so3.exp([0.0, 0.0, self.yaw])
 
     def pose(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return position (3,) [m] and rotation (3, 3) in the world of an object on the stage."""
+        """Return position (3,) [m] and rotation (3, 3), in the world, of an object on the stage."""
         turn = self.world_from_stage
         return self.scale * turn @ position + self.origin, turn @ rotation
 
     def camera(self, camera: Camera) -> Camera:
-        """Return a stage camera as a camera of the world that takes the same images."""
+        """Return the camera in the world that takes the same images as a camera on the stage."""
         position, rotation = self.pose(camera.position, camera.camera_from_world[:3, :3].T)
         return dataclasses.replace(camera, camera_from_world=_camera_from_world(position, rotation.T))
 
@@ -69,7 +69,7 @@ class RigCase:
 
     name: str
     about: str
-    """Its special feature, for tables."""
+    """What is special about it, for tables."""
     stage_cameras: tuple[Camera, ...]
     """The cameras in the stage's frame."""
     models: tuple[CuboidModel, ...] = ()
@@ -80,7 +80,7 @@ class RigCase:
 
     @property
     def rig(self) -> CameraRig:
-        """The rig that the tracker is given: the true cameras in the world, and the arena."""
+        """The rig given to the tracker: the true cameras in the world, and the arena."""
         return CameraRig(tuple(map(self.placement.camera, self.stage_cameras)), self.arena)
 
     @property
@@ -98,7 +98,7 @@ class RigCase:
 
 
 def _camera_from_world(position: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Return (4, 4) of a camera at `position` (3,) with the rotation (3, 3) camera_from_world."""
+    """Return camera_from_world (4, 4) of a camera at `position` (3,) [m] with this rotation (3, 3)."""
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, -rotation @ position
     return transform
@@ -109,7 +109,7 @@ def _camera(
 ) -> Camera:
     """Return a camera that looks roughly at the stage's centre, from a direction [°] and distance [m].
 
-    Other parameters differ a little from camera to camera, as on a real platform.
+    Other parameters vary slightly from camera to camera, as on a real platform.
 
     Args:
         azimuth: azimuth of the camera seen from the centre [°]; also its name.
@@ -147,7 +147,7 @@ def _box(name: str, *size: float) -> CuboidModel:
 
 _PLATFORM = default_cameras()
 
-# A distant camera has to look down steeply: below 60° the near wall hides a part of the table.
+# A distant camera has to look down steeply: below 60° the near wall hides part of the table.
 _CASES = (
     RigCase("platform", "three 270×270, 0.52 m", _PLATFORM),
     RigCase(
@@ -163,7 +163,7 @@ _CASES = (
     RigCase(
         "1080p",
         "three 1920×1080, 0.5 m, fx 1050 px",
-        # The platform's distortion folds back within such a wide image.
+        # The platform's distortion would fold back within such a wide image.
         tuple(_camera(azimuth, 49, 0.5, (1920, 1080), 1050, 0.45) for azimuth in (60, 180, 300)),
     ),
     RigCase(
@@ -212,7 +212,7 @@ NEAR = 0.2
 
 
 def rig_scene(case: RigCase, model: CuboidModel, seed: int, index: int) -> Scene:
-    """Return a scene of an object at world scale; equal number and stage size give all rigs the same scene.
+    """Return a scene of an object at world scale; all rigs get the same scene for a number and stage size.
 
     Args:
         case: the rig.
@@ -238,7 +238,7 @@ def rig_scene(case: RigCase, model: CuboidModel, seed: int, index: int) -> Scene
 def rig_store(
     case_name: str, object_name: str, seed: int, workers: int = 2, cache: Path = CACHE
 ) -> Store[Scene]:
-    """Return the scenes of one rig and object, by their numbers.
+    """Return the scenes of one rig and object, by number.
 
     Args:
         case_name: name of the rig in `CASES`.

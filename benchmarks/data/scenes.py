@@ -62,7 +62,7 @@ class Scene:
     """(2, cameras, 46) true and stated cameras; None: both are those of the set."""
 
     def rigs(self, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
-        """Return the true rig and the stated one, which a user is given; `usual` is the set's rig."""
+        """Return the true rig, and the stated one, which is given to a user; `usual` is the set's rig."""
         return rigs_of(self.cameras, usual)
 
     @property
@@ -79,7 +79,7 @@ def rig(size: int = SIZE) -> CameraRig:
 def scene_store(
     object_name: str, style: str, seed: int, workers: int = 2, cache: Path = CACHE
 ) -> Store[Scene]:
-    """Return the scenes of an object by their numbers.
+    """Return the scenes of an object, by number.
 
     Args:
         object_name: name of the object.

@@ -1,6 +1,6 @@
 """Seeds of the scenes.
 
-Development scenes have a fixed seed: they may be looked at and worked on. Release scenes have a seed
+Development scenes have a fixed seed: you may look at them and work on them. Release scenes have a seed
 derived from the measured commit: nobody has seen them before, and no other commit gets them.
 """
 
@@ -18,7 +18,7 @@ def release(commit: str) -> int:
 
 
 def stream(seed: int, *names: str) -> int:
-    """Return the seed of one kind of scenes; different kinds share no random draws."""
+    """Return the seed for one kind of scene; different kinds share no random draws."""
     return _number("\n".join([str(seed), *names]))
 
 

@@ -1,4 +1,4 @@
-"""Sets of scenes of an object that workloads share, with what the tracker needs for them."""
+"""Sets of scenes of an object, shared by workloads, with what the tracker needs for them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tracker.objects.model import CuboidModel
 from tracker.segmentation.color_model import ColorModel
 
 FULL = 200
-"""Number of scenes of an object in a full run."""
+"""Number of scenes per object in a full run."""
 
 SHARES: Mapping[str, float] = {
     "realistic": 1.0,
@@ -42,19 +42,19 @@ SHARES: Mapping[str, float] = {
 """Size of each set relative to a full run, by its name or prefix: scenes, or frames of each film."""
 
 RIMMED = "world", "absent", f"{EFFECT}chamfers"
-"""Sets whose objects have rims, of the width stated in their files or any other; other objects are sharp."""
+"""Sets whose objects have rims, of the width in their files or another; other objects have sharp edges."""
 
 PACKAGES = {
     "package": Drawing(),
     "smooth package": Drawing(scale=4),
     "lens package": Drawing(lens=True),
 }
-"""How the simulation package renders, by set of scenes."""
+"""How the simulation package renders each set of scenes."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Which scenes are rendered, how many, and their cache."""
+    """Which scenes are rendered, how many, and where they are cached."""
 
     scenes: int = FULL
     """Number of scenes of an object."""

@@ -1,7 +1,7 @@
 """A cache of rendered scenes and frames on disk; it never affects results.
 
-An item is one file, named by its number, in a folder named by everything that determines its pixels: its
-contents, the seed, and the fingerprint of the renderer.
+An item is one file, named after its number, in a folder named after everything that determines its pixels:
+its contents, the seed, and the fingerprint of the renderer.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CACHE = ROOT / "build" / "scenes"
 S = TypeVar("S")
 
 Maker = Callable[[int, Collection[int]], Iterable[tuple[int, S]]]
-"""Makes some items of a chunk: from its number and the numbers of the items to pairs of number and item."""
+"""Makes some items of a chunk: takes its number and the items' numbers, yields pairs of number and item."""
 
 
 def packed(item: Any) -> bytes:
@@ -61,14 +61,14 @@ def unpacked(kind: type[S], content: bytes) -> S | None:
 
 @dataclass(frozen=True)
 class Store(Generic[S]):
-    """Items of one kind, by their numbers."""
+    """Items of one kind, by number."""
 
     name: str
-    """Name for people; also the beginning of the folder's name."""
+    """Human-readable name, with which the folder's name begins."""
     kind: type[S]
     """Dataclass of the items."""
     maker: Callable[[], Maker[S]]
-    """Makes the function that makes items, in the process that calls it; can be pickled."""
+    """Makes, in the process that calls it, the function that makes items; can be pickled."""
     modules: tuple[str, ...]
     """Modules that determine the pixels, see `fingerprint`."""
     seed: int
@@ -80,7 +80,7 @@ class Store(Generic[S]):
 
     @property
     def folder(self) -> Path:
-        """Folder of these items alone."""
+        """Folder that holds only these items."""
         name = self.name.replace(", ", "-").replace(" ", "_")
         return self.cache / f"{name}-{self.seed}-{fingerprint(*self.modules)}"
 
@@ -89,7 +89,7 @@ class Store(Generic[S]):
         return self.folder / f"{number:05d}.npz"
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
-        """Return the numbers of items that are not rendered yet."""
+        """Return the numbers of the items that are not rendered yet."""
         return [number for number in numbers if not self.file(number).is_file()]
 
     def prepare(self, numbers: Iterable[int]) -> None:
@@ -97,7 +97,7 @@ class Store(Generic[S]):
         prepare([(self, numbers)], self.workers)
 
     def scenes(self, numbers: Sequence[int]) -> Iterator[S]:
-        """Yield the items of these numbers, in this order."""
+        """Yield the items with these numbers, in this order."""
         self.prepare(numbers)
         for number in numbers:
             item = self._read(number)
@@ -157,6 +157,6 @@ class _Renders:
 
 
 def each(begin: Callable[..., Callable[[int], S]], *arguments: Any) -> Maker[S]:
-    """Return a maker of items one by one, with the function that `begin` returns in the rendering process."""
+    """Return a maker of items, one by one, that calls the function returned by `begin` in its own process."""
     make = begin(*arguments)
     return lambda chunk, numbers: ((number, make(number)) for number in numbers)

@@ -1,4 +1,4 @@
-"""Reading of the benchmarks' data files."""
+"""Reads the benchmarks' data files."""
 
 from __future__ import annotations
 

@@ -28,14 +28,14 @@ class Workload:
 
     name: str
     about: str
-    """Its special feature, for tables."""
+    """What is special about it, for tables."""
     base: str = "realistic"
     """Set of scenes, see `benchmarks.data.sets`."""
     disturb: disturbances.Disturbance | None = None
     cameras: int | None = None
-    """Number of cameras used; each combination in turn. None: all."""
+    """Number of cameras used, in every combination in turn; None: all."""
     believed: Callable[[CameraRig, np.random.Generator], CameraRig] | None = None
-    """Returns the calibration that the tracker gets in place of the true one."""
+    """Returns the calibration that the tracker gets instead of the true one."""
     objects: tuple[str, ...] = OBJECTS
     """Names of the objects."""
     other_moment: bool = False

@@ -45,10 +45,10 @@ def side(pairs: pd.DataFrame, when: str) -> pd.DataFrame:
 
 
 def compare(before: Results, after: Results) -> list[dict[str, Any]]:
-    """Compare, for each workload and object, every metric as (before, after), and the errors' median ratios.
+    """Return, for each workload and object, every metric as (before, after), and median ratios of errors.
 
-    `ratio_…` are the median ratio of errors, after / before, over scenes where both runs found a pose,
-    and its 95 % interval; `lost` and `gained` count the scenes that only one run got right.
+    `ratio_…` is the median ratio of errors, after / before, over scenes where both runs found a pose, with
+    its 95 % interval; `lost` and `gained` count the scenes that only one run got right.
 
     Raises:
         ResultsError: as in `pairs_of`.

@@ -1,8 +1,8 @@
 """The gate: a few scenes and the recorded triplets, each compared with its baseline.
 
-Unchanged code gives the same answers to the same images, so everything but times stays the same: paired
+Unchanged code gives the same answers to the same images, so everything except times stays the same: paired
 comparison reveals changes that the scatter between a few scenes would hide. The allowed loss of each figure
-stands beside it in `benchmarks.score.metrics`.
+is given with it in `benchmarks.score.metrics`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _NAMES = (
 WORKLOADS = tuple(w for w in ALL if w.name in _NAMES or w.name.startswith(LOOK_ALIKE))
 
 RECORDED = ("third camera", "recorded, one camera")
-"""Tables of recorded images of which the gate checks every row."""
+"""Tables of recorded images in which the gate checks every row."""
 
 
 def plan(cache: Path) -> Plan:
@@ -57,7 +57,7 @@ def plan(cache: Path) -> Plan:
 
 
 def failures(before: Results, after: Results) -> list[str]:
-    """Return what has become worse than allowed, as sentences.
+    """Return, as sentences, what has become worse by more than allowed.
 
     Raises:
         ResultsError: the runs' images differ.

@@ -36,7 +36,7 @@ def origin() -> dict[str, Any]:
 
 
 def code() -> str:
-    """Return a hash of all sources and their data as they are on disk now."""
+    """Return a hash of all sources and their data, as they are on disk now."""
     digest = hashlib.sha256()
     for folder in SOURCES:
         for file in sorted((ROOT / folder).rglob("*")):

@@ -23,11 +23,11 @@ from tracker.files import write_whole
 RESULTS_FILE = "results.json"
 
 DIGITS = 7
-"""Significant digits of numbers in the file, more than any of them deserves."""
+"""Significant digits of numbers in the file, more than any of them needs."""
 
 
 class ResultsError(TrackerError):
-    """A file of results is missing, cannot be read, or cannot be used for this purpose."""
+    """A file of results is missing, cannot be read, or is not suitable."""
 
 
 @dataclass
@@ -53,7 +53,7 @@ def write_results(path: str | os.PathLike[str], results: Results) -> None:
 
 
 def write_published(path: str | os.PathLike[str], results: Results, judged: list[dict[str, Any]]) -> None:
-    """Write the parts of a run that documents show: its origin, figures and targets, without the answers."""
+    """Write the parts of a run that documents show: origin, figures and targets, but not the answers."""
     rows = {"figures": plain(results.figures), "targets": plain(judged)}
     content = {"about": plain(results.about)}
     write_whole(path, _text(content, {key: {"rows": lines} for key, lines in rows.items()}))
@@ -97,7 +97,7 @@ def read_results(path: str | os.PathLike[str]) -> Results:
 
 
 def typed(frame: pd.DataFrame) -> pd.DataFrame:
-    """Convert columns of numbers and None, which JSON leaves as objects, to numbers."""
+    """Convert columns of numbers and None, which become objects when read from JSON, to numbers."""
     for name in frame:
         values = [value for value in frame[name] if value is not None]
         if frame[name].dtype == object and not any(isinstance(value, (str, bool)) for value in values):

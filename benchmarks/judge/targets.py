@@ -1,4 +1,4 @@
-"""The targets in `targets.toml`, and whether the answers show that they are met."""
+"""The targets in `targets.toml`, and whether the answers meet them."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from benchmarks.score.tables import BY_NAME
 FILE = Path(__file__).with_name("targets.toml")
 
 OBJECTS = {"cube": "cube_*", "cuboid": "cuboid_*"}
-"""Name patterns of objects, by the kind to which a limit applies."""
+"""Name patterns of objects, by the kind of object to which a limit applies."""
 
 
 def judge(results: Results) -> list[dict[str, Any]]:
     """Return all targets that were measured, in the file's order.
 
     Returns:
-        For each its `name`, `object`, `n`, the `target`, the `reached` value and its 95 % `interval`, as
-        texts, and the `verdict`: `met` or `missed` if the whole interval is, otherwise `undecided`.
+        For each, its `name`, `object` and `n`; the `target`, the `reached` value and its 95 % `interval`, as
+        text; and the `verdict`: `met` or `missed` if the whole interval is, otherwise `undecided`.
     """
     return [
         row

@@ -1,4 +1,4 @@
-"""Runs the workloads: the answers of `detect` to every scene, and their processor time."""
+"""Runs the workloads: collects `detect`'s answer to every scene, and its processor time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Made = tuple[list[dict[str, Any]], dict[str, str]]
 """Answers, and the workloads that were skipped, with reasons."""
 
 Keep = Callable[[str, Callable[[], Made]], Made]
-"""Returns the stored result of this name, or makes and stores it."""
+"""Returns the stored result with this name, or makes and stores it."""
 
 
 def measure_accuracy(
@@ -43,9 +43,9 @@ def measure_accuracy(
     Args:
         plan: which scenes.
         workloads: workloads to run.
-        objects: names of the objects, of those that a workload has; None: all.
-        keep: stores the answers to each set of scenes, so that an interrupted run continues there.
-        rounds: runs of each detection, of which the fastest is timed.
+        objects: names of the objects to use, if a workload has them; None: all.
+        keep: stores the answers to each set of scenes, so that an interrupted run can continue there.
+        rounds: how often to run each detection; the fastest run counts.
 
     Returns:
         One row per answer, by workload and object, and the reasons for skipped workloads.
@@ -109,7 +109,7 @@ def _answers(
 
 
 def answer_row(model: CuboidModel, given: Case, answer: Observation) -> dict[str, Any]:
-    """Return the answer to one scene, and its errors, as a row."""
+    """Return a row with the answer to one scene, and its errors."""
     scene, pose = given.scene, answer.object_pose
     true = true_pose(scene.position, scene.rotation)
     row: dict[str, Any] = {

@@ -20,7 +20,7 @@ from tracker.conventions import Image
 from tracker.tasks import rearrange_dice
 
 GIVEN = ("masks and images", "masks alone")
-"""Inputs from which positions are estimated."""
+"""Inputs for estimating positions."""
 
 TIMED = 30
 """Largest number of scenes of thrown dice that are timed."""
@@ -97,9 +97,9 @@ def recorded_row(real: Path) -> Rows:
 
 
 def time_rows(rig: CameraRig, images: Sequence[Image]) -> Rows:
-    """Return a row for each kind of work, with the times of `in_turn`.
+    """Return a row for each kind of work, with the times from `in_turn`.
 
-    The first row is the cost of the task's reward while its goal stays the same.
+    The first row is the cost of the task's reward while the goal stays the same.
     """
     goal = rearrange_dice.sample_goal(np.random.default_rng(GOAL_SEED))
     goals = rearrange_dice.goal_masks(rig, goal)
@@ -117,5 +117,5 @@ def time_rows(rig: CameraRig, images: Sequence[Image]) -> Rows:
         "positions from masks alone": lambda: rearrange_dice.locate(rig, masks),
     }
     for work in works.values():
-        work()  # the first call of a process loads or compiles kernels
+        work()  # the first call in a process loads or compiles kernels
     return [{"group": name, **in_turn(work, images)[1]} for name, work in works.items()]

@@ -1,6 +1,6 @@
 """Accuracy of tracking over time: `update` on films with ground truth.
 
-They are played whole, subsampled, for single cameras, and with the object absent for a while.
+They are played whole, subsampled, with single cameras, and with the object absent for a while.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ STRIDES = (2, 4, 8)
 """Strides at which films are subsampled, in addition to whole films."""
 
 FILMS = {"realistic": 2, "world": 8}
-"""Number of films for each object, by style. In `world` each has its own cameras, so that there are more of
-them, and they are shorter."""
+"""Number of films for each object, by style. In `world` each film has its own cameras, so there are more
+films, and they are shorter."""
 
 WARM = 5
-"""Number of frames for which a tracker runs before it is timed."""
+"""Number of frames that a tracker processes before it is timed."""
 
 SHORTEST = 40
 """Smallest number of frames of a film."""
 
 READ = 100
-"""Number of frames that are read at once."""
+"""Number of frames read at once."""
 
 
 def measure_films(plan: Plan, say: Callable[[str], None] = lambda line: None) -> pd.DataFrame:
@@ -79,7 +79,7 @@ def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
 
 
 def _world(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
-    """Play films with all cameras and with each alone, with the calibration given to a user."""
+    """Play films with all cameras and with each one alone, using the calibration given to a user."""
     films = [list(store.frames(film, range(store.length))) for film in range(FILMS["world"])]
     model = tracker.load_object(name)
     trackers = [tracker.ObjectTracker(model, rigs_of(film[0].cameras, rig())[1]) for film in films]
@@ -103,12 +103,12 @@ def _films(
 
 
 def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | None = None) -> pd.DataFrame:
-    """Play a film to a reset tracker, with the images of all cameras or of one alone.
+    """Play a film to a reset tracker, with the images of all cameras or of only one.
 
     Returns:
         A row for each frame: `timestamp`, `present`, `status`, `visible` (mean over the given cameras),
         `at_rest`; whether there is a filtered pose (`found`), its `confidence` and errors; `measured_given`
-        and the errors of the measured pose as `measured_…`; and the times of `in_turn`.
+        and the errors of the measured pose as `measured_…`; and the times from `in_turn`.
     """
     own.reset()
     rows, poses = [], []
@@ -135,14 +135,14 @@ def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | 
 
 
 def _read_ahead(frames: Iterable[FilmFrame]) -> Iterator[FilmFrame]:
-    """Yield the same frames, read from disk in blocks, so that timed updates mostly follow each other."""
+    """Yield the same frames, read from disk in blocks, so that timed updates mostly run back to back."""
     rest = iter(frames)
     while block := list(itertools.islice(rest, READ)):
         yield from block
 
 
 def _single_shots(own: tracker.ObjectTracker, films: list[list[FilmFrame]]) -> pd.DataFrame:
-    """Return the errors of `detect`, which has no memory, a row for each frame of all films."""
+    """Return the errors of `detect`, which has no memory: a row for each frame of all films."""
     frames = itertools.chain.from_iterable(films)
     errors: list[FloatArray] = [
         np.array(pose_errors(own.detect(frame.images).object_pose, true_pose(frame.position, frame.rotation)))

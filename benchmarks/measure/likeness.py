@@ -1,9 +1,9 @@
 """Similarity of real and synthetic images: `python -m benchmarks likeness [--real FOLDER]`.
 
 A colour table fitted to synthetic images alone segments the real, hand-labelled ones, and the shipped table,
-fitted to those, segments the synthetic ones. Hand-made masks leave out a face's rim, whose pixels mix two
-surfaces, and so does the segmentation of large images. The labels of synthetic images therefore lose a rim of
-1 px too, unless the table says `exact labels`.
+fitted to those, segments the synthetic ones. Hand-made masks omit a face's rim, whose pixels mix two
+surfaces, and so does the segmentation of large images. A rim of 1 px is therefore removed from the labels of
+synthetic images, too, unless the table says `exact labels`.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import ColorModel
 
 SEED = 90210
-"""Seed of the synthetic images; not the one with which colours and light were adjusted."""
+"""Seed of the synthetic images; not the one for which colours and light were tuned."""
 
 RECORDED = {"cuboid_2x2x8_v2": (270, "old")}
 """Size [px] and path of an object's real images, where they are not (540, "new")."""
 
 MIN_FACE = {"cuboid_2x2x8_v2": 0.0005}
 MIN_FACE_OF_CUBES = 0.002
-"""Smallest share of the image that a face must cover to count; few labelled real faces are smaller."""
+"""Smallest share of the image that a face must cover to count; few labelled faces are smaller."""
 
 TARGET_SYNTHETIC, TARGET_REAL = 0.85, 0.75
-"""Targets of the mean IoU of the shipped table on synthetic images, and of a synthetic table on real ones."""
+"""Target mean IoUs: of the shipped table on synthetic images, and of a synthetic table on real images."""
 
 FIT = FitOptions(draws=10_000)
-"""Options of the fit to synthetic images: fewer draws per image than for the few real ones."""
+"""Options for fitting to synthetic images: fewer draws per image than for the few real images."""
 
 
 def synthetic_images(name: str, scenes: int, quality: str, seed: int = SEED) -> list[LabelledImage]:
@@ -52,7 +52,7 @@ def synthetic_images(name: str, scenes: int, quality: str, seed: int = SEED) -> 
 
 
 def synthetic_table(images: Sequence[LabelledImage], name: str) -> ColorModel:
-    """Fit a colour table to synthetic images alone; their labels lose their rims, like a person's masks."""
+    """Fit a colour table to synthetic images alone; their labels lose their rims, as hand-made masks do."""
     own = []
     for image in images:
         labels = _without_rims(image.labels)

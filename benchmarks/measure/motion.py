@@ -1,4 +1,4 @@
-"""Cost of skewed cameras while an object moves fast, and accuracy of predicted poses."""
+"""Loss of accuracy due to skewed cameras while an object moves fast, and accuracy of predicted poses."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ GIVEN: dict[str, Callable[[MotionFrame], Given]] = {
     "skewed, a stamp for each camera": lambda frame: (frame.skewed, frame.stamps.tolist()),
     "skewed, one stamp": lambda frame: (frame.skewed, frame.timestamp),
 }
-"""Modes of giving a frame: images taken at once; skewed ones with a timestamp for each; skewed ones with only
-the latest timestamp."""
+"""Ways to give a frame to the tracker: images taken at once; skewed images with a timestamp each; skewed
+images with only the latest timestamp."""
 
 FILMS = 2
 """Number of films for each object."""

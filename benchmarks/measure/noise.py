@@ -1,6 +1,6 @@
 """The tracker's errors on films with ground truth, as episodes for `benchmarks.score.noise`.
 
-A film is played with many calibrations, each an episode. In every second one, grey covers in front of the
+A film is played with many calibrations, each an episode. In every second episode, grey covers in front of the
 object come and go, so that all visible fractions occur.
 """
 
@@ -26,10 +26,10 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 FILMS, LENGTH, CALIBRATIONS = 12, 60, 24
-"""Number of films of an object, of frames per film, and of calibrations per film."""
+"""Number of films per object, frames per film, and calibrations per film."""
 
 REFINED = 0.16e-3, np.radians(0.02)
-"""Deviation of refined cameras [m, rad]: benchmarks/development.md, "Cameras, refined"."""
+"""Standard deviation of refined cameras [m, rad]: benchmarks/development.md, "Cameras, refined"."""
 
 COVERED = 1.0
 """Mean duration of a period with or without covers [s]."""
@@ -67,7 +67,7 @@ def measure_noise(
 
 
 def mended(true: CameraRig, given: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """Draw the cameras that a refinement would give."""
+    """Draw the cameras that a refinement would yield."""
 
     def one(camera: Camera, before: Camera) -> Camera:
         transform, std = camera.camera_from_world.copy(), before.camera_from_world_std
@@ -102,7 +102,7 @@ def played(own: tracker.ObjectTracker, frames: Iterable[FilmFrame]) -> tuple[Flo
 def covered(
     frames: list[FilmFrame], true: CameraRig, size: FloatArray, rng: np.random.Generator
 ) -> list[FilmFrame]:
-    """Return the film with covers that temporarily hide a share of the object from each camera."""
+    """Return the film with covers that temporarily hide part of the object from each camera."""
     shares, at = np.zeros((len(frames), len(true))), 0
     while at < len(frames):
         at += max(1, round(RATE * rng.exponential(COVERED)))

@@ -22,10 +22,10 @@ from tracker.geometry.cuboid import FACE_CORNERS, corners
 LIGHT_SEED = 11
 
 FOCAL = 295.0
-"""Focal length to whose pixels misses are scaled, whatever the size of the recorded images [px]."""
+"""Focal length to which misses in pixels are scaled, whatever the size of the recorded images [px]."""
 
 NOISE = 1.5
-"""Deviation of the noise added to the images of a film, about their own [levels]."""
+"""Standard deviation of the noise added to a film's images, about that of their own noise [levels]."""
 
 FILM_FRAMES = 8
 
@@ -33,7 +33,7 @@ Rows = list[dict[str, Any]]
 
 
 def measure_triplets(real: Path, draws: int) -> dict[str, pd.DataFrame]:
-    """Return the rows of the parts `triplets` and `two sizes`, each with a group.
+    """Return the rows of the parts `triplets` and `two sizes`, each row with a group.
 
     Args:
         real: folder of recorded data.
@@ -53,11 +53,11 @@ def measure_triplets(real: Path, draws: int) -> dict[str, pd.DataFrame]:
 
 
 def measure_agreement(real: Path, films: int) -> dict[str, pd.DataFrame]:
-    """Return the rows of the parts `third camera` and `recorded, one camera`, each with a group.
+    """Return the rows of the parts `third camera` and `recorded, one camera`, each row with a group.
 
     Args:
         real: folder of recorded data.
-        films: number of films of each single camera.
+        films: number of films for each single camera.
     """
     third: Rows = []
     single: Rows = []
@@ -88,7 +88,7 @@ def face_outlines(
 
 
 def inside_distances(detector: tracker.ObjectTracker, images: Sequence[LabelledImage]) -> FloatArray:
-    """Return for every labelled pixel the distance [px] to its face's outline; negative outside it."""
+    """Return, for every labelled pixel, the distance [px] to its face's outline; negative outside it."""
     pose = detector.detect([i.image for i in images]).object_pose
     if pose is None:
         return np.full(1, -np.inf)
@@ -105,7 +105,7 @@ def inside_distances(detector: tracker.ObjectTracker, images: Sequence[LabelledI
 
 
 def relit(images: Sequence[Image], rng: np.random.Generator, noise: float = 0.0) -> list[Image]:
-    """Draw gains of 0.8-1.2 per channel and exposures of 0.6-1.4 for each image; add noise."""
+    """Apply random gains of 0.8-1.2 per channel and exposures of 0.6-1.4 to each image; add noise."""
     gains = rng.uniform(0.8, 1.2, (len(images), 3)) * rng.uniform(0.6, 1.4, (len(images), 1))
     return [_noisy(i * g, rng, noise) for i, g in zip(images, gains, strict=True)]
 
@@ -119,7 +119,7 @@ def _noisy(image: Any, rng: np.random.Generator, noise: float) -> Image:
 def light_changes(
     detector: tracker.ObjectTracker, images: list[Image], draws: int
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield shift [mm], rotation [°] and confidence for each lighting; infinite and 0 if nothing is found."""
+    """Yield shift [mm], rotation [°], confidence for each lighting; inf, inf and 0 if nothing is found."""
     reference = detector.detect(images).object_pose
     rng = np.random.default_rng(LIGHT_SEED)
     for _ in range(draws):
@@ -138,7 +138,7 @@ def _in_light(
     same = (shift < 3) & (turn < 3)
     return {
         "inside": 100 * float(np.mean(inside_distances(detector, images) >= 0)),
-        # Angle between the vertical and the object's axis nearest to it.
+        # Angle between the vertical and the nearest axis of the object.
         "tilt_deg": np.nan
         if pose is None
         else float(np.degrees(np.arccos(min(1.0, np.abs(pose.rotation[2]).max())))),
@@ -150,7 +150,7 @@ def _in_light(
 def _third_camera(
     detector: tracker.ObjectTracker, images: Sequence[Image], whole: tracker.PoseEstimate | None
 ) -> Iterator[dict[str, Any]]:
-    """Compare, for each camera, its own pose with the pose from the two other cameras."""
+    """Compare, for each camera, its own pose with the pose from the other two cameras."""
     for k, camera in enumerate(detector.rig):
         two = detector.detect([None if j == k else image for j, image in enumerate(images)]).object_pose
         own = detector.detect([image if j == k else None for j, image in enumerate(images)]).object_pose
@@ -165,9 +165,9 @@ def third_camera_miss(
     two: tracker.PoseEstimate | None,
     own: tracker.PoseEstimate | None,
 ) -> dict[str, float]:
-    """Return the distance between two poses in a camera's image, root mean square over the corners.
+    """Return the RMS distance, over the corners, between two poses in a camera's image.
 
-    `px` scaled to FOCAL, and `miss_mm` across the line of sight; nan if a pose is missing.
+    `px` is scaled to FOCAL, and `miss_mm` is across the line of sight; nan if a pose is missing.
     """
     if two is None or own is None:
         return {"px": np.nan, "miss_mm": np.nan}
@@ -185,7 +185,7 @@ def _one_camera(
     whole: tracker.PoseEstimate | None,
     films: int,
 ) -> Iterator[dict[str, Any]]:
-    """Yield answers of `detect` and `update` to films of one camera: its image in random light and noise."""
+    """Yield answers of `detect` and `update` to one camera's films: its image in random light and noise."""
     follower = tracker.ObjectTracker(detector.model, detector.rig)
     rng = np.random.default_rng(LIGHT_SEED)
     for k in range(len(images)):
@@ -208,7 +208,7 @@ def _one_camera(
 def _other_size(
     detector: tracker.ObjectTracker, images: Sequence[Image]
 ) -> tuple[tracker.ObjectTracker, list[Image]]:
-    """Return the tracker and images of the same triplet at half the size if it is large, else at twice."""
+    """Return tracker and images of the same triplet at half the size if it is large, else at double size."""
     height = detector.rig[0].height
     size = height // 2 if height > 400 else 2 * height
     method = cv2.INTER_AREA if size < height else cv2.INTER_CUBIC
@@ -219,10 +219,10 @@ def _other_size(
 
 
 def measure_segmentation(real: Path) -> pd.DataFrame:
-    """Return intersection over union with the hand-made masks, a row for each object.
+    """Return the intersection over union with the hand-made masks, a row for each object.
 
-    `iou` (mean) and `worst_iou` are those of the shipped table; `known_iou` is that of a table fitted without
-    the image, for colours that another image of the object shows.
+    `iou` (mean) and `worst_iou` are for the shipped table; `known_iou` is for a table fitted without the
+    image, over the colours that another image of the object shows.
     """
     options = FitOptions()
     images = {name: labelled_images(real, name) for name in SEGMENTED}

@@ -25,9 +25,9 @@ OBJECT, PROCESSES = "cube_v2", 5
 
 
 def measure_start_up() -> list[dict[str, Any]]:
-    """Return rows `group`, `object`, `seconds`, `megabytes`.
+    """Return rows with `group`, `object`, `seconds`, `megabytes`.
 
-    They are those of one process that compiles, and medians of several that do not.
+    They are for one process that compiles, and medians over several that do not.
 
     Raises:
         TrackerError: a process failed.
@@ -85,7 +85,7 @@ def peak_memory_mb() -> float:
     """Return the largest resident memory of this process so far [MB].
 
     Uses the kernel's own record if there is one: for a child, `getrusage` includes the memory of its parent,
-    of which it was a copy before it started.
+    since it starts as a copy of it.
     """
     status = Path("/proc/self/status")
     found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
@@ -97,7 +97,7 @@ def main(name: str, folder: Path) -> None:
     """Import, make a tracker, detect; print the time of each step [s] and the peak memory [MB]."""
     start = time.perf_counter()
 
-    # Imported by name, since that is what loads these modules.
+    # Import them by name, since that is what loads these modules.
     from tracker import CameraRig, ObjectTracker, load_object
 
     imported_at, imported = time.perf_counter(), peak_memory_mb()

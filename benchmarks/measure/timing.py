@@ -1,4 +1,4 @@
-"""Processor time of work, relative to reference work on the same images in the same process."""
+"""Processor time of some work, relative to reference work on the same images in the same process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Let OpenCV use one thread in the block; nothing else of the tracker uses more."""
+    """Limit OpenCV to one thread in the `with` block; nothing else in the tracker uses more."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -26,7 +26,7 @@ def one_thread() -> Iterator[None]:
 
 
 def reference_work(images: Sequence[Image | None]) -> None:
-    """Blur each image by a median of 5 and convert it to HSV, as the segmentation once began."""
+    """Blur each image with a 5×5 median and convert it to HSV, as the segmentation once did first."""
     for image in images:
         if image is not None:
             cv2.cvtColor(cv2.medianBlur(image, 5), cv2.COLOR_BGR2HSV)
@@ -35,10 +35,10 @@ def reference_work(images: Sequence[Image | None]) -> None:
 def in_turn(
     work: Callable[[], T], images: Sequence[Image | None], rounds: int = 1
 ) -> tuple[T, dict[str, float]]:
-    """Return the result of some work, and its time beside that of the reference work right after it.
+    """Return the result of some work, its time, and the time of the reference work right after it.
 
-    Processor time of the process is measured: on a shared machine wall-clock time doubles at random. The
-    smallest times over several rounds and the first result are returned.
+    The process's processor time is measured: on a shared machine, wall-clock time may double at random. The
+    shortest times over several rounds are returned, and the first result.
 
     Returns:
         The result; `ms`, `reference_ms` and their `ratio`.

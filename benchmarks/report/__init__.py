@@ -1,1 +1,1 @@
-"""Results as documents and plots."""
+"""Presents results as documents and plots."""

@@ -1,4 +1,4 @@
-"""Results as Markdown: all figures, and those shown in the documentation."""
+"""Presents results as Markdown: all figures, and those shown in the documentation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from benchmarks.score.metrics import NOTHING, Table, matches
 from benchmarks.score.tables import TABLES
 
 NOTES = Path(__file__).with_name("notes.md")
-"""File of hand-written remarks on the figures: causes of missed targets, and what was tried."""
+"""File with hand-written remarks on the figures: causes of missed targets, and what was tried."""
 
 Figures = Sequence[Mapping[str, Any]]
 
@@ -32,21 +32,21 @@ def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
 
 
 def page(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
-    """Return the content of the page of figures."""
+    """Return the content of the figures page."""
     groups = {table.name: table.page for table in TABLES}
     shown = [row for row in figures if matches(row["group"], groups[row["table"]])]
     return "\n\n".join([summary(about), *_counted(judged), *missing(figures), *tables(shown, TABLES)])
 
 
 def missing(figures: Figures) -> list[str]:
-    """Return a sentence with the tables that a run did not measure."""
+    """Return a sentence that lists the tables that a run did not measure."""
     known = {row["table"] for row in figures}
     names = [table.title for table in TABLES if table.name not in known]
     return [f"Not measured in this run: {', '.join(names)}."] if figures and names else []
 
 
 def tables(figures: Figures, chosen: Iterable[Table]) -> list[str]:
-    """Return titles, texts and tables, for tables with rows."""
+    """Return title, text and table for each table that has rows."""
     parts: list[str] = []
     for table in chosen:
         rows = [row for row in figures if row["table"] == table.name]
@@ -56,7 +56,7 @@ def tables(figures: Figures, chosen: Iterable[Table]) -> list[str]:
 
 
 def _table(table: Table, rows: Figures) -> str:
-    """Return a table without columns that hold no measurement."""
+    """Return a table, without the columns that hold no measurement."""
     labels = [(key, head) for key, head in zip(("object", "group", "bin"), table.heads, strict=True)]
     labels = [(key, head) for key, head in labels if head or (key != "object" and any(r[key] for r in rows))]
     cells = {metric: [metric.text(row.get(metric.name)) for row in rows] for metric in table.metrics}
@@ -107,7 +107,7 @@ FEW = 100
 
 
 def summary(about: Mapping[str, Any]) -> str:
-    """Return commit, machine and scenes of a run."""
+    """Return a summary of a run: commit, machine and scenes."""
     drawn = {
         "development": "development scenes (a fixed seed; they may be looked at and worked on)",
         "release": "release scenes (drawn from the commit's hash and seen by no one)",

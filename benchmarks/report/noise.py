@@ -15,8 +15,8 @@ from tracker.files import write_whole
 from tracker.noise import NoiseModel
 
 IMAGES = 0.036
-"""Delay from the exposure to the tracker [s]: the part of the 90 ms assumed by the platform's simulation that
-its tracker does not take."""
+"""Delay from the exposure to the tracker [s]: the 90 ms assumed by the platform's simulation, less the time
+that its tracker takes."""
 
 
 def measured(
@@ -62,7 +62,7 @@ def measured(
 
 
 def step_time(model: NoiseModel, count: int = 4096) -> float:
-    """Return the median processor time of a step [ms]."""
+    """Return the median processor time of one step of `count` environments [ms]."""
     rng = np.random.default_rng(0)
     state = model.start(rng, count)
     truth = rng.normal(size=(count, 3)), rng.normal(size=(count, 4)), rng.uniform(0.3, 1.0, count)
@@ -75,7 +75,7 @@ def step_time(model: NoiseModel, count: int = 4096) -> float:
 
 
 def write_plot(measured_: Array, modelled: Array, target: Path) -> None:
-    """Plot the cumulative distribution of error sizes, of films and of the model."""
+    """Plot the cumulative distributions of error sizes in films and in the model."""
     figure = Figure(figsize=(9, 3.2), dpi=100, layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     for axis, columns, scale, unit in zip(

@@ -60,7 +60,7 @@ def _panels(figure: Figure, frames: pd.DataFrame) -> dict[str, Axes]:
 
 
 def _errors(figure: Figure, frames: pd.DataFrame) -> None:
-    """Plot the share of all scenes with at most this error; scenes without a pose count as larger."""
+    """Plot the share of all scenes with at most a given error; scenes without a pose count as larger."""
     panels = _panels(figure, frames)
     for group, name, own in _shown(frames):
         errors = np.sort(own.mm.dropna())
@@ -72,7 +72,7 @@ def _errors(figure: Figure, frames: pd.DataFrame) -> None:
 
 
 def _visible(figure: Figure, frames: pd.DataFrame) -> None:
-    """Plot each scene as a point; a cross at the upper edge is a scene without a pose."""
+    """Plot each scene as a point; crosses at the upper edge are scenes without a pose."""
     panels = _panels(figure, frames)
     for group, name, own in _shown(frames):
         panel = panels[name]
@@ -89,7 +89,7 @@ def _top(panel: Axes) -> Any:
 
 
 def _trust(figure: Figure, frames: pd.DataFrame) -> None:
-    """Plot stated confidence against the share of right poses, with 95 % intervals, and a NEES histogram."""
+    """Plot the share of right poses by stated confidence, with 95 % intervals, and a NEES histogram."""
     stated, spread = figure.subplots(1, 2)
     stated.plot([0, 100], [0, 100], color="grey", lw=1)
     for group, color in GROUPS.items():
@@ -112,7 +112,7 @@ def _trust(figure: Figure, frames: pd.DataFrame) -> None:
 
 
 def _times(figure: Figure, frames: pd.DataFrame) -> None:
-    """Plot the share of scenes that take longer than this multiple of the reference work."""
+    """Plot the share of scenes that take longer than a given multiple of the reference work."""
     panels = _panels(figure, frames)
     for group, name, own in _shown(frames):
         times = np.sort(own.ratio)
@@ -128,7 +128,7 @@ def _times(figure: Figure, frames: pd.DataFrame) -> None:
 
 
 def _films(figure: Figure, frames: pd.DataFrame) -> None:
-    """Plot one tracked film of each object and kind: errors over time, and frames without a pose."""
+    """Plot one tracked film for each object and kind: errors over time, and frames without a pose."""
     shown = frames[frames.group.isin(["all", "world"]) & (frames.film == 0)]
     groups = list(shown.groupby(["group", "object"], sort=False))
     panels = figure.subplots(2, 2, sharex="col", squeeze=False).ravel()

@@ -13,7 +13,7 @@ from benchmarks.report.markdown import document, grid, page
 from tracker.files import write_whole
 
 README, PAGE, RESULTS = ROOT / "README.md", ROOT / "docs" / "figures.md", ROOT / "benchmarks" / "results.md"
-"""Files with a few of the figures, with many, and with all."""
+"""Files with a few figures, with many, and with all."""
 
 PUBLISHED = ROOT / "benchmarks" / "published.json"
 """Origin, figures and targets of the last published run."""

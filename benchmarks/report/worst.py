@@ -18,7 +18,7 @@ from tracker.geometry.camera import Camera
 from tracker.viz import paint
 
 EACH = 5
-"""Number of frames for each object."""
+"""Number of frames shown for each object."""
 
 FILE = "worst.jpg"
 """File name of the page, beside the results."""
@@ -47,7 +47,7 @@ _SAMPLES = 33
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Input, estimate and truth of a record."""
+    """Input, estimate and ground truth of an answer."""
 
     images: Sequence[Image | None]
     """(H, W, 3) uint8 BGR of each camera of the rig; None: no image."""
@@ -62,10 +62,10 @@ class Shown:
 
 
 def badness(record: pd.Series) -> tuple[int, float]:
-    """Return a rank of frames from harmless to worst: right, not found, wrong, found without an object.
+    """Return a sort key for frames, from harmless to worst: right, not found, wrong, found without an object.
 
-    Within each rank: by error relative to 5 mm and 5°; frames that were missed by visible fraction; poses
-    without an object by confidence.
+    Within each rank, frames are sorted by error relative to 5 mm and 5°; missed ones by visible fraction;
+    poses without an object by confidence.
     """
     if not record.present:
         return (3, record.confidence) if record.found else (0, 0.0)
@@ -137,7 +137,7 @@ def _panel(image: Image | None, camera: Camera, view: Shown) -> Image:
         paint.put_text(panel, "no image", (PANEL / 2, PANEL / 2), paint.FAINT, size=14, align=0.5)
         return panel
     true, found = (_outline(camera, view.model, pose) if pose else [] for pose in (view.truth, view.estimate))
-    # Centred on the true outline if there is one, so that an estimate far off leaves the panel.
+    # Centre on the true outline if there is one, so that an estimate that is far off leaves the panel.
     center, side = _region(true or found, camera)
     scale = PANEL / side
     # (x, y) of the panel = scale · (column, row) + offset, with pixel centres at integers.
@@ -180,5 +180,5 @@ def _region(lines: list[FloatArray], camera: Camera) -> tuple[FloatArray, float]
 
 
 def _dashes(line: FloatArray) -> list[FloatArray]:
-    """Return every other stretch of three samples."""
+    """Return every other stretch of three samples of a line (N, 2) [px]."""
     return [line[start : start + 3] for start in range(0, len(line) - 1, 4)]

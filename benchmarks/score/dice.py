@@ -1,4 +1,4 @@
-"""Comparison of masks and positions of dice with the ground truth."""
+"""Compares masks and positions of dice with the ground truth."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tracker.geometry.cuboid import corners
 from tracker.tasks.rearrange_dice import DIE_WIDTH, Die
 
 RIGHT = DIE_WIDTH / 2
-"""Largest distance at which a reported die counts as a true one [m]."""
+"""Largest distance at which a reported die matches a true one [m]."""
 
 BINS = ((0.3, 1.0), (0.05, 0.3))
 """Bins of the visible fraction: dice that ought to be found, and others. The lower end belongs to a bin,
@@ -49,7 +49,7 @@ def judge_positions(true: FloatArray, dice: Sequence[Die]) -> Answer:
     """Match true dice at (D, 3) [m] with reported ones: as many as possible, then the smallest distances."""
     found = np.array([die.position for die in dice]).reshape(-1, 3)
     distance = np.linalg.norm(true[:, None] - found, axis=2)
-    # A match too far costs more than all good ones together, so that no good one is given up for others.
+    # A match that is too far costs more than all good ones together, so no good one is given up for others.
     rows, columns = linear_sum_assignment(np.where(distance <= RIGHT, distance, 1.0 + RIGHT * len(true)))
     kept = distance[rows, columns] <= RIGHT
     error, right = np.full(len(true), np.nan), np.zeros(len(found), bool)
@@ -65,7 +65,7 @@ def judge_mask(mask: Image, image: Image, labels: Image, cross: Array) -> dict[s
         mask: the mask.
         image: its image.
         labels: label map, by majority in each pixel.
-        cross: (H, W) whether a pixel shows the table's cross, occluded or not.
+        cross: (H, W) bool: whether the table's cross is in a pixel, occluded or not.
 
     Returns:
         `true`, `found`, `both`: pixels of dice, of the mask, of both. `cross`: unoccluded pixels of the cross
@@ -90,7 +90,7 @@ def judge_mask(mask: Image, image: Image, labels: Image, cross: Array) -> dict[s
 
 
 def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArray:
-    """Return (D,) visible pixels of each die relative to the unoccluded ones, of all cameras together.
+    """Return (D,) visible pixels of each die relative to its unoccluded ones, over all cameras together.
 
     An unoccluded die is the convex hull of its corners, projected by OpenCV; its edges are too short for the
     distortion to bend them.
@@ -101,7 +101,7 @@ def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArr
         pixels = projected(camera, points.reshape(-1, 3)).reshape(-1, 8, 2)
         alone += [_pixels_inside(hull, labels.shape) for hull in pixels]
         visible += np.bincount(labels.ravel(), minlength=len(points) + 1)[1 : len(points) + 1]
-    # Labels are by majority in a pixel, the hull by its centre: at edges the two may differ.
+    # Labels go by a pixel's majority, the hull by its centre: at edges the two may differ.
     return np.asarray(np.minimum(visible / np.maximum(alone, 1), 1.0))
 
 
@@ -121,7 +121,7 @@ def _pixels_inside(points: FloatArray, shape: tuple[int, ...]) -> int:
 
 
 def cross_pixels(camera: Camera, bars: FloatArray) -> Array:
-    """Return (H, W) whether the ray through a pixel's centre, by OpenCV's lens model, hits the cross."""
+    """Return (H, W) bool: whether the ray through a pixel's centre (OpenCV's lens model) hits the cross."""
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
     normal = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)[:, 0]
@@ -148,7 +148,7 @@ def overlap(name: str) -> Callable[[pd.DataFrame], float]:
 
 
 def taken(part: str, whole: str) -> Callable[[pd.DataFrame], float]:
-    """Return a function for the share [%] of one kind of pixels in another, over all views."""
+    """Return a function for the share [%] of one kind of pixel in another, over all views."""
     return lambda views: (
         100 * _share(float(views[part].sum()), float(views[whole].sum())) if part in views else math.nan
     )

@@ -25,7 +25,7 @@ def longest_axis(size: Array) -> int | None:
 
 
 def roll_error(true: Array, found: Array, axis: int) -> FloatArray:
-    """Return the angles (N,) [rad] in [0, π] of the relative rotation's component about an axis.
+    """Return angles (N,) [rad] in [0, π]: the relative rotation's component about an axis (0, 1 or 2).
 
     The relative rotation is split into a rotation about the axis and one about a normal to it.
     """

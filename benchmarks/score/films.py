@@ -1,4 +1,4 @@
-"""Figures of played films, from rows with the answers of `update` to each frame."""
+"""Figures for played films, from rows with the answer of `update` to each frame."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from tracker.geometry import so3
 from tracker.tracking.belief import TrackingOptions
 
 STILL_M, STILL_DEG = 1e-5, 0.01
-"""An object is at rest if it moved less [m], [°] both since the frame before and until the next one."""
+"""An object is at rest if it moves less than this [m], [°] both from the previous and to the next frame."""
 
 FLIPPED_DEG = 30.0
-"""Rotation error above which the pose has another face in place of the true one [°]."""
+"""Rotation error above which the pose takes one face for another [°]."""
 
 NEAR_MM = 20.0
 """Position error within which one camera's pose counts as right, if it is also within 5° [mm]."""
 
 SEEN, CLEAR, CLEAR_FRAMES = 0.5, 0.7, 3
-"""Visible fractions: from the first on, one camera is judged; after CLEAR_FRAMES at the second or above, it
-ought to find an object that it had lost."""
+"""Visible fractions: one camera is judged from the first on; after CLEAR_FRAMES frames at or above the
+second, it ought to find an object that it had lost."""
 
 COAST = TrackingOptions().coast_seconds
 """Time for which the pose of a vanished object may be predicted [s]."""
@@ -44,7 +44,7 @@ def at_rest(poses: FloatArray) -> Array:
 
 
 def flips(rows: pd.DataFrame) -> float:
-    """Return the number of confident rotations of another face."""
+    """Return the number of confident poses that take one face for another."""
     return float(((rows.deg > FLIPPED_DEG) & (rows.confidence > SURE)).sum())
 
 
@@ -58,7 +58,7 @@ def losses(rows: pd.DataFrame) -> float:
 
 
 def single(rows: pd.DataFrame) -> float:
-    """Share of frames that `detect` alone gets right [%]; nan where it was not asked."""
+    """Return the share of frames that `detect` alone gets right [%]; nan if it was not called."""
     return percent(right(rows, "single_")) if rows.single_mm.notna().any() else math.nan
 
 
@@ -68,7 +68,7 @@ def over_single(unit: str) -> Callable[[pd.DataFrame], float]:
 
 
 def seen_share(flags: Callable[[Array, Array], Array]) -> Callable[[pd.DataFrame], float]:
-    """Return a function for the share [%] of flags(near, no pose) in frames in which a camera sees enough."""
+    """Return a function for the share [%] of flags(near, no pose) over frames visible from SEEN on."""
 
     def of(rows: pd.DataFrame) -> float:
         own = rows[rows.visible >= SEEN]
@@ -78,7 +78,7 @@ def seen_share(flags: Callable[[Array, Array], Array]) -> Callable[[pd.DataFrame
 
 
 def longest_wait(rows: pd.DataFrame) -> float:
-    """Return the most consecutive frames without a pose, from the last of CLEAR_FRAMES clear ones on."""
+    """Return the largest number of consecutive frames without a pose, after CLEAR_FRAMES clear ones."""
     worst = 0
     for _, film in rows.groupby("film"):
         clear = wait = 0
@@ -90,10 +90,10 @@ def longest_wait(rows: pd.DataFrame) -> float:
 
 
 def vanished(name: str) -> Callable[[pd.DataFrame], float]:
-    """Return a function for a figure of acts in which the object vanishes and comes back, each a film.
+    """Return a function for a figure over films in which the object vanishes and comes back.
 
-    `kept`: frames that still have a pose after COAST; `invented`: absent frames with a measured pose;
-    `longest_wait`: frames until it is found again, counting that of its return.
+    `kept`: absent frames that still have a pose after COAST; `invented`: those with a measured pose;
+    `longest_wait`: frames until it is found again, including the one in which it returns.
     """
 
     def of(rows: pd.DataFrame) -> float:
@@ -106,7 +106,7 @@ def vanished(name: str) -> Callable[[pd.DataFrame], float]:
 def _act(act: pd.DataFrame) -> dict[str, Any]:
     away = np.flatnonzero(~act.present)
     stamps = act.timestamp.to_numpy()
-    # The object was last present at most one frame before.
+    # The object was last present one frame before.
     absent = stamps[away] - stamps[away[0] - 1]
     back = np.flatnonzero(right(act, "measured_")[away[-1] + 1 :])
     return {

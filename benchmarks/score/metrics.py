@@ -1,4 +1,4 @@
-"""Figures, each declared once: name, function, format, better direction, and what the gate allows.
+"""Figures, each declared once: name, function, format, which direction is better, and what the gate allows.
 
 A metric is computed from the rows of a data frame, one row per answer of the tracker.
 `benchmarks.score.tables` chooses the rows.
@@ -34,7 +34,7 @@ Split = Callable[[Rows], Iterable[tuple[str, Rows]]]
 """Splits rows into bins, by name."""
 
 NOTHING = "–"
-"""Text for what was not measured."""
+"""Text for a figure that was not measured."""
 
 ELLIPSOID_95 = float(chi2.ppf(0.95, 6))
 """Largest NEES inside the stated 95 % ellipsoid."""
@@ -87,7 +87,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Table:
-    """Figures of the rows of one part, for each group, object and bin."""
+    """Figures from the rows of one part, for each group, object and bin."""
 
     name: str
     """Name in results."""
@@ -106,7 +106,7 @@ class Table:
     heads: tuple[str, str, str] = ("object", "", "")
     """Headings of object, group and bin; columns with empty headings are left out."""
     page: tuple[str, ...] = ()
-    """Patterns of the groups that the page of figures shows; the results show all."""
+    """Patterns of the groups that the figures page shows; the results show all."""
 
     def figures(self, frames: pd.DataFrame) -> Iterator[dict[str, Any]]:
         """Yield a row for each group, object and bin: `table`, `group`, `object`, `bin`, `n`, all metrics."""
@@ -126,7 +126,7 @@ def matches(group: str, patterns: Iterable[str]) -> bool:
 def by_visibility(*borders: tuple[float, float]) -> Split:
     """Return a split into the non-empty bins of the visible fraction.
 
-    The lower end belongs to a bin, the upper only if it is 1.
+    A bin includes its lower end, and its upper end only if that is 1.
     """
 
     def split(rows: Rows) -> Iterator[tuple[str, Rows]]:
@@ -144,7 +144,7 @@ def at(column: str, q: float) -> Callable[[Rows], float]:
 
 
 def value(column: str) -> Callable[[Rows], float]:
-    """Return a function for the mean of a column; of a single row it is the value."""
+    """Return a function for the mean of a column; for a single row it is the value."""
     return lambda rows: mean(rows[column].to_numpy(float)) if column in rows else math.nan
 
 
@@ -174,7 +174,7 @@ def _brier(rows: Rows) -> float:
 
 
 def _dishonesty(rows: Rows) -> float:
-    """Return the difference between mean confidence and the share of right poses [percentage points]."""
+    """Return the absolute difference between mean confidence and share of right poses [percentage points]."""
     given = rows[rows.found]
     return abs(100 * mean(given.confidence) - percent(right(given))) if len(given) else math.nan
 
@@ -213,7 +213,7 @@ ANSWERS = (
     Metric("none", "no pose", share(lambda rows: ~rows.found), "{:.1f} %", share=True),
     WRONG_AND_SURE,
 )
-"""Errors of the given poses, and shares of all answers."""
+"""Errors of the poses found, and shares of all answers."""
 
 TRUST = (
     NEES,
@@ -245,7 +245,7 @@ TYPICAL = (
     Metric("typical_deg", "rotation, typical", typical("deg"), "{:.3f}°", factor=1.03),
     Metric("typical_nees", "NEES, typical", typical("nees"), "{:.2f}", "same", factor=1.15),
 )
-"""Figures of the gate, which every change of its few scenes affects."""
+"""Figures for the gate, sensitive to any change in its few scenes."""
 
 PAIRED = (
     Metric(

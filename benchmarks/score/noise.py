@@ -16,7 +16,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.noise.model import UNITS, NoiseState
 
 GROSS = 5e-3, np.radians(5.0)
-"""Size above which an error is gross [m, rad]."""
+"""Sizes above which an error is gross [m, rad]."""
 
 COPIES = 12
 """Number of simulations of each episode."""
@@ -31,23 +31,23 @@ WEIGHTS = np.array([3.0, 3.0, *[1.0] * 10, 5.0, 5.0])
 """Weights of the figures in the fit: median, 90th percentile and correlations count most."""
 
 SHORTENED = 0.9
-"""Quantile of the errors' sizes to which longer errors are shortened in a correlation; otherwise a handful of
-frames would determine it."""
+"""Quantile of the errors' sizes to which larger errors are shortened in a correlation; otherwise a handful
+of frames would dominate it."""
 
 DRAWS = 50
 """Number of bootstrap samples of films for the intervals."""
 
 SLOPE = 6.0
-"""Decrease of the log rate of gross errors with the visible fraction; too few occur to fit it."""
+"""Decrease of the log rate of gross errors with the visible fraction; too rare to fit it."""
 
 PULL = 0.5
-"""Strength of the prior that draws the logarithm of a number to the start of the fit."""
+"""Strength of the prior that pulls the logarithm of a number towards the start of the fit."""
 
 FITTED = {
     "bias": (6e-4, 3e-3), "bias_spread": (0.5, 0.5), "slow": (4e-4, 4e-3), "fast": (5e-5, 1e-3),
     "fast_spread": (0.5, 0.5), "seconds": (10.0, 10.0), "travel": (0.04, 0.03), "visible": (0.5, 1.0),
 }  # fmt: skip
-"""Start of the fit of an error's numbers: of the position [m], of the rotation [rad]."""
+"""Start of the fit of an error's numbers: for the position [m], and for the rotation [rad]."""
 
 Values = dict[str, dict[str, float]]
 
@@ -94,7 +94,7 @@ def usual(episodes: Array, part: int) -> Array:
 
 
 def figures(episodes: Array, part: int) -> FloatArray:
-    """Return the figures to which the numbers of a part are fitted; all positive."""
+    """Return the figures to which a part's numbers are fitted, all positive."""
     errors = usual(episodes, part)
     size, hidden = np.linalg.norm(errors, axis=2), episodes[..., 1] < HIDDEN
     bias = np.nanmedian(errors, axis=1)
@@ -153,7 +153,7 @@ def _error(whole: Array, drawn: Sequence[Array], part: int, group: str, values: 
 
     best = least_squares(misses, start, diff_step=0.03, max_nfev=25, loss="soft_l1", f_scale=0.3)
     spread = WEIGHTS[:, None] * np.cov(np.log([figures(one, part) for one in drawn]).T) * WEIGHTS
-    # The prior that pulls to the start contributes information as well.
+    # The prior that pulls towards the start contributes information, too.
     gain, rows = np.linalg.pinv(best.jac), len(expected)
     taught, pulled = gain[:, :rows], gain[:, rows:]
     error = np.sqrt(np.diag(taught @ spread @ taught.T + pulled @ pulled.T))
@@ -198,7 +198,7 @@ def _confidence(whole: Array) -> dict[str, float]:
 
 
 def _gross(whole: Array) -> dict[str, float]:
-    """Count how often errors are gross, for how long, and how large they are then."""
+    """Return how often errors are gross, for how long, and how large they then are."""
     size = _sizes(whole)
     gross, clear = np.any(size > GROSS, axis=2), np.clip(whole[..., 1], 0.05, 1.0)
     begins = max(int(np.sum(gross[:, 1:] & ~gross[:, :-1]) + gross[:, 0].sum()), 1)
@@ -220,7 +220,7 @@ def _sizes(whole: Array) -> FloatArray:
 
 
 def agreement(measured: Array, modelled: Array) -> list[tuple[str, float, float]]:
-    """Return figures for both: name, measured, modelled."""
+    """Return (name, measured, modelled) for each figure."""
     rows = []
     for part, (name, scale) in enumerate((("position [mm]", 1e3), ("rotation [°]", 180 / np.pi))):
         for label, share in (("median", 0.5), ("90th percentile", 0.9)):

@@ -12,7 +12,7 @@ from scipy.stats import binomtest
 from tracker.conventions import Array
 
 RIGHT_MM, RIGHT_DEG = 5.0, 5.0
-"""Errors up to which a pose counts as right [mm], [°]."""
+"""Largest errors with which a pose counts as right [mm], [°]."""
 
 SURE = 0.5
 """Confidence above which a wrong pose counts as wrong and sure."""
@@ -21,7 +21,7 @@ RESAMPLES = 999
 
 
 def within(errors: Array, millimetres: float = RIGHT_MM, degrees: float = RIGHT_DEG) -> Array:
-    """Return (N,) whether errors (N, 2) [mm], [°] are within these limits; False for nan."""
+    """Return (N,) bool: whether errors (N, 2) [mm], [°] are within these limits; False for nan."""
     return np.asarray((np.asarray(errors, dtype=np.float64) <= (millimetres, degrees)).all(axis=1))
 
 

@@ -1,6 +1,6 @@
 """The tables of the results, in the order in which they are shown: which figures for which answers.
 
-A new table is an entry of TABLES, from which results, gate and documents read everything.
+To add a table, add an entry to TABLES, from which results, gate and documents read everything.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def by_rest(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 _PAGE = ("realistic", "world", "one camera", "hard light", "poor images", "other calibration")
-"""Workloads that the page of figures shows."""
+"""Workloads that the figures page shows."""
 
 _BRIEFLY = ("realistic", "world")
 """Workloads that it shows in the tables of confidence and time."""

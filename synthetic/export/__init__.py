@@ -1,1 +1,1 @@
-"""Data sets and other files made of frames."""
+"""Data sets and other files made from frames."""

@@ -4,7 +4,7 @@
     bop/test/000001/{rgb, mask, mask_visib}_CAMERA/, {scene_camera, scene_gt, scene_gt_info}_CAMERA.json
 
 Images and masks are undistorted with the same camera matrix; mosaics are demosaicked first. Cameras are the
-true ones, even where users are given another calibration, and each pose is that at its image's own
+true ones, even if users are given another calibration, and each pose is the one at its image's own
 timestamp.
 """
 
@@ -49,7 +49,7 @@ def write_bop_frame(root: Path, frame: Frame) -> None:
         for kind, layer in (("mask", alone), ("mask_visib", labels)):
             straight = undistorted(layer, camera, cv2.INTER_NEAREST)
             for number in range(objects):
-                # The six labels of a single object are its faces, those of dice are their numbers.
+                # A single object's six labels are its faces; the labels of dice are their numbers.
                 mask = straight > 0 if objects == 1 else straight == number + 1
                 path = scene / f"{kind}_{camera.name}" / f"{name}_{number:06d}.png"
                 write_png(path, np.where(mask, np.uint8(255), np.uint8(0)))
@@ -58,7 +58,7 @@ def write_bop_frame(root: Path, frame: Frame) -> None:
 def write_png(path: Path, image: Image) -> None:
     """Write an image; OSError if that fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    # Level 1 takes a third of the default's time and gives files 10 % larger.
+    # Level 1 takes a third of the default's time and makes files 10 % larger.
     _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     path.write_bytes(data.tobytes())
 
@@ -133,7 +133,7 @@ def _pose(transform: FloatArray, kind: str) -> dict[str, list[float]]:
 
 
 def _world_from_object(item: dict[str, Any]) -> FloatArray:
-    # Converted by another package than the tracker's own code, as an independent check.
+    # Converted by another package instead of the tracker's own code, as an independent check.
     x, y, z, w = item["orientation_xyzw"]
     result: FloatArray = trimesh.transformations.quaternion_matrix([w, x, y, z])  # type: ignore[no-untyped-call]
     result[:3, 3] = item["position"]

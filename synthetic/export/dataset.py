@@ -1,7 +1,7 @@
 """Data sets in folders: images and label maps of each frame, the calibration, and one file of ground truth.
 
-A frame's folder and `ground_truth.json` are written atomically. An interrupted run is therefore continued by
-calling `make_dataset` again, which skips the frames that exist.
+A frame's folder and `ground_truth.json` are written atomically. An interrupted run can therefore be
+continued by calling `make_dataset` again, which skips the frames that exist.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MAX_FRAMES = 1_000_000
 """Largest number of frames: their names have six digits."""
 
 _SAVE_EVERY = 2.0
-"""Shortest time between two savings of the ground truth [s]; longer where saving takes long."""
+"""Shortest time between two saves of the ground truth [s]; longer if saving takes long."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class DatasetOptions:
     calibration: str = "simulation"
     """One of `synthetic.camera.rigs.KNOWN`, or a folder with one platform file for each camera."""
     bop: bool = False
-    """Add the data set in the BOP layout, in the folder `bop`."""
+    """Whether to add the data set in the BOP layout, in the folder `bop`."""
 
     def rig(self) -> CameraRig:
         """Return the cameras of the data set."""
@@ -66,8 +66,8 @@ class DatasetOptions:
 
 
 def make_worker(options: DatasetOptions, folder: Path) -> Callable[[Sequence[int]], Iterator[dict[str, Any]]]:
-    """Return a function that makes and writes frames of one chunk by their numbers and yields their truth."""
-    cv2.setNumThreads(1)  # workers share the machine already
+    """Return a function that makes and writes frames of a chunk, given their numbers; yields their truth."""
+    cv2.setNumThreads(1)  # the workers already share the machine
     maker = FrameMaker(options.frames, options.rig())
 
     def work(numbers: Sequence[int]) -> Iterator[dict[str, Any]]:
@@ -116,7 +116,7 @@ def make_dataset(
         options: contents; nothing else affects the pixels.
         folder: target folder; created if missing.
         workers: number of processes; 1: this process does all the work.
-        progress: called with the number of finished frames and of all frames.
+        progress: called with the numbers of finished frames and of all frames.
 
     Returns:
         Number of frames made by this call.
@@ -162,7 +162,7 @@ class _Truth:
 
     @classmethod
     def open(cls, root: Path, options: DatasetOptions) -> _Truth:
-        """Open that of a folder made with the same options, or start one in a new folder."""
+        """Open the file in a folder made with the same options, or start one in a new folder."""
         head: dict[str, Any] = {
             "seed": options.frames.seed,
             "object": options.frames.object_name,

@@ -1,4 +1,4 @@
-"""Colours and light of the real platforms, with their variation from one to the next.
+"""Colours and light of the real platforms, and their variation from platform to platform.
 
 Colours are linear BGR reflectances. Constants given as levels are pixel values from 0 to 1 in an image under
 light of irradiance 1.
@@ -25,7 +25,7 @@ CROSS_BLUE = np.array([110.0, 50.0, 20.0]) / 255
 _DARKEST = 0.001
 
 DARK_ROBOTS, CROSSES = 0.12, 0.1
-"""Shares of scenes with a dark robot, and with a cross painted on the table."""
+"""Shares of scenes with a dark robot and with a cross painted on the table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def random_look(rng: np.random.Generator, model: CuboidModel | None) -> Look:
         robot=_linear(robot),
         faces=np.clip(faces, _DARKEST, 1.0),
         dice=_linear(dice),
-        # No draws of their own: these would change everything drawn later.
+        # These get no draws of their own, which would change everything drawn later.
         pips=_linear(PIP_WHITE * (1 + (tints[0] - 1) / 4 + (brightness - 1) / 2)),
         table=_linear(rng.uniform(0.15, 0.27) * rng.normal([1.0, 1.0, 1.0], 0.025)),
         wall=_linear(rng.uniform(0.45, 0.62) * rng.normal([1.02, 1.0, 0.98], 0.015)),
@@ -92,7 +92,7 @@ def random_look(rng: np.random.Generator, model: CuboidModel | None) -> Look:
 
 
 def random_lighting(rng: np.random.Generator) -> Lighting:
-    """Draw ambient light and one to three lamps, with irradiance about 1 on a surface that faces up."""
+    """Draw ambient light and one to three lamps; the irradiance on a surface that faces up is about 1."""
     total = np.exp(rng.normal(0.0, 0.08)) * rng.normal(1.0, 0.015, 3)
     ambient_share = rng.uniform(0.5, 0.85)
     count = int(rng.integers(1, 4))

@@ -31,14 +31,14 @@ TYPICAL_COLORS_BGR = np.array(
 TYPICAL_COLORS_BGR.flags.writeable = False
 
 SIDE_LIGHT = 0.4
-"""Light on a side of an object at rest, relative to its upper face: in images, which show about the square
-root of light, paints that are seen both ways are 1.4 to 1.9 times as bright from above."""
+"""Light on a side of an object at rest, relative to its upper face: in images, whose levels are about the
+square root of light, paints seen on both are 1.4 to 1.9 times as bright on upper faces."""
 
 DARKEST = 0.002
 """Smallest reflectance: dark channels of pure colours are 0 in images, yet no paint is black."""
 
 _SUBSTITUTE = "cube_v2"
-"""Object whose colours replace those that no labelled image shows: the cuboid's yellow is the same paint."""
+"""Object whose colours replace any that no labelled image shows: the cuboid's yellow is the same paint."""
 
 
 @functools.cache
@@ -51,15 +51,15 @@ def _table() -> dict[str, Any]:
 def reflectances(colors: str) -> FloatArray:
     """Return (7, 3) linear BGR reflectance by label of the object with the colour model `colors`.
 
-    Under light 1 a face has the level measured on upper faces in an image of exposure 1, whose greys are at
-    level 115. Colours measured on sides only are scaled to the light on an upper face.
+    In light of irradiance 1, a face has the level measured on upper faces in an image of exposure 1, whose
+    greys are at level 115. Colours measured only on sides are scaled to the light on an upper face.
     """
     gamma, objects = float(_table()["gamma"]), _table()["objects"]
     entries = {**objects[_SUBSTITUTE], **objects[colors]} if colors in objects else {}
     result: FloatArray = (TYPICAL_COLORS_BGR / 255.0) ** gamma
     for color, entry in entries.items():
         light = 1.0 if entry["from_above"] > 0 else SIDE_LIGHT
-        # Images have the black level subtracted; without adding it, dark channels would lose it twice.
+        # The black level is subtracted in images; without adding it, dark channels would lose it twice.
         result[COLOR_NAMES.index(color)] = (linear(np.array(entry["bgr"]), gamma) + BLACK) / light
     result[1:] = np.clip(result[1:], DARKEST, 0.98)
     return result

@@ -1,1 +1,1 @@
-"""Tracks many recordings, divided among processes and machines, each once, with one table of results."""
+"""Tracks many recordings, each once, in several processes or machines, and makes one table of results."""

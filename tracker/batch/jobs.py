@@ -1,7 +1,7 @@
-"""Jobs of HTCondor and Slurm: each tracks a share of the missing recordings.
+"""Jobs for HTCondor and Slurm: each tracks a share of the missing recordings.
 
-Job descriptions are submitted from their own folder and use file names relative to it, so that no user's path
-except Python's has to be quoted for a shell or a scheduler.
+Job descriptions are submitted from their own folder and use file names relative to it, so that no path except
+Python's has to be quoted for a shell or a scheduler.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from tracker.recordings.recipe import Recipe
 Scheduler = Literal["htcondor", "slurm"]
 
 FOLDER = ".jobs"
-"""Subfolder of the results for lists of recordings, job descriptions and logs of jobs."""
+"""Subfolder of the results for lists of recordings, job descriptions and job logs."""
 
 RECORDINGS_A_JOB = 10
-"""Usual number of recordings per job, so that loading the program costs little in comparison."""
+"""Usual number of recordings per job: enough that loading the program costs little in comparison."""
 
 MOST_JOBS = 1000
-"""Largest number of jobs, Slurm's default limit at once; beyond it, jobs get more recordings."""
+"""Largest number of jobs, Slurm's default limit; beyond it, each job gets more recordings."""
 
 _THREADS = " ".join(f"{name}={value}" for name, value in ONE_THREAD.items())
 
 _PROGRAM = "import sys; sys.path[:] = filter(None, sys.path); from tracker.cli import main; main()"
-"""The command line without the current folder in `sys.path`, where others may have put files."""
+"""Runs the command line without the current folder, where others may have put files, in `sys.path`."""
 
 _HTCONDOR = f"""\
 # Recordings that are missing, several a job. Made by `tracker batch run --htcondor`; to be submitted here.
@@ -100,7 +100,7 @@ class Description:
     list_text: str
 
     def write(self) -> None:
-        """Write both files, and make the folder of the jobs' logs; OSError if that fails."""
+        """Write both files, and make the folder for the jobs' logs; OSError if that fails."""
         (self.path.parent / "logs").mkdir(parents=True, exist_ok=True)
         write_whole(self.path.with_suffix(".json"), self.list_text)
         write_whole(self.path, self.text)
@@ -109,7 +109,7 @@ class Description:
         """Submit it and return the scheduler's output; TrackerError if the command is missing or fails.
 
         Jobs load compiled kernels from the same place as this process: beside the sources, or the user's
-        NUMBA_CACHE_DIR. The folder of results, which others may write to, holds nothing that is executed.
+        NUMBA_CACHE_DIR. Nothing in the folder of results, to which others may write, is executed.
         """
         place, name = os.path.split(self.path)
         kernels = os.environ.get("NUMBA_CACHE_DIR")

@@ -1,13 +1,13 @@
 """The recordings of a batch, and the files of its results.
 
     a/b.dat.poses.h5       the poses
-    a/b.dat.summary.json   their line of the table, and what they were made from
+    a/b.dat.summary.json   their table row, and what they were made from
     a/b.dat.failed.json    instead of both: why there are no poses
 
-The folder of results also has files about the whole batch: options and recordings, the table, failures.
+The folder of results also holds files about the whole batch: options and recordings, the table, failures.
 
-The small files are the only state of a batch, so that any number of processes on any machines can add to it.
-They contain no times and no names of machines: the same recordings give the same bytes.
+The small files are the only state of a batch, so any number of processes on any machines can add to it. They
+contain no times or machine names: the same recordings give the same bytes.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
     """Return the recordings given as paths or matched by patterns, in the given order.
 
     Matches of a pattern exclude results of earlier runs, so that a repeated command means the same wherever
-    its folder of results is. A match that several links lead to is taken once. A pattern that is the name of
-    an existing file or folder is a path.
+    its folder of results is. A match reached through several links counts once. A pattern that is the name
+    of an existing file or folder is a path.
 
     Raises:
         LogError: a pattern matches nothing.
@@ -56,7 +56,7 @@ def _indirect(path: str) -> tuple[bool, int, str]:
 
 
 def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iterator[str]:
-    """Yield the matches of a pattern below a folder; `**` is any number of folders, each searched once.
+    """Yield the matches of a pattern below a folder; `**` matches any number of folders, each searched once.
 
     `glob` would follow a link to a parent folder again and again. `been` holds the folders already searched:
     number of remaining parts of the pattern, device, inode.
@@ -74,7 +74,7 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
         try:
             about = os.stat(folder or os.curdir)
             names = sorted(os.listdir(folder or os.curdir))
-        except OSError:  # no folder, or not readable
+        except OSError:  # not a folder, or not readable
             continue
         mark = (len(after), about.st_dev, about.st_ino)
         if mark in been:
@@ -92,7 +92,7 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
 
 
 def _is_of_results(path: str, folder: str) -> bool:
-    """Whether a resolved path is the folder of results, or a result in it."""
+    """Whether a resolved path is the folder of results or a result in it."""
     if path != folder and not path.startswith(folder + os.sep):
         return False
     try:
@@ -110,26 +110,26 @@ ASKED, TABLE, FAILURES = "batch.json", "summary", "failures.json"
 """Files of the folder of results: options and recordings, table (without suffix), failures."""
 
 OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)
-"""All files in the folder of results itself."""
+"""All files that may be in the folder of results itself."""
 
 IMAGES, STEPS, ZARR, REPORT = "images.parquet", "steps.parquet", "poses.zarr", "report.json"
 """Files in the folder of an image store's episodes, see `stores`."""
 
 _EPISODE = "episode-"
-"""Prefix of the number in an episode's file of poses, in a folder with the name of the store."""
+"""Prefix of the number in the name of an episode's file of poses, in a folder named like the store."""
 
 OF_STORE = (IMAGES, STEPS, ZARR, REPORT)
 """All files about a whole image store."""
 
 MAX_FILE_SIZE = 100_000
-"""Largest small file that is read [bytes]; usual ones have 2 kB."""
+"""Largest small file that is read [bytes]; they usually have 2 kB."""
 
 
 def output_of(log: Path, folder: Path) -> Path:
     """Return the file of poses of a recording: `folder/a/b.dat.poses.h5` for `a/b.dat`.
 
-    It depends on this recording only, so that others can be added later. Relative paths are mirrored as they
-    are given, absolute ones and those with `..` from the root of the file system.
+    It depends on this recording only, so that others can be added later. Relative paths are mirrored as
+    given; absolute ones and those with `..` are mirrored from the root of the file system.
     """
     path = Path(os.path.normpath(log))
     if path.is_absolute() or ".." in path.parts or not path.parts:
@@ -139,7 +139,7 @@ def output_of(log: Path, folder: Path) -> Path:
 
 
 def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
-    """Return the file of poses of each recording; LogError if two recordings have the same."""
+    """Return the file of poses of each recording; LogError if two recordings would share one."""
     given: dict[str, Path] = {}
     outputs: dict[Path, Path] = {}
     for log in logs:
@@ -155,28 +155,28 @@ def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
 
 
 def output_of_episode(store: Path, number: int, folder: Path) -> Path:
-    """Return an episode's file of poses: `folder/a/b.zarr/episode-00012.poses.h5` for store `a/b.zarr`."""
+    """Return an episode's file of poses: `folder/a/b.zarr/episode-00012.poses.h5` in store `a/b.zarr`."""
     output = output_of(store, folder)
     return output.with_name(output.name.removesuffix(SUFFIX)) / f"{_EPISODE}{number:05d}{SUFFIX}"
 
 
 def is_episode(output: Path) -> bool:
-    """Whether a file of poses has the name of an episode's."""
+    """Whether a file of poses is named like that of an episode."""
     return output.name.startswith(_EPISODE)
 
 
 def summary_file(output: Path) -> Path:
-    """Return the file with the table line of a file of poses."""
+    """Return the file with the table row for a file of poses."""
     return output.with_name(output.name.removesuffix(SUFFIX) + _LINE)
 
 
 def failure_file(output: Path) -> Path:
-    """Return the file with the reason why there is no file of poses."""
+    """Return the file that says why there is no file of poses."""
     return output.with_name(output.name.removesuffix(SUFFIX) + _REASON)
 
 
 def is_result(path: Path, folder: Path) -> bool:
-    """Whether a path is a file that batches write to their folder of results, or a folder of only such."""
+    """Whether a path is a file that batches write to their results, or a folder of only such files."""
     if path.name in OF_STORE and path.parent != folder:
         return True
     if path.is_dir() and not path.is_symlink():
@@ -186,7 +186,7 @@ def is_result(path: Path, folder: Path) -> bool:
 
 
 def read_line(output: Path) -> dict[str, Any] | None:
-    """Return the table line of a file of poses, or None if it is missing or the poses changed since."""
+    """Return the table row for a file of poses; None if it is missing or the poses have changed since."""
     path = summary_file(output)
     line = _read(path)
     if line is None or not COLUMNS.keys() <= line.keys():
@@ -200,7 +200,7 @@ def read_line(output: Path) -> dict[str, Any] | None:
 
 
 def read_failure(output: Path) -> str:
-    """Return the reason why there are no poses, `unknown` if there is none."""
+    """Return the reason why there are no poses; `unknown` if none is stored."""
     return str((_read(failure_file(output)) or {}).get("reason", "unknown"))
 
 

@@ -1,4 +1,4 @@
-"""Runs a batch: a worker's task for one recording, and finding and doing the unfinished ones."""
+"""Runs a batch: defines a worker's task for one recording, finds the unfinished tasks and does them."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Task:
     output: str
     options: Options
     agreed: str
-    """Hash of the code and files that the worker must have: `agreed` of the process that makes the task."""
+    """Hash of the code and files that the worker must have: `agreed` in the process that makes the task."""
     part: str = ""
-    """Description of a part of the recording; empty: all of it."""
+    """Description of the part of the recording to track; empty: all of it."""
 
     @property
     def name(self) -> str:
@@ -68,10 +68,10 @@ def described(job: Job, tracked: Tracked) -> dict[str, Any]:
 
 
 def make_result(task: Task) -> dict[str, Any]:
-    """Track a recording and write its table line, or the reason of a failure; for a worker.
+    """Track a recording and write its table row, or the reason for a failure; called by a worker.
 
     Returns:
-        `recording`; `frames` tracked by this call; `seconds` that it took; `failure`, a reason or None.
+        `recording`; `frames` tracked by this call; the `seconds` it took; `failure`, a reason or None.
     """
     output = Path(task.output)
     try:
@@ -89,10 +89,10 @@ def make_result(task: Task) -> dict[str, Any]:
 
 
 def _failed(task: Task, error: Exception) -> dict[str, Any]:
-    """Write the reason of a failure to a file, and return the result for `make_result`."""
+    """Write the reason for a failure to a file, and return the result for `make_result`."""
     why, output = reason(error), Path(task.output)
-    if not isinstance(error, BlockingIOError):  # another run has the recording, and reports the outcome
-        with contextlib.suppress(OSError):  # for instance a full disk; the returned result has the reason
+    if not isinstance(error, BlockingIOError):  # another run is tracking it, and reports the outcome
+        with contextlib.suppress(OSError):  # for instance a full disk; the result returned has the reason
             output.parent.mkdir(parents=True, exist_ok=True)
             results.summary_file(output).unlink(missing_ok=True)
             content = {"recording": task.name, "reason": why}
@@ -118,7 +118,7 @@ _LEFT = re.compile(r"(\..+?)\.(?:[a-z0-9_]{8}\.tmp|lock)", re.DOTALL)
 """Names of temporary folders and locks that `tracker.files` makes while files are written."""
 
 Report = Callable[[dict[str, Any] | None], None]
-"""Callback that takes each recording's result from `make_result`; None: it was done before."""
+"""Callback for each recording's result from `make_result`; None: it was done before."""
 
 
 @dataclass(frozen=True)
@@ -128,11 +128,11 @@ class Batch:
     folder: Path
     options: Options
     pairs: tuple[tuple[str, str], ...]
-    """Path of each recording, and path of its file of poses relative to the folder."""
+    """Path of each recording, and of its file of poses relative to the folder."""
 
     @classmethod
     def of(cls, recordings: Sequence[str], folder: Path, options: Options) -> Batch:
-        """Make a batch of paths and patterns, see `recordings_of`; LogError if a recording is given twice."""
+        """Make a batch from paths and patterns, see `recordings_of`; LogError if one is given twice."""
         logs = results.recordings_of(recordings, folder)
         outputs = results.outputs_of(logs, Path())
         pairs = ((os.path.abspath(log), str(output)) for log, output in zip(logs, outputs, strict=True))
@@ -145,14 +145,14 @@ class Batch:
 
 
 def write_batch(batch: Batch) -> None:
-    """Write options and recordings to the folder of results, which is made if necessary."""
+    """Write options and recordings to the folder of results, creating it if necessary."""
     batch.folder.mkdir(parents=True, exist_ok=True)
     content = {"options": batch.options.plain(), "recordings": batch.pairs}
     write_whole(batch.folder / results.ASKED, json.dumps(content, indent=0) + "\n")
 
 
 def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
-    """Read a list of recordings for a folder of results; the file is not trusted.
+    """Read a list of recordings for a folder of results; its content is not trusted.
 
     Returns:
         The batch, `Task.agreed`, and the number of recordings per job.
@@ -182,7 +182,7 @@ def read_batch(folder: Path) -> Batch:
 
 @contextlib.contextmanager
 def only_run(batch: Batch) -> Iterator[None]:
-    """Make this the only run for a folder of results until the `with` block ends.
+    """Make this the only run with a folder of results until the `with` block ends.
 
     Leftovers of killed runs and workers are removed. BlockingIOError if another run is active.
     """
@@ -214,7 +214,7 @@ def run_tasks(
         return 0
     with begin() as engine:
         for task, result in engine(make_result, itertools.chain([first], missing)):
-            if isinstance(result, Exception):  # the worker ended and could not report it
+            if isinstance(result, Exception):  # the worker ended before it could report it
                 result = _failed(task, result)
             failures += result["failure"] is not None
             report(result)
@@ -256,10 +256,10 @@ def is_whole(task: Task, recipe: Recipe) -> bool:
 
 
 def _remove_leftovers(batch: Batch) -> None:
-    """Remove temporary files that killed runs of this batch left; files still being written stay.
+    """Remove temporary files that killed runs of this batch left behind; files still being written stay.
 
-    If the folder of results is `.`, it has other files, some possibly hidden: only names derived from the
-    batch's own files are considered.
+    If the folder of results is `.`, it may contain other files, even hidden ones, so only names derived from
+    the batch's own files are considered.
     """
     own = {lock_of(batch.folder / name): batch.folder / name for name in results.OF_ALL}
     for _, output in batch.pairs:

@@ -2,12 +2,12 @@
 
 The results of a store are its poses per set of images and per control step, and a comparison:
 
-    images.parquet   one line per set of images
-    steps.parquet    one line per control step, with the pose in the images that it saw
-    poses.zarr       arrays with the shape of the stored ones: per control step; in `images` per set of images
+    images.parquet   one row per set of images
+    steps.parquet    one row per control step, with the pose in the images that it saw
+    poses.zarr       arrays shaped like the stored ones: per control step; in `images` per set of images
     report.json      differences from the stored poses, by robot and by episode
 
-Arrays are in zarr version 2, each one uncompressed block: the same rows give the same bytes.
+Arrays are in zarr version 2, each a single uncompressed block: the same rows give the same bytes.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Retracking:
     """Stores with their episodes, and the folder of results."""
 
     batch: Batch
-    """Batch of all episodes, by the names of their tasks."""
+    """Batch of all episodes, named like their tasks."""
     stores: Mapping[Path, Sequence[Planned]]
 
     @classmethod
@@ -72,8 +72,8 @@ class Retracking:
         Args:
             recordings: paths and patterns of stores.
             folder: folder of results.
-            options: `calibration` names the folder of the robots' files; `start` and `stop` select frames.
-            robot: robot whose calibration is used for all episodes; None: each episode's own robot.
+            options: `calibration` names the folder with the robots' files; `start` and `stop` select frames.
+            robot: robot whose calibration is used for all episodes; None: that of each episode.
 
         Raises:
             LogError: a store is damaged, or does not state the robots.
@@ -102,7 +102,7 @@ class Retracking:
             return Planned(episode, name, task, recipe)
 
         paths = results.recordings_of(recordings, folder)
-        results.outputs_of(paths, folder)  # raises for a path that is given twice
+        results.outputs_of(paths, folder)  # raises if a path is given twice
         stores = {path: [planned(path, episode) for episode in _episodes(path, options)] for path in paths}
         tasks = [one.task for episodes in stores.values() for one in episodes]
         pairs = tuple((task.name, os.path.relpath(task.output, folder)) for task in tasks)
@@ -181,7 +181,7 @@ _ROWS = "one a control step; in the group images, one a set of images; NaN where
 
 
 def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[Planned]) -> dict[str, Any]:
-    """Write all tables of a store to a folder, each whole or not at all; return the report.
+    """Write all tables of a store to a folder, each atomically; return the report.
 
     tracked: episodes in order, all with poses.
 
@@ -233,7 +233,7 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
 
 
 def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]:
-    """Return the content of the arrays of ARRAYS."""
+    """Return the contents of the arrays listed in ARRAYS."""
     rotation = so3.matrix_from_quaternion(columns.orientation)
     corners = cuboid.keypoints(columns.position, rotation, model.size)
     arrays = (columns.position, columns.orientation, corners, columns.confidence[:, None], columns.covariance)
@@ -241,13 +241,13 @@ def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]
 
 
 def _rows_of(poses: Poses, frames: Sequence[int] | Array) -> Array:
-    """Return (n,) rows of the poses for sets of images; -1 for a set that was not tracked."""
+    """Return (n,) indices into the poses for sets of images; -1 for a set that was not tracked."""
     rows = dict(zip(poses.index.tolist(), range(len(poses)), strict=True))
     return np.array([rows.get(frame, -1) for frame in frames], np.int64)
 
 
 def _taken(array: Array, rows: Array) -> Array:
-    """Return rows of an array, NaN for -1."""
+    """Return the given rows of an array; NaN for row -1."""
     taken = np.concatenate([array, np.full((1, *array.shape[1:]), np.nan)])[rows]
     taken[np.isnan(taken)] = np.nan  # the sign of a computed NaN depends on its array's place in memory
     return taken
@@ -275,7 +275,7 @@ def _named(one: Planned, count: int) -> dict[str, Array]:
 
 @contextlib.contextmanager
 def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
-    """Yield a function that appends columns to a Parquet file, which appears if the block does not raise."""
+    """Yield a function that appends columns to a Parquet file; it appears if the block does not raise."""
     pa, pq = package("pyarrow"), package("pyarrow.parquet")
 
     def cells(column: Array) -> Any:
@@ -298,7 +298,7 @@ def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
 
 @contextlib.contextmanager
 def _group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
-    """Yield the folder of a new group, which replaces an older one if the `with` block does not raise."""
+    """Yield the folder of a new group; it replaces an older one if the `with` block does not raise."""
     with whole_file(path) as temporary:
         temporary.mkdir()
         (temporary / ".zattrs").write_text(json.dumps(attributes, indent=1) + "\n")
@@ -308,7 +308,7 @@ def _group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
 
 
 def _add_arrays(group: Path, count: int) -> None:
-    """Add the arrays of ARRAYS with `count` rows of NaN, each as one block in row-major order."""
+    """Add the arrays listed in ARRAYS with `count` rows of NaN, each as one block in row-major order."""
     (group / ".zgroup").write_text('{"zarr_format": 2}\n')
     for name, (row, _) in ARRAYS.items():
         shape = (count, *row)

@@ -26,11 +26,11 @@ class State:
     total: int
     """Number of recordings in the batch."""
     lines: tuple[dict[str, Any], ...]
-    """Table lines of finished recordings, in order; whether their options are the same is not checked."""
+    """Table rows of finished recordings, in order; it is not checked that their options are the same."""
     failures: dict[str, str]
-    """Reasons of failures, by recording."""
+    """Reasons for failures, by recording."""
     running: int
-    """Number of files of poses that have a lock, so are probably being made."""
+    """Number of files of poses that are locked, so are probably being made."""
     rate: float | None
     """Recordings finished per second over the last ten minutes of work [1/s]; None: unknown."""
 
@@ -47,7 +47,7 @@ RECENT = 600.0
 def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:
     """Read the progress of a batch from its folder of results, wherever it runs.
 
-    failed: reasons of failures in this run, for which there may be no files.
+    failed: reasons for failures in this run, for which there may be no files.
     """
     lines, failures, stamps, running = [], {}, [], 0
     for log, relative in batch.pairs:
@@ -72,12 +72,12 @@ def _rate(stamps: list[float]) -> float | None:
 
 
 def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
-    """Write `summary.parquet` and `failures.json`, which is removed if nothing failed.
+    """Write `summary.parquet`, and `failures.json`, which is removed if nothing failed.
 
-    `summary.csv` is written if requested, if it exists already, or without the package pyarrow.
+    `summary.csv` is written if requested, if it already exists, or if the package pyarrow is missing.
 
     Raises:
-        LogError: a file cannot be written; the others are. The message says what is done and what to do.
+        LogError: a file cannot be written; the others are. The message says what was done and what to do.
     """
     rows = [{name: line[name] for name in COLUMNS} for line in found.lines]
     why = [{"recording": log, "reason": why} for log, why in found.failures.items()]
@@ -109,7 +109,7 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
 
 
 def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write lines under COLUMNS as a Parquet file, whole or not at all; OSError if that fails."""
+    """Write rows under COLUMNS as a Parquet file, atomically; OSError if that fails."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

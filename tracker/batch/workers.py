@@ -1,4 +1,4 @@
-"""Engines that do the work: this process, processes on this machine, or workers of a Dask scheduler."""
+"""Engines that do the work: this process, other processes on this machine, or workers of Dask."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ Engine = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[tuple[Any, Any
 Exception as they finish."""
 
 AHEAD = 2
-"""Tasks submitted per worker of a scheduler: no worker waits, and the scheduler's queue stays small."""
+"""Tasks submitted per worker of a scheduler, so that no worker waits and the queue stays small."""
 
 ATTEMPTS = 4
-"""Number of times that a task is tried if its process is ended from outside."""
+"""Number of times a task is tried if its process is killed from outside."""
 
 CONNECT_SECONDS = 20.0
 """Timeout for connecting to a scheduler [s]."""
@@ -47,7 +47,7 @@ _ENDED = "its worker was ended from outside again and again, for want of memory?
 
 
 class WorkerError(TrackerError):
-    """A task's worker process was repeatedly ended from outside, or its result cannot be sent."""
+    """A task's worker process was repeatedly killed from outside, or its result cannot be sent."""
 
 
 def here(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
@@ -62,13 +62,13 @@ def here(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[tuple
 
 @contextmanager
 def processes(count: int) -> Iterator[Engine]:
-    """Yield an Engine of `count` processes on this machine, each with one thread, also for compiled code.
+    """Yield an Engine of `count` processes on this machine, each with one thread, even in compiled code.
 
-    A process that is ended from outside is replaced, and its task is done again. If the `with` block ends
-    with an error, such as an interrupt, they are killed: they would finish their recordings first.
+    A process that is killed from outside is replaced, and its task is repeated. If the `with` block ends
+    with an error, such as an interrupt, the processes are killed: they would finish their recordings first.
     """
     warm_up()  # once, not in each process
-    # Start it now: when started later, it would unblock interrupts in the thread that needs it first.
+    # Start it now: started later, it would unblock interrupts in the thread that first needs it.
     resource_tracker.ensure_running()
     begun: dict[Connection, BaseProcess] = {}
     with environment(ONE_THREAD):
@@ -94,7 +94,7 @@ def _by_processes(
     def hand_out(task: Any, attempt: int = 1) -> None:
         connection = idle.pop() if idle else _begin(begun)
         at_work[connection] = task, attempt
-        with contextlib.suppress(OSError):  # the process is gone, which is noticed when waiting for it
+        with contextlib.suppress(OSError):  # the process is gone; waiting for it reveals that
             connection.send((function, task))
 
     for task in itertools.islice(todo, count):
@@ -132,7 +132,7 @@ def _begin(begun: dict[Connection, BaseProcess]) -> Connection:
 
 
 def _work(connection: Connection) -> None:
-    """Do tasks in a worker process, one after the other, until the connection is closed."""
+    """Do tasks in a worker process, one after another, until the connection is closed."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -154,17 +154,17 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def dask_workers(address: str) -> Iterator[Engine]:
-    """Yield an Engine of a Dask scheduler's workers, e.g. tcp://10.0.0.1:8786; each should have one thread.
+    """Yield an Engine of a Dask scheduler's workers, each with one thread; address: tcp://10.0.0.1:8786.
 
     Raises:
         TrackerError: the package distributed is missing, or the scheduler does not answer.
     """
-    # This module reports killed workers itself. Dask's messages are off for good, since its threads may
-    # still log after the end.
+    # This module reports killed workers itself. Dask's messages stay off, since its threads may still log
+    # after the end.
     with optional("dask.config", "cluster", "--scheduler").set({"logging.distributed": "critical"}):
         distributed = optional("distributed", "cluster", "--scheduler")
     try:
-        distributed.comm.get_address_host_port(address)  # a client of an invalid address cannot be closed
+        distributed.comm.get_address_host_port(address)  # a client with an invalid address cannot be closed
         client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise TrackerError(f"scheduler {address}: does not answer: {error}") from error
@@ -194,7 +194,7 @@ def dask_workers(address: str) -> Iterator[Engine]:
 
 
 def engine(jobs: int) -> AbstractContextManager[Engine]:
-    """Return an Engine: this process for one job, else `processes`."""
+    """Return an Engine: this process if there is one job, else `processes`."""
     return contextlib.nullcontext(here) if jobs == 1 else processes(jobs)
 
 
@@ -205,5 +205,5 @@ def cores() -> int:
 
 def alone(function: Callable[[Any], Any], task: Any) -> Any:
     """Apply a function to a task with one thread for OpenCV, which no environment variable sets."""
-    cv2.setNumThreads(1)  # the workers share the cores: more threads would only wait for each other
+    cv2.setNumThreads(1)  # the workers share the cores, so more threads would only wait for each other
     return function(task)

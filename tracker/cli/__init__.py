@@ -32,7 +32,7 @@ EXIT_CODES = {
 }
 """Meanings of the exit codes of all commands."""
 
-_COMPLETE = "_TRACKER_COMPLETE"  # environment variable of click's shell completion
+_COMPLETE = "_TRACKER_COMPLETE"  # environment variable for click's shell completion
 
 
 def _print_version(context: click.Context, _: click.Parameter, requested: bool) -> None:
@@ -51,7 +51,7 @@ class _InTheirOrder(click.Group):
 
 @click.group(
     cls=_InTheirOrder,
-    no_args_is_help=False,  # click would report an error of many lines
+    no_args_is_help=False,  # click would report an error of several lines
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="\b\nExit codes:\n" + "\n".join(f"  {code:<4} {what}" for code, what in EXIT_CODES.items()),
 )
@@ -101,7 +101,7 @@ def _run(arguments: list[str]) -> int:
         return _fail("interrupted", code=exit_code(stop))
     except BrokenPipeError:
         _drop_output_that_cannot_be_written()
-        return 2  # without a message: the reader of the output has closed it
+        return 2  # no message: the reader of the output has closed it
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else "tracker"
         return _fail(f"{error.format_message()} (see {where} --help)")
@@ -113,7 +113,7 @@ def _run(arguments: list[str]) -> int:
         _drop_output_that_cannot_be_written()
         return _fail(reason(error))
     except Exception as error:
-        if isinstance(error.__cause__, KeyboardInterrupt):  # while a compiled module was imported
+        if isinstance(error.__cause__, KeyboardInterrupt):  # raised while a compiled module was imported
             return _fail("interrupted", code=exit_code(error.__cause__))
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{os.path.basename(last.filename)}:{last.lineno}"

@@ -54,7 +54,7 @@ class Engine:
 
     @property
     def submits(self) -> Scheduler | None:
-        """Scheduler to submit jobs to, or None."""
+        """The scheduler to submit jobs to, or None."""
         return "htcondor" if self.htcondor else "slurm" if self.slurm else None
 
 
@@ -107,7 +107,7 @@ def run(
 def _stores(
     recordings: tuple[str, ...], output: Path, asked: Options, robot: str | None
 ) -> Retracking | None:
-    """Plan the work on image stores of several robots; None for other recordings, or stores of one rig."""
+    """Plan the work on image stores of several robots; None for other recordings or stores of one rig."""
     from tracker.batch.stores import Retracking, are_stores
     from tracker.calibration.files.platform import robots_in
 
@@ -152,7 +152,7 @@ def _run(work: Batch | Retracking, engine: Engine, as_csv: bool, quiet: bool) ->
                 begin = local if address is None else functools.partial(dask_workers, address)
                 stores.run(begin, tell) if stores else run_batch(batch, begin, tell)
         except BaseException:
-            with suppress(LogError):  # report the reason why the run ended instead
+            with suppress(LogError):  # report why the run ended instead
                 write_tables(batch, state(batch, failures), as_csv=as_csv)
             raise
         found = state(batch, failures)

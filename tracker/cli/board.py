@@ -67,7 +67,7 @@ class Printed:
 def _sightings_of(
     paths: Sequence[Path], board: Board
 ) -> tuple[Board, list[BoardView | None], dict[str, str]]:
-    """Return the board with the pattern seen, its view in each photo, and why photos show none."""
+    """Return the board with the pattern seen, its view in each photo, and why some photos show none."""
     from tracker.calibration.board import sighting
     from tracker.color_learning.labelled import read_image
 
@@ -116,7 +116,7 @@ def _draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray,
 
 
 def _told_pattern(board: Board) -> str:
-    """Describe the pattern of a board, as far as it is known."""
+    """Describe the pattern of a board if it is known."""
     if not board.two_patterns:
         return f"{board} (with {board.rows} rows the old and the new pattern are the same)"
     return f"{board}" if board.legacy else f"{board}, today's pattern"
@@ -134,7 +134,7 @@ def _part(_: click.Context, option: click.Parameter, value: str | None) -> tuple
 
 @dataclass(frozen=True)
 class Smaller:
-    """Options for further calibration files, of smaller images than the photos."""
+    """Options for additional calibration files, for images smaller than the photos."""
 
     crop: tuple[int, ...] | None = option(
         "--crop",
@@ -151,7 +151,7 @@ class Smaller:
     )
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
-        """Write all files of the cameras and list them; CalibrationError if --crop exceeds the image."""
+        """Write all files for the cameras and list them; CalibrationError if --crop exceeds the image."""
         from tracker.calibration.files.platform import write_calibrated
 
         files: dict[Path, Calibrated] = {}
@@ -236,7 +236,7 @@ def _lens_table(lens: Lens, faults: dict[str, str]) -> str:
 
 
 def _photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str:
-    """Return a table of photos, with the reasons why others are not used."""
+    """Return a table of photos, with the reasons why the others are not used."""
     return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in faults.items())])
 
 
@@ -264,7 +264,7 @@ def _found(lens: Lens) -> list[list[str]]:
 
 @dataclass(frozen=True)
 class Given:
-    """Options for the place of the board, face up, in the first folder."""
+    """Options for the place of the face-up board in the first folder."""
 
     center: tuple[float, float] = option(
         "--center", callback=numbers(2), default="0,0", metavar="X,Y", help="The board's centre [m].  [0,0]"
@@ -281,7 +281,7 @@ class Given:
     )
 
     def world_from_board(self) -> FloatArray:
-        """Return the transform (4, 4) of the options."""
+        """Return the transform (4, 4) that the options describe [m]."""
         import numpy as np
 
         from tracker.geometry import so3
@@ -351,10 +351,10 @@ def extrinsics(
 
 
 def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Path]:
-    """Return the photos by (camera, folder); a camera may lack one in some folders.
+    """Return the photos by numbers of (camera, folder); some folders may lack a photo of a camera.
 
     Raises:
-        CalibrationError: a folder is missing, or holds several photos of a camera, one of another, or none.
+        CalibrationError: a folder is missing, has no photos, several of one camera, or one of another camera.
     """
     photos: dict[Photo, Path] = {}
     for place, folder in enumerate(folders):
@@ -403,7 +403,7 @@ def _camera_table(placed: Placed) -> str:
 
 
 def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[str]]:
-    """Note if only a part of the board is seen: the centre of a smaller board would be elsewhere."""
+    """Note if only part of the board is seen: the centre of a smaller board would be elsewhere."""
     from tracker.calibration.board.sighting import squares_shown
 
     first = [one for (_, place), one in sightings.items() if place == 0]

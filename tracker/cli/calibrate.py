@@ -52,7 +52,7 @@ class Opened(NamedTuple):
 
 @dataclass(frozen=True)
 class Filmed:
-    """Inputs that show a known object: recordings, and pictures in groups of one moment each."""
+    """Inputs that show a known object: recordings, and images in groups of one moment each."""
 
     inputs: tuple[str, ...] = argument(
         "inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE...", type=Recording(str)
@@ -100,7 +100,7 @@ _output = output_option(OutFolder(new=True), "DIR", "Folder for the new calibrat
 def _sets(
     pictures: Sequence[str], rig: tracker.CameraRig, *, resize: bool
 ) -> tuple[tracker.CameraRig, list[Any]]:
-    """Return the rig for the pictures' size, and sets of pictures of one moment each."""
+    """Return the rig for the images' size, and sets of images of one moment each."""
     count = len(rig)
     if len(pictures) % count:
         raise ImageError(
@@ -115,7 +115,7 @@ def _sets(
 
 
 def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> None:
-    """Raise CalibrationError if a recording has other cameras than those before it."""
+    """Raise CalibrationError if a recording's cameras differ from those of the recordings before it."""
     import numpy as np
 
     parts = ("name", "matrix", "distortion", "camera_from_world")
@@ -187,7 +187,7 @@ def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, 
 
 
 def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
-    """Return the result in plain numbers; None for unknown ones."""
+    """Return the result as plain numbers; None for unknown ones."""
     from tracker.calibration.by_object.check import DEPTH, FOCAL
 
     cameras = []

@@ -52,7 +52,7 @@ class Lesson:
     quiet: bool = options.quiet()
 
     def footage(self) -> list[Frames]:
-        """Read frames of the recordings; TrackerError if that fails, or if there are too few."""
+        """Read frames from the recordings; TrackerError if that fails or there are too few."""
         from tracker.color_learning.lessons import FEWEST_FRAMES, frames_of, shares
 
         lengths = []
@@ -147,7 +147,7 @@ def new(
 def described(
     output: Path, size: tuple[float, float, float] | None, faces: str | None
 ) -> tracker.CuboidModel:
-    """Return the object given by --size and --faces, with the name and the colours of the output."""
+    """Return the object given by --size and --faces; its name and colours are those of the output."""
     import numpy as np
 
     from tracker.objects.model import face_labels_of

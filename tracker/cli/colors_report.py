@@ -1,4 +1,4 @@
-"""Reports on colour models that `tracker colors` prints; imported by the commands when they run."""
+"""Reports on colour models, printed by `tracker colors`; imported when one of its commands runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.objects.labels import COLOR_NAMES
 
 WEAK = 0.9  # recall below which a colour is weak
-FALSE = 0.1  # share of false pixels among those found above which a colour is weak
+FALSE = 0.1  # share of false pixels, among those found, above which a colour is weak
 LABELS = range(1, len(COLOR_NAMES))  # labels of the colours; 0 is background
 
 
@@ -38,7 +38,7 @@ def report(
 
 
 def print_counts(images: Sequence[LabelledImage]) -> None:
-    """Print the number of labelled pixels of each image and colour, and colours without any."""
+    """Print the number of labelled pixels per image and colour, and colours without any."""
     counts = np.array([[np.count_nonzero(one.labels == label) for label in LABELS] for one in images])
     rows = [
         [one.name, *(str(count or "-") for count in row)] for one, row in zip(images, counts, strict=True)

@@ -1,4 +1,4 @@
-"""`tracker demo`: track a short recording of the package, and compare with its ground truth."""
+"""`tracker demo`: track a short recording that comes with the package; compare it with ground truth."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def demo(output: Path) -> None:
 
 
 def _copied(source: Path, target: Path) -> Path:
-    """Copy a folder; on a full disk, shutil.copytree would list every file that failed."""
+    """Copy a folder; shutil.copytree would list every file that failed if the disk is full."""
     target.mkdir()
     for path in source.iterdir():
         copy = _copied if path.is_dir() else shutil.copyfile

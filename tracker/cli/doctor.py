@@ -1,4 +1,4 @@
-"""`tracker doctor`: check this machine for what the tracker needs, with remedies."""
+"""`tracker doctor`: check whether this machine has what the tracker needs, and suggest remedies."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ CORE = {
 """Required packages, and the modules to import."""
 
 REFERENCE_ROUNDS = 20
-DETECTION = 1.5  # approximate time of a detection relative to the reference work
+DETECTION = 1.5  # approximate time of a detection, relative to that of the reference work
 
 _EXTRA = re.compile(r"""extra *== *['"](?P<extra>[\w-]+)['"]""")
 _PACKAGE = re.compile(r"[\w.-]+")
@@ -92,7 +92,7 @@ def _optional() -> Iterator[Finding]:
 
 
 def _opengl() -> Finding:
-    """Check OpenGL; libraries may exist but not load: for another architecture, or empty in a container."""
+    """Check OpenGL; libraries may exist but not load: of another architecture, or empty in a container."""
     faults = [fault for fault in map(_fault_of_library, ("EGL", "GL")) if fault]
     if not faults:
         return Finding("OpenGL", "libEGL, libGL")
@@ -113,7 +113,7 @@ def _fault_of_library(name: str) -> str | None:
 
 
 def _package(name: str, module: str) -> Finding:
-    """Check a package. OpenCV packages share one folder: the last installed one partly replaces others."""
+    """Check a package. OpenCV's packages share a folder: the last one installed partly replaces others."""
     if name == OPENCV:
         names = {(dist.metadata["Name"] or "").lower() for dist in metadata.distributions()}
         found = sorted(one for one in names if re.fullmatch(r"opencv[-_](contrib[-_])?python.*", one))
@@ -134,7 +134,7 @@ def _package(name: str, module: str) -> Finding:
 
 @functools.cache
 def _fault_of_module(name: str) -> str | None:
-    """Return why a module cannot be imported, or None; a broken one may raise any error."""
+    """Return why a module cannot be imported, or None; a broken module may raise any error."""
     try:
         module = importlib.import_module(name)
     except Exception as error:
@@ -151,7 +151,7 @@ def _version(name: str) -> str | None:
 
 
 def _cache() -> Finding:
-    """Check the cache of compiled code; NUMBA_CACHE_DIR overrides its place."""
+    """Check the cache of compiled code; NUMBA_CACHE_DIR overrides its location."""
     from tracker.pose.refine import refine
     from tracker.warm_up import kernels_are_cached
 
@@ -183,7 +183,7 @@ def _speed() -> Finding:
 
 
 def _extras() -> dict[str, list[str]]:
-    """Return the packages of each extra, except those for development."""
+    """Return the packages in each extra, except those for development."""
     extras: dict[str, list[str]] = {}
     try:
         requirements = metadata.requires(NAME) or []

@@ -54,7 +54,7 @@ class Outputs:
         return any((self.csv, self.tum, self.bop, self.video, self.plot))
 
     def check_camera(self, rig: tracker.CameraRig) -> None:
-        """Refuse an unknown camera, a camera without --bop, and --bop without a camera."""
+        """Refuse an unknown camera, a camera without --bop, or --bop without a camera."""
         if (self.bop is None) != (self.camera is None):
             raise click.UsageError("--bop and --camera belong together: BOP results are for one camera")
         if self.camera is not None and self.camera not in rig.names:
@@ -66,7 +66,7 @@ class Outputs:
         keypoints_of: tracker.CuboidModel | None = None,
         more: dict[str, Array] | None = None,
     ) -> None:
-        """Write all files but the film; the table also has `more`, and an object's corners if it is given."""
+        """Write all files except the film; the table includes `more`, and the corners of a given object."""
         from tracker.poses.exports import write_bop, write_csv, write_tum
         from tracker.summaries.summary import best_kind
 
@@ -111,7 +111,7 @@ def write_tracked_film(
 
 
 def poses_of(path: Path, object_name: str | None) -> tuple[tracker.Poses, tracker.CuboidModel]:
-    """Read poses and load their object, by `object_name` if given; UsageError if that is another one."""
+    """Read poses and load their object, as `object_name` if given; UsageError if that is another object."""
     poses = tracker.read_poses(path)
     model = tracker.load_object(object_name or poses.about.object_name)
     if model.name != poses.about.object_name:
@@ -123,7 +123,7 @@ def poses_of(path: Path, object_name: str | None) -> tuple[tracker.Poses, tracke
 
 
 def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
-    """Return the tracker's answer to the frame of a row."""
+    """Return the tracker's result for the frame in a row."""
 
     def of(columns: MeasuredColumns) -> dict[str, Any]:
         return {name: getattr(columns, name)[row] for name in columns.ROW_SHAPES}
@@ -139,7 +139,7 @@ def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
 
 
 def _widest() -> tracker.Observation:
-    """Return an observation with the highest caption that can occur."""
+    """Return an observation with the tallest caption that can occur."""
     import numpy as np
 
     pose = tracker.PoseEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0)
@@ -147,7 +147,7 @@ def _widest() -> tracker.Observation:
 
 
 def _of_height(picture: Image, height: int) -> Image:
-    """Crop or pad a picture to a height: captions wrap, but a film's pictures must have one size."""
+    """Crop or pad a picture to a given height: captions wrap, but a film's pictures must have one size."""
     import numpy as np
 
     return np.pad(picture[:height], ((0, max(0, height - len(picture))), (0, 0), (0, 0)), mode="edge")
@@ -195,7 +195,7 @@ def export(
     model: tracker.CuboidModel | None = None
     if keypoints or video is not None or object_name is not None:
         poses, model = poses_of(source, object_name)
-    else:  # no output needs the object, which may be unknown
+    else:  # no output needs the object, so it may be unknown
         poses = tracker.read_poses(source)
     outputs.check_camera(poses.about.rig)
     corners_of = model if keypoints else None
@@ -356,7 +356,7 @@ def _of_poses(
 def _looked_at(
     finder: tracker.ObjectTracker, answered: Iterable[tuple[LogFrame, tracker.Observation]]
 ) -> _Frames:
-    """Yield frames with the tracker's answers, images, and samples of rig health."""
+    """Yield frames with the tracker's results, images, and samples of rig health."""
     from tracker.calibration.by_object.health import sample
     from tracker.calibration.by_object.sightings import slow
 

@@ -14,7 +14,7 @@ from tracker.cli.outputs import InFile
 from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
 
-_GAP = 1.5  # a gap is longer than this multiple of the median time between frames
+_GAP = 1.5  # a time between frames is a gap if it exceeds this multiple of the median
 
 
 @click.command()

@@ -44,7 +44,7 @@ _CAMERAS = ("pylon", "opencv")  # the same as in tracker.live.sources, which is 
 
 @dataclass(frozen=True)
 class Pace:
-    """Options for a source's rate and settings. Each option is for some sources only."""
+    """Options for a source's rate and settings. Each option applies to some sources only."""
 
     rate: float | None = option(
         "--rate",
@@ -141,7 +141,7 @@ def _track(
     seconds: float | None,
     quiet: bool,
 ) -> None:
-    """Track until the source ends, the time is over, or a signal comes; `name` names the source in errors."""
+    """Track until the source ends, time is up, or a signal arrives; `name` is the source's name in errors."""
     from tracker.live import Live
 
     with contextlib.ExitStack() as stack:
@@ -199,7 +199,7 @@ def _source(
 
 
 def _draw(source: ImageSource, quiet: bool) -> None:
-    """Draw the simulation after all other checks; the time for it does not count for --seconds."""
+    """Render the simulation after all other checks; this time does not count towards --seconds."""
     from tracker.live import Simulation
 
     if isinstance(source, Simulation):
@@ -215,7 +215,7 @@ def _follow(
     lookout: Lookout,
     statistics: Statistics | None,
 ) -> KeyboardInterrupt | None:
-    """Wait for the end; print the statistics once per second, and faults at once.
+    """Wait for the end; print the statistics once per second, and faults immediately.
 
     Returns:
         The interrupt that ended it, or None.

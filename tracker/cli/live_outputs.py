@@ -60,7 +60,7 @@ class Requested:
         return bool(self.addresses or self.record or shown or self.as_json)
 
     def refuse_what_does_nothing(self) -> None:
-        """Raise UsageError for options that lack another one, or exclude each other."""
+        """Raise UsageError for options that require another one or exclude each other."""
         from tracker.live.publishers import is_lcm
 
         if self.public and not self.addresses:
@@ -72,7 +72,7 @@ class Requested:
 
 
 class LiveOutputs:
-    """The requested outputs, open; the stack closes them. `listeners` are called with each moment."""
+    """The requested outputs, opened; the stack closes them. `listeners` are called with each moment."""
 
     def __init__(
         self, requested: Requested, source: ImageSource, finder: tracker.ObjectTracker, stack: ExitStack
@@ -129,14 +129,14 @@ class LiveOutputs:
                 say(f"{what}{one.fault}")
 
 
-_LATENCIES = 100_000  # number of latencies kept for percentiles
-_SILENT = 10  # after this number of lines, one per second, without images, print no more until the next image
+_LATENCIES = 100_000  # number of latencies kept to compute percentiles
+_SILENT = 10  # after so many lines, one per second, without images, print nothing until the next image
 
 _NEVER = "never found: check the object, its colours and the calibration; --check measures the cameras"
 _NO_IMAGE = "no camera ever gave an image"
 
 _STAMPS = ""
-"""Key for faults of all cameras' timestamps among the faults by camera name; no camera's name is empty."""
+"""Key of faults in all cameras' timestamps, among faults by camera name; no camera's name is empty."""
 
 
 class Statistics:
@@ -152,7 +152,7 @@ class Statistics:
         self._newest: Moment | None = None
         self._told_count, self._told_faults = 0, Counter[str]()
         self._told_at = self._begin = time.monotonic()
-        self._silent = 0  # lines in a row without images
+        self._silent = 0  # consecutive lines without images
 
     def hear(self, moment: Moment) -> None:
         """Count a moment; a listener of `Live`."""
@@ -168,11 +168,11 @@ class Statistics:
 
     @property
     def blind(self) -> bool:
-        """Whether no set had an image so far."""
+        """Whether no set has had an image so far."""
         return not self._seen
 
     def due(self) -> str | None:
-        """Return a line about the last second, once it has passed; None after ten seconds without images."""
+        """Return a line about the last second once it has passed; None after ten seconds without images."""
         now = time.monotonic()
         passed = now - self._told_at
         if passed < 1.0:
@@ -200,7 +200,7 @@ class Statistics:
         return "  ".join([*parts, *recent])
 
     def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
-        """Return the summary at the end."""
+        """Return the final summary."""
         import numpy as np
 
         count = self._statuses.total()
@@ -233,7 +233,7 @@ FIRST_LOOK = 1.0  # time before the first check of running cameras [s]
 
 
 class Lookout:
-    """Checks whether running cameras are swapped, until an object is found with certainty.
+    """Checks running cameras for swaps until an object is found with certainty.
 
     A check has its own tracker and takes as long as several detections; the pause doubles after each.
 
@@ -265,13 +265,13 @@ class Lookout:
         if order is None:
             return None
         self._orders[order] += 1
-        if self._orders[order] < 2:  # confirm it once: the scene may be the same, but the noise differs
+        if self._orders[order] < 2:  # confirm it once: even if the scene is the same, the noise differs
             return None
         self._due = math.inf
         return swap_message(order, self._names)
 
 
-SECONDS = 10.0  # default time to measure cameras [s]
+SECONDS = 10.0  # default time for measuring cameras [s]
 
 
 def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:

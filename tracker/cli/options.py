@@ -1,4 +1,4 @@
-"""Options shared by several commands: the object, its colours, the cameras, a part of a recording."""
+"""Options shared by several commands: the object, its colours, the cameras, part of a recording."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def gathered(kind: type[Any]) -> Any:
 def whole(
     name: str, help: str, *, default: int | None = None, least: int = 1, most: int | None = None, to: str = ""
 ) -> Any:
-    """Make an option for an integer that shows its default; `to`: name of the argument it becomes."""
+    """Make an option for an integer whose help shows its default; `to`: name of its argument."""
     kind, names = click.IntRange(least, most), (name, to) if to else (name,)
     return option(
         *names, metavar="N", type=kind, default=default, show_default=default is not None, help=help
@@ -66,7 +66,7 @@ as_json = option("--json", "as_json", is_flag=True, help="Print one JSON object.
 
 
 def _name_or_file(name: str, to: str, known: tuple[str, ...], text: str, *, required: bool = False) -> Any:
-    """Make an option for a known name or a file; shells complete matching names, else files."""
+    """Make an option for a known name or a file; shells complete matching names, or else files."""
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         found = [CompletionItem(one) for one in known if one.startswith(incomplete)]
@@ -77,7 +77,7 @@ def _name_or_file(name: str, to: str, known: tuple[str, ...], text: str, *, requ
 
 
 def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
-    """Return a callback that parses an option's `count` comma-separated numbers, such as X,Y,Z."""
+    """Return a callback that parses an option of `count` comma-separated numbers, such as X,Y,Z."""
 
     def read(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
         if value is None:
@@ -95,13 +95,13 @@ def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
 
 
 def object_name(default: str = "") -> Any:
-    """Make `--object`; it is required unless `default` describes what is used without it."""
+    """Make `--object`; it is required unless `default` says what is used without it."""
     text = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
     return _name_or_file("--object", "object_name", OBJECTS, text, required=not default)
 
 
 def colors(default: str = "the object's") -> Any:
-    """Make `--colors`; `default` describes what is used without it."""
+    """Make `--colors`; `default` says what is used without it."""
     text = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
     return _name_or_file("--colors", "colors_name", COLORS, text)
 
@@ -150,7 +150,7 @@ class Cameras:
             raise click.UsageError("--pattern selects files of --calibration, which is missing")
 
     def load(self) -> tracker.CameraRig:
-        """Load the rig that the options name, with its files' image sizes; errors as for `CameraRig.load`."""
+        """Load the rig given by the options, with its files' image sizes; errors as in `CameraRig.load`."""
         return tracker.CameraRig.load(
             self.calibration[0] if len(self.calibration) == 1 else self.calibration,
             pattern=self.pattern,
@@ -158,7 +158,7 @@ class Cameras:
         )
 
     def rig_of(self, path: Path, log: tracker.Log) -> tracker.CameraRig:
-        """Return the rig that the options name, or else the recording's own, see `fitted_to`."""
+        """Return the rig given by the options, or else the recording's own, see `fitted_to`."""
         from tracker.logs.opening import fitted_to
 
         correct, resize = self.correct_halved_principal_point, self.resize_calibration
@@ -198,7 +198,7 @@ class Asked:
     part: Part = part
 
     def options(self) -> tracker.recordings.Options:
-        """Return the options as plain values for any process on any machine."""
+        """Return the options as plain values that work in any process on any machine."""
         subject, part = self.subject, self.part
         return tracker.recordings.Options(
             subject.object_name,

@@ -16,14 +16,14 @@ import tracker
 from tracker.errors import LogError, install
 from tracker.files import check_suffix
 
-PICTURE = (".png", ".jpg", ".jpeg")  # suffixes of pictures that commands write
-_PACKAGES = {"plot": "matplotlib", "video": "av"}  # package of each extra
+PICTURE = (".png", ".jpg", ".jpeg")  # suffixes of images that commands write
+_PACKAGES = {"plot": "matplotlib", "video": "av"}  # package for each extra
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 class AnyPath(click.Path):
-    """A path that is not empty: an unset variable would otherwise name the working folder."""
+    """A path that is not empty: otherwise, an unset variable would mean the working folder."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """See click.ParamType."""
@@ -40,7 +40,7 @@ class InFile(AnyPath):
 
 
 class Recording(InFile):
-    """An input recording or pictures, including the calibration and other files beside them."""
+    """An input recording or images, including the calibration and other files beside them."""
 
 
 class _Output(AnyPath):
@@ -61,7 +61,7 @@ class _Output(AnyPath):
 
 
 class OutFile(_Output):
-    """A file to write, with one of the suffixes; `extra`: the extra whose package writes it."""
+    """A file to write, with one of the suffixes; `extra`: the extra whose package is needed."""
 
     def __init__(self, *suffixes: str, extra: str | None = None, new_folders: bool = False) -> None:
         super().__init__()
@@ -91,7 +91,7 @@ def output_option(kind: click.ParamType[Any], metavar: str, help: str) -> Any:
 
 
 class OutFolder(_Output):
-    """A folder to write to; missing ones are made, with their parents. `new`: it must be empty or missing."""
+    """A folder to write to; it is made, with its parents, if missing. `new`: it must be empty or missing."""
 
     def __init__(self, *, new: bool = False) -> None:
         super().__init__()
@@ -130,8 +130,8 @@ def refuse_overwriting(
 ) -> None:
     """Raise UsageError if an output (by option name) is an input, or the same file as another output.
 
-    Files are compared, not names, so symbolic and hard links are resolved. The inputs are each recording with
-    its calibration and the files of its folder, and `others`: further files and folders, or None.
+    Files are compared, not names, so symbolic and hard links are resolved. The inputs are each recording,
+    with its calibration and the files in its folder, and `others`: further files and folders, or None.
     """
     seen: dict[str, str] = {}
     for name, path in files.items():
@@ -150,7 +150,7 @@ def refuse_overwriting(
 def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
     """Raise UsageError unless `folder` is a writable folder or, if `made`, can be created.
 
-    `name` and `path` are the option and its path, which needs the folder.
+    `name` and `path` are the option that needs the folder, and its value.
     """
     while made and not folder.exists():
         folder = folder.parent
@@ -161,7 +161,7 @@ def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
 
 
 def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
-    """Raise UsageError for a file without poses, or with another object's; a damaged one may be replaced."""
+    """Raise UsageError for a file without poses or with another object's; a damaged one may be replaced."""
     from tracker.files.hdf5 import open_file
     from tracker.poses.file import is_poses_file
 
@@ -203,9 +203,9 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
 
 def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
-    """Refuse outputs that the next run would read as the recording of a folder or as a part of it.
+    """Refuse outputs that the next run would read as the recording of a folder or as part of it.
 
-    The latter are pictures and films in an input folder.
+    The latter are images and films in an input folder.
     """
     from tracker.logs.opening import JOB_LOGS
 
@@ -223,7 +223,7 @@ def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return device and inode of a file, the same for all links to it; None if there is no file."""
+    """Return a file's device and inode, the same for all links to it; None if there is no file."""
     try:
         about = path.stat()
     except OSError:

@@ -109,7 +109,7 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
     try:
         log = tracker.open_log(job, recover=True)
     except LogError:
-        return  # often only the poses and the goal of a job are kept
+        return  # often only a job's poses and goal are kept
     with log:
         refuse_others(path, poses, job, log)
 
@@ -117,7 +117,7 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
 def _of_dice(
     job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the same for dice: minus the number of pixels in all images that show dice outside the goal."""
+    """Like `_of_object`, for dice: rewards are minus the number of pixels that show dice outside the goal."""
     import numpy as np
 
     from tracker.tasks import rearrange_dice
@@ -127,7 +127,7 @@ def _of_dice(
     with tracker.open_log(job) as log, bar(job.name, -(-len(log) // every), quiet) as progress:
         masks = rearrange_dice.goal_masks(cameras.rig_of(job, log), goal.position)
         for frame in log[::every]:
-            # HDF5 logs have black images in place of missing ones.
+            # HDF5 logs have black images where images are missing.
             images = {c: image for c, image in enumerate(frame.images) if image is not None and image.any()}
             found = [rearrange_dice.segment_dice(image) for image in images.values()]
             stamps.append(frame.timestamp)

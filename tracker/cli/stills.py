@@ -1,4 +1,4 @@
-"""Reading one set of images for commands; `tracker detect` and `tracker dice`."""
+"""`tracker detect` and `tracker dice`, and reading one set of images for commands."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _one_set(
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
     """Return the cameras and their images in order; None for a missing image.
 
-    A single path that is no picture is a recording or a folder of pictures, with its own calibration unless
+    A single path that is not an image is a recording or a folder of images, with its own calibration unless
     another is given. `of_cameras` assigns several files to cameras.
     """
     if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in PICTURES:
@@ -62,8 +62,8 @@ def _one_set(
 def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
     """Return one set of files in the order of the cameras; NO_IMAGE stands for a missing image.
 
-    Files are assigned by the camera's name in their or their folder's name; if none has one, in the given
-    order. ImageError if there are too few or too many, or names contradict the cameras.
+    Files are assigned by the camera name in their own name or their folder's; if there is none, in the given
+    order. ImageError if there are too few or too many, or if names contradict the cameras.
     """
     each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' where a camera gave none)"
     if len(paths) != len(names):
@@ -92,7 +92,7 @@ def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
 def camera_in(text: str, names: Sequence[str]) -> str | None:
     """Return the camera named in a file's or folder's name, not as part of a longer word or number.
 
-    The result may be none of `names`: the word of a name with another number is another camera, and several
+    The result need not be one of `names`: a name that differs only in its number is another camera. Several
     cameras are joined by "and".
     """
     words = {name.rstrip("0123456789") for name in names if name[-1].isdigit()} - {""}
@@ -182,7 +182,7 @@ def detect(
     model, colors = subject.load()
     rig, pictures = _one_set(images, cameras, frame)
     finder = tracker.ObjectTracker(model, rig, colors)
-    finder.detect(pictures)  # loads compiled code first: printed times are those of a running tracker
+    finder.detect(pictures)  # load compiled code first: printed times are those of a running tracker
     observation = finder.detect(pictures)
     warning = likely_cause(finder, pictures, observation)
     if warning is None and observation.reason is tracker.Status.INCONSISTENT_VIEWS:
@@ -261,7 +261,7 @@ def dice(
 
     goal = None if goal_path is None else read_goal(goal_path)
     rig, pictures = _one_set(images, cameras, frame)
-    _evaluate(rig, pictures, goal, exact)  # loads compiled code, so that times are those of a running loop
+    _evaluate(rig, pictures, goal, exact)  # load compiled code, so that times are those of a running loop
     found, dice_masks, goal_masks, assignment = _evaluate(rig, pictures, goal, exact)
     if masks is not None:
         masks.mkdir(parents=True, exist_ok=True)

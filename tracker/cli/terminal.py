@@ -13,7 +13,7 @@ import click
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
-    """Format rows as columns of the width of their widest cell, the first flush left, the others right."""
+    """Format rows as columns as wide as their widest cell, the first flush left, the others flush right."""
     widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
     lines = []
     for first, *others in rows:
@@ -23,14 +23,14 @@ def table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def listing(rows: Sequence[Sequence[str]]) -> str:
-    """Format lines of a label and a value, with all values in one column."""
+    """Format lines with a label and a value each; values are aligned in one column."""
     widest = max(len(label) for label, _ in rows)
-    # A file's name may have line breaks: its other lines would look like labels.
+    # A file's name may contain line breaks: its other lines would look like labels.
     return "\n".join(f"{label:{widest}}  {' '.join(value.splitlines())}" for label, value in rows)
 
 
 def say(message: str) -> None:
-    """Print a message on stderr on one line, whatever names it contains; ignore a closed or full stderr."""
+    """Print a message on one line of stderr, whatever names it contains; ignore a closed or full stderr."""
     with suppress(OSError):
         click.echo(f"tracker: {' '.join(message.split())}", err=True)
 
@@ -53,7 +53,7 @@ def bar(label: str, total: int, quiet: bool, unit: str = "frames") -> Iterator[C
 
         def advance(count: int) -> None:
             shown.update(count)
-            if shown.n >= total:  # the work after it may take long
+            if shown.n >= total:  # the work that follows may take long
                 shown.close()
 
         yield advance
@@ -72,9 +72,9 @@ def exit_code(stop: BaseException) -> int:
 def ended_by_signals() -> Iterator[None]:
     """Turn SIGTERM and SIGHUP into interrupts, so that files are finished and locks released.
 
-    If Python drops an interrupt, because it came in a finalizer, the signal is sent again. Ignored signals
-    stay ignored: `nohup` ignores SIGHUP. In other threads than the main one, which get no signals, nothing
-    changes.
+    If Python drops an interrupt because it came in a finalizer, the signal is sent again. Ignored signals
+    stay ignored: `nohup` ignores SIGHUP. Nothing changes in threads other than the main one, which get no
+    signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

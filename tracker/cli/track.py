@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from tracker.recordings import Job
 
 CONTRADICTED = 0.02
-"""Share of frames with a pose that cameras contradict from which the calibration is reported."""
+"""Share of frames with a pose that cameras contradict at which the calibration is reported."""
 
 
 @click.command(cls=Command)
@@ -124,7 +124,7 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
 
 
 def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> None:
-    """Track recordings in parallel; report on them in order."""
+    """Track recordings in parallel, and report on them in order."""
     from tracker.batch.run import track_task
     from tracker.batch.workers import engine
 
@@ -149,7 +149,7 @@ def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> 
 
 
 def _warn(result: dict[str, Any]) -> None:
-    """Warn of a damaged recording, which was tracked in part, and of swapped cameras."""
+    """Warn about a damaged recording, which was only partly tracked, and about swapped cameras."""
     if result["fault"] is not None:
         ending = f", the last one is {result['last_frame']}" if result["frames"] else ""
         say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
@@ -165,7 +165,7 @@ def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
-    """Return remarks on cameras that were often not used, with likely causes."""
+    """Return remarks on cameras that were often unused, with likely causes."""
     from tracker.summaries.summary import to_look_at
 
     uses = tracker.CameraUse

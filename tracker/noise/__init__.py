@@ -1,4 +1,4 @@
-"""The tracker's errors for simulators: noisy poses from true ones, for many environments at once."""
+"""Simulation of the tracker's errors: noisy poses from true ones, for many environments at once."""
 
 from tracker.noise.model import NoiseModel, NoiseState, Number, Seen
 

@@ -1,4 +1,4 @@
-"""Noise models of the tracker's errors, one TOML file each, and the noisy poses; see docs/noise.md."""
+"""Noise models of the tracker's errors, one TOML file each, and noisy poses; see docs/noise.md."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNITS: Mapping[str, Mapping[str, str]] = {
 """The numbers of a model by group, and the unit of each."""
 
 RADIUS = 0.05
-"""Distance that counts for a rotation by one radian [m]."""
+"""Distance that counts as much as a rotation by one radian [m]."""
 
 LEAST_VISIBLE = 0.05
 """Lower bound of the visible share, except in the rates of missed poses and gross errors."""
@@ -147,19 +147,19 @@ class Seen:
     confidence: FloatArray
     """(N,) probability that the pose is within 5 mm and 5°; 0 where nothing was found."""
     delay: FloatArray
-    """(N,) time from the exposure, to which the true pose belongs, to the answer [s]."""
+    """(N,) time from the exposure, when the object has the true pose, to the answer [s]."""
 
 
 class NoiseState:
     """The errors of N environments, made by `NoiseModel.start`. Plain NumPy, vectorised over environments.
 
-    Errors (δp, δθ) are along world axes, p = p̂ + δp and R = exp(δθ) R̂ as everywhere. They are the sum of
+    Errors (δp, δθ) are along world axes: p = p̂ + δp and R = exp(δθ) R̂, as everywhere. They are the sum of
 
-        bias    drawn for each episode, the error of its calibration,
+        bias    drawn once per episode: the error of its calibration,
         slow    decays with time and with the object's path length: exp(-dt / seconds - path / travel),
         fast    drawn at each step, with heavy tails,
 
-    the last two multiplied by (visible share)^-visible, and of an occasional gross error.
+    where slow and fast are multiplied by (visible share)^-visible, and of an occasional gross error.
 
     Args:
         values: numbers by group and name, as in `tracker.noise.model.UNITS`.
@@ -180,7 +180,7 @@ class NoiseState:
         self.reset()
 
     def reset(self, which: Any = None) -> None:
-        """Begin new episodes, with new calibrations and without memory.
+        """Begin new episodes, with new calibrations and no memory of earlier steps.
 
         Args:
             which: the environments, (N,) bool or their indices; None: all.
@@ -204,11 +204,11 @@ class NoiseState:
         Args:
             position: (N, 3) true position of the object in the world [m].
             orientation: (N, 4) true orientation, xyzw; need not be of unit length.
-            visible: (N,) visible share of the object's pixels, mean over the cameras, 0 to 1.
+            visible: (N,) visible share of the object's pixels, averaged over the cameras, 0 to 1.
             dt: time since the previous images [s], more than 0; 0.1 on the platform.
 
         Raises:
-            TrackerError: an array has the wrong shape, or values that are not finite or out of range.
+            TrackerError: an array has the wrong shape, or values that are not finite or are out of range.
         """
         p, q, v = self._checked(position, orientation, visible)
         if not is_number(dt) or dt <= 0:
@@ -251,7 +251,7 @@ class NoiseState:
         return p, q / length[:, None], v
 
     def _kept(self, p: FloatArray, q: FloatArray, dt: float) -> FloatArray:
-        """Return the correlations (2, N) of the slow errors with those of the step before."""
+        """Return the correlations (2, N) of the slow errors with those of the previous step."""
         shift = p - self._last[0]
         chord = 1.0 - np.abs(np.einsum("ij,ij->i", q, self._last[1]))
         way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * np.maximum(chord, 0.0))
@@ -275,7 +275,7 @@ class NoiseState:
         return result
 
     def _gross_now(self, v: FloatArray, dt: float) -> FloatArray:
-        """Return the gross errors (2, 3, N); each is constant until it ends."""
+        """Return the gross errors (2, 3, N) [m, rad], each constant until it ends; 0 if there is none."""
         own, (ends, begins) = self._values["gross"], self._rng.random((2, self.count))
         self._is_gross &= ends < np.exp(-dt / max(own["seconds"], 1e-12))
         rate = own["rate"] * np.exp(-own["visible"] * v)
@@ -290,7 +290,7 @@ class NoiseState:
         return self._gross
 
     def _found_now(self, v: FloatArray, dt: float) -> Array:
-        """Draw (N,) whether the object is found: a two-state Markov chain, rates by the visible share."""
+        """Draw (N,) whether the object is found: a two-state Markov chain whose rates depend on v."""
         own, drawn = self._values["missed"], self._rng.random(self.count)
         lost = own["lost"] * np.exp(np.maximum(-own["lost_visible"] * v, -_MOST))
         found = own["found"] * np.exp(np.minimum(own["found_visible"] * v, _MOST))

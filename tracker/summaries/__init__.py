@@ -1,1 +1,1 @@
-"""Summaries of a tracked recording: numbers, rewards, remarks, and a line of a table."""
+"""Summaries of a tracked recording: numbers, rewards, remarks, and a table row."""

@@ -1,4 +1,4 @@
-"""Compares poses with those stored in a data set: differences, delay, and gross errors."""
+"""Compares poses with those stored in a data set: differences, delay, and flips."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tracker.summaries.summary import best_kind
 NEAR = 0.005  # distance [m] below which a stored position counts as near
 
 FLIP = np.radians(45)
-"""Angle [rad] from which orientations show other faces; larger than any turn between consecutive images."""
+"""Angle [rad] above which orientations show different faces; no turn between images is as large."""
 
 LAGS = np.linspace(-0.1, 0.5, 61)  # candidate delays [s]
 MOVING = 0.005  # smallest standard deviation of the positions [m] for which a delay is estimated
@@ -24,7 +24,7 @@ _GROSS = 0.1  # distance [m] above which a stored pose is not used to estimate t
 
 
 class Compared(NamedTuple):
-    """Poses of one episode to compare."""
+    """Poses of one episode, to be compared."""
 
     poses: Poses
     """Poses, with the stored ones as the recorded poses."""
@@ -33,12 +33,12 @@ class Compared(NamedTuple):
 
 
 def differences(parts: Sequence[Compared]) -> dict[str, Any]:
-    """Compare poses over episodes of one robot; unknown values are None.
+    """Compare poses over the episodes of one robot; unknown values are None.
 
     Returns:
         The fields of `compare`; `bias_mm`, medians of ours minus stored along x, y, z; `share_within_5mm` and
-        `share_turned`, the shares of frames with both poses that are nearer than NEAR, and turned by more
-        than FLIP; `flips` and `stored_flips`, the numbers of turns by more than FLIP between consecutive
+        `share_turned`, the shares of frames with both poses in which these are nearer than NEAR, or turned by
+        more than FLIP; `flips` and `stored_flips`, the numbers of turns by more than FLIP between consecutive
         frames; `delay_s`, see `delay`; `stored_delay_s`, the median of the stored delays.
     """
     whole = concatenate([part.poses for part in parts])
@@ -62,10 +62,10 @@ def differences(parts: Sequence[Compared]) -> dict[str, Any]:
 
 
 def delay(parts: Sequence[Poses]) -> float | None:
-    """Estimate by how much [s] recorded positions lag behind ours, as the maximum of their cross-correlation.
+    """Estimate how far recorded positions lag behind ours [s], from the maximum of their cross-correlation.
 
-    Deviations from each part's mean are correlated, so neither a bias nor a scale matters. None if the
-    object hardly moves, or the maximum is not inside LAGS.
+    Deviations from each part's mean are correlated, so neither bias nor scale matters. None if the object
+    hardly moves, or the maximum is not inside LAGS.
     """
     products, ours_squared = np.zeros(len(LAGS)), np.zeros(len(LAGS))
     theirs_squared, count = 0.0, 0

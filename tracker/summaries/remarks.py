@@ -35,9 +35,9 @@ from tracker.recordings.track import chosen, rig_for
 from tracker.summaries.summary import camera_shares, to_look_at
 
 SURE, UNSURE = 0.9, 0.75
-"""Confidence from which images fit the cameras, and below which they do not."""
+"""Confidence at and above which images fit the cameras, and below which they do not."""
 
-_MOST_CAMERAS = 4  # up to this number of cameras all orders are tried (24), above it only swapped pairs
+_MOST_CAMERAS = 4  # up to this number of cameras all orders (24) are tried, above it only swapped pairs
 _MOST_SETS = 7  # sets of images to check: motion blur or a finger may spoil some
 _AGREE = 2
 
@@ -53,9 +53,9 @@ DOUBTFUL = (
 def swapped(
     tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation | None = None
 ) -> tuple[int, ...] | None:
-    """Find the only order in which images fit the cameras, if not as given; None if none or several do.
+    """Find the only order in which images fit the cameras, unless it is the given one.
 
-    In a symmetric rig, several orders fit: the right one is then unknown.
+    None if no order fits, or several do, as in a symmetric rig: the right one is then unknown.
 
     Args:
         tracker: tracker of the object with these cameras; `detect` is called.
@@ -84,11 +84,11 @@ def swapped(
 
 
 def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
-    """Check whether images fit with red and blue swapped, or fit another shipped object; return a remark."""
+    """Check whether images fit with red and blue swapped or fit another built-in object; return a remark."""
     if _confidence(answer) >= UNSURE:
         return None
     turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
-    # Accept a camera that contradicts, unlike `_confidence`: the object may be hidden from it.
+    # Accept a contradicting camera, unlike `_confidence`: the object may be hidden from it.
     pose = tracker.detect(turned).object_pose
     if pose is not None and pose.confidence >= UNSURE:
         return f"{tracker.model.name} is found if red and blue are swapped: images must be BGR"
@@ -100,9 +100,9 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
-    """Return on one line why no certain pose is found; None if one is found, or no cause is known.
+    """Return in one line why no certain pose is found; None if one is found, or no cause is known.
 
-    Swapped cameras, swapped channels and other objects are tried first, then exposure and sharpness are
+    Swapped cameras, swapped channels and other objects are tried first; then exposure and sharpness are
     checked. Unless the pose is certain, this takes as long as several detections.
 
     Args:
@@ -125,7 +125,7 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
 def lastingly_swapped(
     tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]
 ) -> tuple[int, ...] | None:
-    """Find the order as `swapped` does, for a recording: several sets of images must agree."""
+    """Like `swapped`, but for a recording: several sets of images must agree."""
     orders = []
     for images in itertools.islice(sets, _MOST_SETS):
         answer = tracker.detect(images)
@@ -140,9 +140,9 @@ def lastingly_swapped(
 
 
 def remark_on_recording(job: Job, poses: Poses) -> str | None:
-    """Return the `swap_message` of a recording that was tracked badly; None if its cameras seem right.
+    """Return the `swap_message` for a recording that was tracked badly; None if its cameras seem right.
 
-    None also if the recording cannot be read any more: its poses remain valid.
+    None also if the recording can no longer be read: its poses remain valid.
     """
     if not len(poses) or not _is_odd(poses):
         return None
@@ -161,7 +161,7 @@ def remark_on_recording(job: Job, poses: Poses) -> str | None:
 
 
 def swap_message(order: Sequence[int], names: Sequence[str]) -> str:
-    """Return a one-line warning of cameras in a wrong order."""
+    """Return a one-line warning about cameras in the wrong order."""
     moved = [name for k, name in enumerate(names) if order[k] != k]
     text = f"the images of {', '.join(moved[:-1])} and {moved[-1]} look swapped"
     if len(moved) == 2:
@@ -184,20 +184,20 @@ def _orders(count: int) -> Iterable[tuple[int, ...]]:
 
 
 def _confidence(answer: Observation) -> float:
-    """Return the confidence of a pose that no camera contradicts; 0 without one."""
+    """Return the confidence of a pose that no camera contradicts; 0 if there is none."""
     if answer.object_pose is None or answer.status is not Status.FOUND:
         return 0.0
     return 0.0 if CameraUse.CONTRADICTING in answer.cameras else answer.object_pose.confidence
 
 
-TRUSTED = 0.5  # smallest confidence of a pose that is checked
+TRUSTED = 0.5  # smallest confidence at which a pose is checked
 
 
 def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> str | None:
-    """Return on one line how far an object that seems to rest is off the table, and the remedy.
+    """Return in one line how far an object that seems to rest is off the table, and the remedy.
 
-    It seems to rest if a face is level, and within the uncertainty of the table's height. None if it is off
-    by less than two standard deviations or the limit of HEIGHT, or if the height is unknown.
+    It seems to rest if a face is level, and within the uncertainty of the table's height. None if the
+    pose is doubtful, or off by less than two standard deviations or HEIGHT's limit, or its height is unknown.
     """
     if pose is None or pose.confidence < TRUSTED:
         return None
@@ -228,7 +228,7 @@ class PictureLook(NamedTuple):
 
     @classmethod
     def of(cls, image: Image) -> PictureLook:
-        """Measure an image (H, W, 3), which takes a few milliseconds."""
+        """Measure an image (H, W, 3); takes a few milliseconds."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
         return cls(brightness(image), 100 * clipped_share(image), photo_blur(grey))
 

@@ -1,4 +1,4 @@
-"""A recording's rewards for the goal in its folder, and its line in a table."""
+"""A recording's rewards for the goal in its folder, and its row in a table."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from tracker.recordings.track import Tracked, unicode_text
 from tracker.summaries.summary import best, summary
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
-SAME = 1e-3  # largest difference of one frame's timestamps [s]: formats round them
+SAME = 1e-3  # largest difference between timestamps of the same frame [s]: formats round them
 
 
 def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
-    """Raise LogError for poses of another recording, by number and timestamp of first and last frame."""
+    """Raise LogError if numbers and timestamps of first and last frame show poses of another recording."""
     if not len(poses):
         return
     for row in (0, -1):
         number = int(poses.index[row])
         stamp = log.frame(number).timestamp if number < len(log) else np.inf
-        if abs(stamp - poses.timestamp[row]) > SAME:  # false for NaN, a frame without a timestamp
+        if abs(stamp - poses.timestamp[row]) > SAME:  # false for NaN: a frame without a timestamp
             source = poses.about.source
             raise LogError(
                 f"{path}: found poses of another recording ({source}), expected those of {recording}"
@@ -39,7 +39,7 @@ def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
 
 
 def seconds_since_beginning(log: Path, poses: Poses) -> FloatArray:
-    """Return the times (n,) [s] of poses since the first frame of their recording, as goals count them.
+    """Return the times (n,) [s] of poses since the first frame of their recording, as goals measure time.
 
     Raises:
         LogError, OSError: the poses start later than the recording, and it cannot be read.
@@ -59,7 +59,7 @@ def goal_file(log: Path) -> Path:
 
 
 def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
-    """Return the table columns about the goal in the recording's folder; none without a goal."""
+    """Return the table columns about the goal in the recording's folder; empty without a goal."""
     path = goal_file(log)
     if not path.is_file():
         return {}
@@ -77,9 +77,9 @@ def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
 
 
 def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
-    """Return sum over control steps, mean and last of rewards (n,) at times (n,) [s], each held to the next.
+    """Return sum and mean over control steps of rewards (n,) at times (n,) [s], and the final error.
 
-    NaN rewards, of frames without a pose, take the previous reward, or the first one at the beginning.
+    Each reward is held until the next; NaN, without a pose, is replaced by the reward before, or the first.
     """
     known = np.flatnonzero(~np.isnan(rewards))
     if not len(known):
@@ -93,7 +93,7 @@ def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
 
 
 STEP = 0.002
-"""Shortest movement that counts in a path's length [m]: poses of an object at rest differ by less."""
+"""Shortest movement that counts towards a path's length [m]: poses of an object at rest differ by less."""
 
 FAST = 99.0  # percentile of the reported speed, rather than the maximum, which depends on a single frame
 
@@ -133,7 +133,7 @@ COLUMNS: dict[str, type] = {
 
 
 def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
-    """Return the table line of a recording, under COLUMNS; None for unknown values.
+    """Return the table row of a recording, under COLUMNS; None for unknown values.
 
     swapped: see `remark_on_recording`.
     """
@@ -161,7 +161,7 @@ def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
 
 
 def path_length(positions: FloatArray) -> float:
-    """Return the length [m] of the path along positions (n, 3) [m], without movements shorter than STEP."""
+    """Return the length [m] of the path along positions (n, 3) [m]; movements up to STEP are ignored."""
     length, last = 0.0, positions[0]
     for position in positions[1:]:
         step = float(np.linalg.norm(position - last))
@@ -171,7 +171,7 @@ def path_length(positions: FloatArray) -> float:
 
 
 def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
-    """Return the camera that contradicts the others most often, and in what share of measured frames."""
+    """Return the camera that contradicts the others most often, and the share of measured frames."""
     shares = {name: its[CameraUse.CONTRADICTING.value] for name, its in cameras.items()}
     known = {name: share for name, share in shares.items() if share is not None}
     if not known:
@@ -181,7 +181,7 @@ def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
 
 
 def _sure_and_far(poses: Poses) -> dict[str, float]:
-    """Return medians of confidence and standard deviations, path length, greatest height and speed."""
+    """Return medians of confidence and standard deviations, path length, greatest height and FAST speed."""
     some = best(poses).take(best(poses).has_pose)
     if not len(some):
         return {}

@@ -18,8 +18,8 @@ TOLERABLE = {
     CameraUse.FROZEN: 0.01,
     CameraUse.BLACK: 0.01,
 }
-"""Largest share of frames in which a camera's image may be unused without a remark, by reason; fingers and
-motion blur make some images contradict the others."""
+"""Largest share of frames in which a camera's image may be unused without causing a remark, by reason:
+fingers and motion blur make some images contradict the others."""
 
 
 def best_kind(poses: Poses) -> Kind:
@@ -33,7 +33,7 @@ def best(poses: Poses) -> MeasuredColumns:
 
 
 def to_look_at(cameras: dict[str, dict[str, float | None]]) -> dict[str, dict[CameraUse, float]]:
-    """Return those shares of `summary`'s `cameras` that exceed TOLERABLE, without cameras that have none."""
+    """Return the shares in `summary`'s `cameras` that exceed TOLERABLE, without cameras that have none."""
     found = {
         name: {use: share for use, least in TOLERABLE.items() if (share := shares[use.value] or 0.0) > least}
         for name, shares in cameras.items()
@@ -42,7 +42,7 @@ def to_look_at(cameras: dict[str, dict[str, float | None]]) -> dict[str, dict[Ca
 
 
 def camera_shares(poses: Poses) -> dict[str, dict[str, float | None]] | None:
-    """Return `summary`'s `cameras`, or None if the uses of the cameras' images are unknown."""
+    """Return `summary`'s `cameras`; None if it is unknown how the cameras' images were used."""
     if poses.cameras is None:
         return None
     return {
@@ -55,7 +55,7 @@ def summary(tracked: Tracked) -> dict[str, Any]:
     """Summarise a tracked recording; values are None if there is nothing to count.
 
     Returns:
-        `frames`, of which `new` were tracked now; `expected`, the number that the recording should have;
+        `frames`, of which `new` were tracked now; `expected`, how many the recording should have;
         `last_frame`, the number of the last one; `measured` and `filtered`, the shares of frames with such a
         pose; `statuses`, each status's share of frames and, as `with_pose`, the share of these with a pose;
         `cameras`, for each camera the shares of frames in which its image was not used, by `CameraUse` (for

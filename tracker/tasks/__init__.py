@@ -11,5 +11,5 @@ else:
     def __getattr__(name):
         if name not in ("move_object", "rearrange_dice"):
             raise AttributeError(f"module 'tracker.tasks' has no attribute {name!r}")
-        # Import on first use: errors and rewards need none of the image processing for dice.
+        # Import on first use: errors and rewards do not need the image processing for dice.
         return import_module(f"tracker.tasks.{name}")

@@ -44,15 +44,15 @@ class JobGoal:
     orientation: FloatArray | None = None
     """(4,) xyzw goal orientation of the object, if it matters."""
     trajectory: tuple[tuple[float, tuple[float, ...]], ...] = ()
-    """Pairs of the control step from which a goal is active, and its position [m]."""
+    """Pairs of the control step at which a goal becomes active, and its position [m]."""
 
     def rewards(
         self, seconds: FloatArray, position: FloatArray, orientation: FloatArray, model: CuboidModel
     ) -> FloatArray:
-        """Return rewards (n,), each of one control step, at times (n,) [s] since the job's beginning.
+        """Return rewards (n,) per control step, at times (n,) [s] since the beginning of the job.
 
-        Positions (n, 3) [m] and orientations (n, 4) xyzw are NaN where the object was not seen, and so is
-        the reward. TaskError: the task does not move an object.
+        Positions (n, 3) [m], orientations (n, 4) xyzw and rewards are NaN where the object was not seen.
+        TaskError if the task is not to move an object.
         """
         if self.task == "trajectory":
             return move_object.trajectory_reward(self.trajectory, STEPS_PER_SECOND * seconds, position)
@@ -64,7 +64,7 @@ class JobGoal:
 
 
 def read_job_goal(path: str | os.PathLike[str]) -> JobGoal:
-    """Read the goal in a job's file; TaskError, which names the file, if it cannot be read or has no goal."""
+    """Read a job's goal file; TaskError, which names the file, if it cannot be read or has no goal."""
     data = read_stored(path)
     with naming(Path(path), TaskError):
         return _goal(data)
@@ -82,7 +82,7 @@ def _goal(data: Any) -> JobGoal:
     if not isinstance(data, list) or not data or not all(isinstance(entry, list) for entry in data):
         raise TaskError("found no goal, expected a pose, a trajectory or the positions of dice")
     if all(len(entry) == 2 for entry in data):
-        move_object.active_goal(data, 0)  # which checks them
+        move_object.active_goal(data, 0)  # checks them
         return JobGoal(
             "trajectory", trajectory=tuple((float(time), tuple(position)) for time, position in data)
         )

@@ -1,8 +1,8 @@
 """Errors and rewards of the platform's tasks that move an object: to a goal, or along a trajectory of goals.
 
 Positions are those of the object's centre in the world [m]. Orientations are quaternions (x, y, z, w) of any
-length but 0. Lists, as in a goal's JSON file, work as well as arrays. Every function takes one state or many,
-for instance all of an episode: leading axes broadcast.
+nonzero length. Lists, as in a goal's JSON file, work as well as arrays. Every function takes one state or
+many, for instance a whole episode: leading axes broadcast.
 
 Goals must be finite. A state may be NaN where the object was not seen; its error and reward are NaN, too.
 """
@@ -41,20 +41,20 @@ XY_RANGE = 0.39
 """Largest horizontal distance of two positions: the arena's diameter [m]."""
 
 Z_RANGE = 0.1
-"""Height of the space that goals are in [m]."""
+"""Height of the space that contains all goals [m]."""
 
 LEVELS = (1, 2, 3, 4)
 """Levels of difficulty: on the table, lifted, anywhere in the air; 4 with an orientation."""
 
 LONG = 2.0
-"""Smallest ratio of the longest edge to the second longest at which an object has a long axis."""
+"""An object has a long axis if its longest edge is at least this many times as long as the next."""
 
 Trajectory = Sequence[tuple[float, npt.ArrayLike]]
-"""Pairs of the time from which a goal is active, and its position (3,) [m]."""
+"""Pairs of the time at which a goal becomes active, and its position (3,) [m]."""
 
 
 def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
-    """Return errors (...) of positions (..., 3) [m]: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), about 1 at most.
+    """Return errors (...) of positions (..., 3) [m]: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), at most about 1.
 
     Raises:
         TaskError: an argument is malformed, or the leading axes do not broadcast.
@@ -73,7 +73,7 @@ def rotation_error(goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike) 
         TaskError: an argument is malformed, or the leading axes do not broadcast.
     """
     goal, actual = pair("orientation", quaternions, goal_orientation, orientation)
-    # Vector and scalar part of goal⁻¹ · actual; the vector is exactly 0 if the two are equal.
+    # Vector and scalar parts of goal⁻¹ · actual; the vector is exactly 0 if the two are equal.
     vector = goal[..., 3:] * actual[..., :3] - actual[..., 3:] * goal[..., :3]
     vector = vector - np.cross(goal[..., :3], actual[..., :3])
     scalar = np.sum(goal * actual, axis=-1)
@@ -84,11 +84,11 @@ def rotation_error(goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike) 
 def long_axis_error(
     goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike, *, axis: int = 1
 ) -> FloatArray:
-    """Return errors (...) in [0, 1] of the direction of one axis of the object: the angle, divided by π.
+    """Return errors (...) in [0, 1] in the direction of one axis of the object: the angle, divided by π.
 
-    Turning about that axis costs nothing, a flip costs 1. The angle is exact to rounding. The platform's
-    package takes the arccosine of a cosine rounded to ten digits. It differs by up to 5e-11 rad divided by
-    the sine of the angle, and by up to 1e-5 rad near 0 and π.
+    Turning about that axis costs nothing; a flip costs 1. The angle is exact up to rounding. The platform's
+    package takes the arccosine of a cosine rounded to ten digits, so its angle differs by up to 5e-11 rad
+    divided by the sine of the angle, and by up to 1e-5 rad near 0 and π.
 
     Args:
         goal_orientation: (..., 4) xyzw.
@@ -108,7 +108,7 @@ def long_axis_error(
 
 
 def long_axis(model: CuboidModel) -> int | None:
-    """Return the object's long axis (0, 1 or 2), at least twice as long as the others, or None."""
+    """Return the object's long axis (0, 1 or 2), at least twice as long as the others; None without one."""
     of_kind(model, CuboidModel, "model", TaskError, "tracker.load_object")
     shorter, longest = np.sort(model.size)[1:]
     return int(np.argmax(model.size)) if longest >= LONG * shorter else None
@@ -123,7 +123,7 @@ def reward(
     *,
     model: CuboidModel | None = None,
 ) -> FloatArray:
-    """Return rewards (...), each of one control step: 0 at the goal, negative elsewhere.
+    """Return rewards (...) per control step: 0 at the goal, negative elsewhere.
 
     Levels 1 to 3: -e_position; the orientation does not count. Level 4: -½ (e_position + e_orientation),
     where e_orientation is `long_axis_error` for an object with a long axis, else `rotation_error`.
@@ -134,7 +134,7 @@ def reward(
         position: (..., 3) [m].
         goal_orientation: (..., 4) xyzw; level 4 needs it, the others ignore it.
         orientation: (..., 4) xyzw; likewise.
-        model: the object, whose size tells whether it has a long axis; None: it has none.
+        model: the object, whose size determines whether it has a long axis; None: it has none.
 
     Raises:
         TaskError: an argument is missing or malformed, or the leading axes do not broadcast.
@@ -161,8 +161,8 @@ def episode_reward(rewards: npt.ArrayLike, *, steps: npt.ArrayLike = 1) -> Float
 
     Args:
         rewards: (..., N) over time.
-        steps: number of control steps for which each reward holds, one for all or (..., N): 1 if there is
-            a reward for every step, 100 if poses come at 10 Hz and steps take 1 ms.
+        steps: number of control steps that each reward covers, a scalar or (..., N): 1 if there is a reward
+            for every step, 100 if poses come at 10 Hz and steps take 1 ms.
 
     Raises:
         TaskError: an argument is malformed.
@@ -184,12 +184,12 @@ def episode_reward(rewards: npt.ArrayLike, *, steps: npt.ArrayLike = 1) -> Float
 def weighted_total(episode_rewards: Mapping[int, npt.ArrayLike], *, median: bool = False) -> float:
     """Return the total of the Real Robot Challenge: the sum over levels i of i · R_i.
 
-    R_i is the mean of the cumulative rewards of the episodes of level i, as in the challenge with the cube.
-    With the cuboid it was the median, which a failed episode changes less.
+    R_i is the mean cumulative reward of the episodes of level i, as in the challenge with the cube. With
+    the cuboid it was the median, which is less sensitive to failed episodes.
 
     Args:
-        episode_rewards: cumulative rewards (N,) of the episodes of each of the levels 1 to 4.
-        median: whether R_i is the median.
+        episode_rewards: cumulative rewards (N,) of the episodes of each level from 1 to 4.
+        median: whether R_i is the median instead of the mean.
 
     Raises:
         TaskError: a level is missing, unknown or without episodes.
@@ -209,7 +209,7 @@ def weighted_total(episode_rewards: Mapping[int, npt.ArrayLike], *, median: bool
 
 
 def active_goal(trajectory: Trajectory, time: npt.ArrayLike) -> FloatArray:
-    """Return goals (..., 3) [m] active at times (...); each lasts until the next begins, the last for ever.
+    """Return goals (..., 3) [m] active at times (...); each lasts until the next begins, the last forever.
 
     Args:
         trajectory: pairs (time, position), e.g. [(0, (0, 0, 0.05)), (30000, (0.1, 0, 0.08))]; the first
@@ -228,7 +228,7 @@ def active_goal(trajectory: Trajectory, time: npt.ArrayLike) -> FloatArray:
 
 
 def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
-    """Return rewards (...), each of one control step: -e_position to the goal active at its time (...).
+    """Return rewards (...) per control step: -e_position with respect to the goal active at times (...).
 
     Positions are (..., 3) [m]; trajectory and times as for `active_goal`.
 
@@ -267,7 +267,7 @@ def keypoints(position: npt.ArrayLike, orientation: npt.ArrayLike, size: npt.Arr
     Corner i is on the + side of the object's x, y, z if bit 0, 1, 2 of i is 0.
 
     Args:
-        position: (..., 3) of the box's centre [m]; NaN, where it was not seen, gives NaN.
+        position: (..., 3) of the box's centre [m]; NaN if it was not seen, which gives NaN.
         orientation: (..., 4) xyzw.
         size: (3,) edge lengths [m], as a model's `size`.
 
@@ -287,9 +287,9 @@ def pose_from_keypoints(
     The rotation is the least-squares solution over all corners (Kabsch); the orientation has w ≥ 0.
 
     Args:
-        corners: (..., 8, 3) [m] in the order of `keypoints`; NaN, where it was not seen, gives NaN.
+        corners: (..., 8, 3) [m] in the order of `keypoints`; NaN if it was not seen, which gives NaN.
         size: (3,) edge lengths [m].
-        tolerance: largest distance of a corner from that of the fitted box [m].
+        tolerance: largest distance between a corner and that of the fitted box [m].
 
     Raises:
         TaskError: an argument is malformed, or the corners are not those of a box of this size: one is
@@ -301,7 +301,7 @@ def pose_from_keypoints(
     if found.shape[-2:] != (8, 3):
         raise TaskError(f"keypoints: found shape {found.shape}, expected (..., 8, 3)")
     unseen = np.isnan(found.sum(axis=(-2, -1), keepdims=True))
-    # Replace unseen corners by any that have a singular value decomposition.
+    # Replace unseen corners with values for which the singular value decomposition works.
     seen = np.where(unseen, cuboid.keypoints(np.zeros(3), np.eye(3), edges), found)
     position = seen.mean(axis=-2)
     inside = cuboid.KEYPOINT_SIGNS * (edges / 2)

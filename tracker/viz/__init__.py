@@ -1,4 +1,4 @@
-"""Visualisation: the estimate drawn into the images that it comes from, plots, and image files."""
+"""Visualisation: estimates drawn into their images, plots, and image files."""
 
 from tracker.viz.dice import dice_overlay as dice_overlay
 from tracker.viz.dice import goal_picture as goal_picture

@@ -1,4 +1,4 @@
-"""Rig health: residuals of each camera relative to the others or to a board; and a page over time."""
+"""Rig health: each camera's residuals relative to the others or to a board, and a page of plots over time."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _SIDE, _HEAD = 420, 76
 _SHOWN = 4.0  # range of a panel [limits]
 _WIDTH = 1080  # width of the picture of residuals [px]
 _STRIP = 40  # height of the line of text below [px]
-_LONG = 0.02  # length at which the RMS is drawn [picture widths]
+_LONG = 0.02  # length of a line that shows the RMS [picture widths]
 
 
 def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
-    """Return a picture (H, W, 3) BGR with a panel for each camera, which shows a dot for each look.
+    """Return a picture (H, W, 3) BGR with a panel for each camera, and a dot for each look.
 
-    A dot's offset from the centre is how far the camera sees the object from where the others see it, right
-    and down as in its image; the ring is the limit.
+    A dot's offset from the centre is the distance in the image between the object as the camera sees it and
+    as the others see it; the ring is the limit.
     """
     picture = paint.canvas(_SIDE * len(rig), _SIDE + _HEAD)
     for c, (camera, one) in enumerate(zip(rig, found.cameras, strict=True)):
@@ -116,7 +116,7 @@ _NARROW = '<meta name="viewport" content="width=device-width, initial-scale=1">'
 
 
 def write_health(path: str | os.PathLike[str], health: Health, title: str) -> None:
-    """Write a page (.html) atomically, with a plot over time of each measured quantity.
+    """Write a page (.html) atomically, with a plot of each measured quantity over time.
 
     Raises:
         TrackerError: the optional package `matplotlib` is missing, or the file cannot be written.
@@ -194,7 +194,7 @@ def _plot(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple
                 axis.axhline(limit, color=rgb(paint.FAINT), linewidth=1, linestyle="--")
         if len(time) > 1 and np.ptp(time) > 0:
             room = 0.01 * np.ptp(time)
-            axis.set_xlim(time.min() - room, time.max() + room)  # the same in all plots
+            axis.set_xlim(time.min() - room, time.max() + room)  # the same range in all plots
         axis.set_xlabel("time [s]")
         axis.set_ylabel(quantity.unit, fontsize=8)
         axis.yaxis.set_label_coords(-0.05, 0.5)

@@ -1,4 +1,4 @@
-"""Pictures of the dice task: camera views with goal areas, dice and the error; and a goal from above."""
+"""Pictures of the dice task: camera views with goal areas, dice and the error, and a goal seen from above."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OUTSIDE: paint.Color = (20, 125, 255)
 """Colours of dice inside and outside the goal areas; they also differ in lightness, for the colour-blind."""
 
 _INSIDE_OPACITY, _OUTSIDE_OPACITY, _AREA_OPACITY = 0.5, 0.75, 0.16
-_FINE = 2  # outlines of masks are found on a grid this much finer than the panel's
+_FINE = 2  # mask outlines are found on a grid this much finer than the panel's
 
 
 def dice_overlay(
@@ -38,13 +38,13 @@ def dice_overlay(
     assignment: Assignment | None = None,
     title: str = "",
 ) -> Image:
-    """Return the camera views with goal and dice drawn in, and a caption with the task's error below.
+    """Return the camera views with goal and dice drawn in, above a caption with the task's error.
 
     Args:
         images: image (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says "no image".
         rig: the cameras.
         goal_masks: mask (H, W) of each camera, see `rearrange_dice.goal_masks`; None: there is no goal.
-        dice_masks: mask (H, W) of each camera, of the same kind; None if there is no image.
+        dice_masks: mask (H, W) of each camera, likewise; None if there is no image.
         positions: centres (N, 3) [m] of the dice found, drawn as dots.
         assignment: assignment of these dice to the goal's places, for the caption.
         title: a line above the numbers, e.g. the time.
@@ -89,7 +89,7 @@ def _draw_masks(panel: Image, goal: Array | None, dice: Array | None) -> None:
 
 
 def _tint(panel: Image, mask: Array, color: paint.Color, opacity: float) -> None:
-    """Blend a colour into the pixels of a mask of any size, with soft borders."""
+    """Blend a colour into the pixels of a mask, which may have any size, with soft borders."""
     coverage = cv2.resize(255 * mask.astype(np.float32), panel.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     paint.blend(panel, coverage, color, opacity)
 
@@ -138,15 +138,15 @@ def _caption(
 DIE: paint.Color = (255, 150, 70)
 
 _SCALE = 38 / DIE_WIDTH
-"""Scale [px/m]; cells are a whole number of pixels wide, so that all lines of the grid are equally sharp."""
+"""Scale [px/m]; cells are a whole number of pixels wide, so that all grid lines are equally sharp."""
 _BORDER = 26  # around the arena [px]
 _LABELS = 48  # space for the axes, left of and below the border [px]
 _FLOOR: paint.Color = (50, 43, 40)
 _TICKS_M = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 _TEXT_SIZE = 11.0
 _FAR = 10 * ARENA_RADIUS
-"""Coordinates are clipped to this [m], outside the picture, so that pixel coordinates do not overflow."""
-_HIGHER = 1e-3  # places at least this far above the floor [m] are marked with their height
+"""Limit, outside the picture, to which coordinates are clipped so that pixels do not overflow [m]."""
+_HIGHER = 1e-3  # places at least this far above the floor are marked with their height [m]
 
 _SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * DIE_WIDTH / 2
 _SIDE = 2 * round(ARENA_RADIUS * _SCALE + _BORDER) + 1

@@ -1,4 +1,4 @@
-"""Write image files, and films (.mp4) that every browser plays."""
+"""Write image files, and films (.mp4) that any browser can play."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
     """Write uint8 pixels, grey (H, W) or BGR (H, W, 3), as a PNG or JPEG file, atomically.
 
     Raises:
-        ImageError: the suffix is not one of IMAGE_SUFFIXES, the image is none, or the file cannot be written.
+        ImageError: the suffix is not in IMAGE_SUFFIXES, the image is invalid, or the file cannot be written.
     """
     target = path_of(path, "image", ImageError)
     check_suffix(target, IMAGE_SUFFIXES, "image", ImageError)
@@ -54,14 +54,14 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
 
     Args:
         path: ends in .mp4.
-        pictures: the images, consumed one by one, so that a long film does not fill the memory.
+        pictures: the images, consumed one by one, so that a long film does not fill up memory.
         rate: images per second, 0.001 to 1000.
 
     Returns:
         The number of images.
 
     Raises:
-        ImageError: the suffix differs, there are no images, or the file cannot be written.
+        ImageError: the suffix is wrong, there are no images, or the file cannot be written.
         TrackerError: the optional package `av` is missing.
     """
     target = path_of(path, "film", ImageError)

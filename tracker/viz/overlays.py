@@ -1,4 +1,4 @@
-"""Draw camera views side by side, with the estimate's edges distorted by the lens, and small tables below."""
+"""Draw camera views side by side, with the estimate's lens-distorted edges, and small tables below."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tracker.pose.result import Observation, PoseEstimate
 from tracker.viz import paint
 
 MIN_HEIGHT = 400
-"""Smallest height of images [px]; smaller ones are enlarged by the smallest whole number that reaches it."""
+"""Smallest height of an image [px]; smaller images are enlarged by the smallest sufficient integer factor."""
 
 GAP = 6  # between panels [px]
 
@@ -30,11 +30,11 @@ _NAME_SIZE = 14.0
 _EMPTY = (44, 38, 35)
 
 Draw = Callable[[int, Image, Camera], None]
-"""Function that draws into the panel of the camera with an index; the camera is that of the scaled image."""
+"""Draws into a camera's panel; takes its index, the panel, and the camera for the scaled image."""
 
 
 def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
-    """Return a row of all views after `draw` drew into each; ImageError if images do not fit the rig."""
+    """Return all views in a row, after calling `draw` on each; ImageError if images do not fit the rig."""
     of_kind(rig, CameraRig, "overlay: rig", ImageError, "tracker.CameraRig.load")
     images = check_images(images, rig, least=0)
     height = max(camera.height * -(-MIN_HEIGHT // camera.height) for camera in rig)
@@ -64,7 +64,7 @@ DOUBTFUL: paint.Color = (80, 170, 245)
 """Colours of a block's last line, for good and for doubtful results."""
 
 _MARGIN, _LINE, _SPACE, _COLUMN = 24, 28, 50, 17
-"""Space around the strip and between lines, blocks and a block's columns [px]; scaled with the strip."""
+"""Spacing around the strip, and between lines, blocks, and columns of a block [px]; scaled with the strip."""
 _SIZES = (10.0, 12.0, 12.0)  # heights of the digits in a block's lines [px]
 _WIDTH, _MOST = 1000, 1.5
 """Width of a strip above which its text is enlarged [px], and the largest factor."""
@@ -122,7 +122,7 @@ def note_strip(width: int, text: str) -> Image:
 
 
 def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:
-    """Yield blocks with object, status and the pose's numbers; `title` is above the object's name."""
+    """Yield blocks with the object, the status and the pose in numbers; `title` is above the object."""
     measured, filtered = observation.object_pose, observation.filtered_object_pose
     pose, status = measured or filtered, observation.status.value
     state = status if measured is not None else f"{'no pose' if pose is None else 'predicted'}: {status}"
@@ -165,11 +165,11 @@ def overlay(
     title: str = "",
     note: str = "",
 ) -> Image:
-    """Return the camera views with the estimate's edges drawn in, and a caption with its numbers below.
+    """Return the camera views with the estimate's edges drawn in, above a caption with its numbers.
 
-    The pose drawn is the one measured in these images or else the filtered pose, in amber if its confidence
-    is below 0.5. Edges hidden by the object itself are dashed; edges behind a finger are not, since the
-    tracker has no model of the fingers.
+    The measured pose is drawn, or the filtered pose if there is none, in amber if its confidence is below
+    0.5. Edges hidden by the object itself are dashed; edges behind a finger are not, since the tracker has
+    no model of the fingers.
 
     Args:
         images: image (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says "no image".

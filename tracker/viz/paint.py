@@ -1,7 +1,7 @@
 """Blend anti-aliased shapes and text into images.
 
-Text is drawn by Pillow, so that it looks alike with every version of OpenCV. Shapes are drawn by OpenCV: on
-the same finer grid its lines are off by 0.02 px (RMS), those of Pillow, limited to whole pixels, by 0.17 px.
+Text is drawn by Pillow, so that it looks the same with any version of OpenCV. Shapes are drawn by OpenCV: on
+the same fine grid its lines are off by 0.02 px (RMS); Pillow's, limited to whole pixels, by 0.17 px.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _FINE = 4  # oversampling: shapes are drawn on a grid this much finer, then aver
 
 _SHIFT = 4
 
-# The font in Pillow has no umlauts.
+# Pillow's built-in font has no umlauts.
 _FONT = Path(__file__).parent / "fonts" / "DejaVuSansCondensed.ttf"
-_EM = 1.15  # font size [heights of its digits]
+_EM = 1.15  # font size [digit heights]
 
 
 def canvas(width: int, height: int, color: Color = BACKGROUND) -> Image:
@@ -48,7 +48,7 @@ def fill(image: Image, polygon: FloatArray, color: Sequence[int], opacity: float
 def stroke(
     image: Image, lines: Sequence[FloatArray], color: Sequence[int], width: float, opacity: float = 1.0
 ) -> None:
-    """Blend open lines (N, 2) [px] of a width [px] into the image in one pass: crossings are not darker."""
+    """Blend open lines (N, 2) [px] of a given width [px] into the image at once: crossings are not darker."""
     _draw(image, lines, color, width, opacity)
 
 
@@ -72,11 +72,11 @@ def put_text(
     size: float,
     align: float = 0.0,
 ) -> None:
-    """Write a line of text whose baseline has its left (align 0) … right (align 1) end at `at` [px]."""
+    """Write a line of text; `at` [px] is the left (align 0) … right (align 1) end of its baseline."""
     left, base = round(at[0] - align * text_width(text, size)), round(at[1])
     top = max(base - round(2 * size), 0)
     # Pillow draws into a copy, so pass only the rows that the text can reach. It takes blue for red, but in
-    # the image and in the colour alike.
+    # both image and colour.
     rows = image[top : max(base + round(size), 0)]
     if not rows.size:
         return
@@ -87,14 +87,14 @@ def put_text(
 
 @lru_cache
 def _font(size: float) -> ImageFont.FreeTypeFont:
-    # Every Pillow has the basic layout, with equal results.
+    # The basic layout is in every Pillow, and gives the same result everywhere.
     return ImageFont.truetype(str(_FONT), _EM * size, layout_engine=ImageFont.Layout.BASIC)
 
 
 def _draw(
     image: Image, shapes: Sequence[FloatArray], color: Sequence[int], width: float | None, opacity: float
 ) -> None:
-    """Blend lines of a width, or filled polygons if it is None, drawn on a finer grid around the shapes."""
+    """Blend lines of a given width, or filled polygons if it is None, drawn on a finer grid."""
     if not shapes:
         return
     points, margin = np.concatenate(shapes), width or 1.0

@@ -1,7 +1,7 @@
 """Plots by matplotlib, an optional package: dark like the other pictures, and written atomically.
 
-One plot shows an object's face colours: their confusion matrix and their chromaticities. The other shows a
-whole recording: the object's pose, its uncertainty, and the tracker's status.
+One plot shows an object's face colours: their confusion matrix and chromaticities. The other shows a whole
+recording: the object's pose, its uncertainty, and the tracker's status.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def figure(size: tuple[float, float]) -> Iterator[Figure]:
     """Yield an empty figure of a given size [inch]; TrackerError if the package `matplotlib` is missing."""
     made = optional("matplotlib.figure", "plot", "a plot").Figure
     with optional("matplotlib", "plot", "a plot").rc_context(_STYLE):
-        # Without pyplot, no window system is needed and no figure stays in memory.
+        # Without pyplot, no display is needed and no figure stays in memory.
         yield made(figsize=size, layout="constrained")
 
 
@@ -97,7 +97,7 @@ def write_colors_plot(
 
     Args:
         path: ends in .png.
-        counts: numbers (7, 7) of pixels by true label and label found.
+        counts: numbers (7, 7) of pixels by true label and found label.
         pixels: BGR levels (N, 3) in neutral light, by label.
         better: BGR levels (3,) of a better set of colours, by label.
         title: the heading.
@@ -114,7 +114,7 @@ def write_colors_plot(
 
 
 def _draw_confusion(axis: Any, counts: Array) -> None:
-    """Draw the share of each true colour's pixels by the label found."""
+    """Draw the share of each true colour's pixels by found label."""
     order = [*range(1, len(COLOR_NAMES)), 0]
     names = [*COLOR_NAMES[1:], "none"]
     sums = counts.sum(axis=1, keepdims=True)
@@ -179,22 +179,22 @@ STATUS_COLORS: dict[str, paint.Color] = {
 
 _LABEL_X = -0.065  # left of the longest tick label, so that the labels of all panels are aligned
 _LEAST_SHARE = 0.003
-"""Smallest share of the strip's width for a run of frames, so that single frames are visible."""
+"""Smallest share of the strip's width that a run of frames gets, so that single frames are visible."""
 _LEAST = 2.0  # smallest range of an axis that is fitted to its values
-_FEW = 250  # largest number of frames for which dots have their full size
+_FEW = 250  # largest number of frames at which dots have their full size
 
 
 def write_trajectory_plot(path: str | os.PathLike[str], poses: Poses, title: str = "") -> None:
     """Write a PNG file that plots position, rotation, confidence and status over time, atomically.
 
-    Lines are the filtered poses with a band of two standard deviations, dots the measured poses, circles
-    those of the recording; without any filtered pose the lines are the measured poses. The rotation is the
-    angle from the first pose.
+    Lines are filtered poses with a band of two standard deviations, dots are measured poses, circles are
+    poses from the recording. If there are no filtered poses, lines are the measured ones. The rotation is
+    the angle from the first pose.
 
     Args:
         path: ends in .png.
         poses: the poses to plot.
-        title: the heading; by default object and source.
+        title: the heading; by default the object and the source.
 
     Raises:
         ImageError: the suffix differs, or the file cannot be written.
@@ -219,7 +219,7 @@ def _draw_trajectory(figure: Any, poses: Poses, title: str) -> None:
         axes[0].set_xticks([])
     found = best(poses).has_pose
     share = f"{np.mean(found):.1%} of {len(poses)} frames have a pose" if len(poses) else "no frames"
-    # Escape dollar signs in file names, which would begin a formula.
+    # Escape dollar signs in file names; they would begin a formula.
     heading = title.replace("$", r"\$")
     axes[0].set_title(heading, loc="left", color=rgb(paint.BRIGHT), fontsize=14, pad=30)
     axes[0].set_title(share, loc="right", fontsize=10, pad=30)
@@ -244,7 +244,7 @@ class Series(NamedTuple):
 
 
 def series_of(poses: Poses) -> list[Series]:
-    """Return the panels; the axes of x, y and z have the same range, so that equal motions look equal."""
+    """Return the panels; the axes of x, y and z span equal ranges, so that equal motions look equal."""
     recorded = PoseColumns.nothing(len(poses)) if poses.recorded is None else poses.recorded
     kinds = shown, _, _ = best(poses), poses.measured, recorded
     positions = 1e3 * np.stack([one.position for one in kinds])
@@ -276,15 +276,15 @@ def _limits(values: FloatArray) -> tuple[float, float]:
 
 
 def angles(orientation: FloatArray, reference: FloatArray) -> FloatArray:
-    """Return the angles (n,) [°] of quaternions (n, 4) from a rotation (3, 3); NaN if the quaternion is."""
+    """Return the angles (n,) [°] of quaternions (n, 4) from a rotation (3, 3); NaN for NaN quaternions."""
     return np.degrees(so3.angle_between(reference, so3.matrix_from_quaternion(orientation)))
 
 
 def angle_std(orientation: FloatArray, reference: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the deviations (n,) [°] of `angles`, from covariances (n, 3, 3) [rad²] along world axes.
+    """Return standard deviations (n,) [°] of `angles`, from covariances (n, 3, 3) [rad²] along world axes.
 
     With R = exp(δθ) R̂ the angle changes by axis · δθ, where axis is that of R̂ Rᵀ_reference. Near zero the
-    axis is undefined, and the largest deviation over all axes is returned.
+    axis is undefined, so the largest standard deviation over all axes is returned.
     """
     vector = so3.log(so3.matrix_from_quaternion(orientation) @ reference.T)
     length = np.linalg.norm(vector, axis=1)
@@ -301,7 +301,7 @@ def _draw_panel(axis: Any, time: Array, series: Series) -> tuple[Any, ...]:
     color = rgb(series.color)
     size = float(np.clip(np.sqrt(_FEW / max(len(time), 1)), 0.5, 1))
     bottom, top = series.limits
-    # A variance may be huge, but pixel coordinates must not overflow.
+    # Variances may be huge, but pixel coordinates must not overflow.
     far = 10 * (top - bottom)
     low, high = np.clip(series.band, bottom - far, top + far)
     band = axis.fill_between(time, low, high, color=color, alpha=0.3, linewidth=0)

@@ -1,11 +1,11 @@
-"""Show a recording in time and space in the viewer Rerun; imported only if that package is installed.
+"""Show a recording over time and in 3D in the viewer Rerun; imported only if that package is installed.
 
     world                      z up [m]
       arena                    circle on the table: largest distance of the object's centre from the axis
-      cameras/NAME             pinhole; the images stay distorted, so overlays are distorted, too
+      cameras/NAME             pinhole; the images stay distorted, so overlays are distorted as well
         image                  as recorded
         image/measured         the object's edges, distorted by the lens; likewise image/filtered
-      measured, filtered       the object: coloured faces of the measured pose, wire frame of the filtered one
+      measured, filtered       the object: coloured faces at the measured pose, wire frame at the filtered one
       uncertainty/KIND         ellipsoid of the position, two standard deviations
       trajectory/KIND          one piece per frame; the view shows all pieces so far
     confidence/KIND, std_mm/KIND, std_deg/KIND, status
@@ -47,19 +47,19 @@ The viewer follows the system's theme. Neither a blueprint nor a command-line op
 """
 
 _AXES = {"x": (215, 60, 50), "y": (40, 140, 60), "z": (40, 110, 215)}
-_FACE_ALPHA = 190  # the ellipsoid inside shows through
+_FACE_ALPHA = 190  # the ellipsoid inside must show through
 _JPEG_QUALITY = 90
 _PLANE_DISTANCE = 0.12  # distance of the images from their camera in the 3D view [m]
 _BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS}
 
 _TABLE = ("health", "table")
 
-FLUSH_SECONDS = 30.0  # longest wait for a writer, which may not answer at all after a failure [s]
+FLUSH_SECONDS = 30.0  # longest wait for a writer, which may never answer after a failure [s]
 _FLUSH_FRAMES = 100  # number of frames between flushes, so that the queue does not grow
 
 
 class Scene:
-    """Sends frames one by one to a stream, which a file or a viewer is attached to, and keeps none."""
+    """Sends frames one by one to a stream, to which a file or a viewer is attached, and keeps none."""
 
     def __init__(self, stream: rr.RecordingStream, rig: CameraRig, model: CuboidModel) -> None:
         self._stream, self._rig, self._model = stream, rig, model
@@ -85,7 +85,7 @@ class Scene:
             timestamp: its time [s]; times are shown relative to the first frame.
             observation: the tracker's result.
             images: image (H, W, 3) uint8 BGR of each camera, None if there is none; empty: no images at all.
-            health: health of the rig; None: only brightness, clipping and white balance are measured here.
+            health: health of the rig; None: only brightness, clipping and white balance are measured.
 
         Raises:
             ImageError: an image does not fit the rig.
@@ -133,7 +133,7 @@ class Scene:
                     self._put(path, None)
             return
         body, colors = ("world", kind), [KINDS[kind]]
-        if body not in self._shown:  # at first, and after it was cleared
+        if body not in self._shown:  # the first time, and after it was cleared
             frame = rr.Boxes3D(half_sizes=[self._model.size / 2], colors=colors, radii=[5e-4])
             self._put(body, _mesh(self._model) if kind == "measured" else frame)
         self._log(body, rr.Transform3D(translation=pose.position, quaternion=_quaternion(pose.orientation)))

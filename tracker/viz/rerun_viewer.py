@@ -1,4 +1,4 @@
-"""Open the target of a `Scene`: a file, or a viewer that only this machine can connect to."""
+"""Open the target of a `Scene`: a file, or a viewer that only accepts connections from this machine."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ APPLICATION = "trifinger-object-tracker"
 HOST = "127.0.0.1"
 """Address of the viewer, with a free port: Rerun's default port may belong to another user's viewer."""
 
-_STARTING = 30.0  # longest time until the viewer listens [s]
+_STARTING = 30.0  # longest time that the viewer may take to listen [s]
 
 _SETTLING = 0.5
-"""How long the viewer is watched after that [s]: without a screen it first listens, then ends."""
+"""How long the viewer is watched after that [s]: without a screen it first listens, then exits."""
 
 _open: list[subprocess.Popen[bytes]] = []
 """Viewers that were started; Python warns about a running process whose object is deleted."""
@@ -64,7 +64,7 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
     if target is not None:
         check_suffix(target, (".rrd",), "view", ImageError)
     require_rerun()
-    # Errors are raised, so Rerun need not print them on stderr, too.
+    # Errors are raised, so Rerun need not print them on stderr as well.
     with environment({"RUST_LOG": os.environ.get("RUST_LOG", "off")}):
         import rerun as rr
 
@@ -93,7 +93,7 @@ def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) ->
     """Send the frames of the `with` block to a file, which appears when the block ends."""
     try:
         with told_as(ImageError, f"view {target}"), whole_file(target) as temporary:
-            temporary.write_bytes(b"")  # raises if there can be no file; Rerun does not report the reason
+            temporary.write_bytes(b"")  # raises if it cannot be created; Rerun does not report the reason
             try:
                 stream.save(temporary, default_blueprint=blueprint)
                 yield
@@ -110,7 +110,7 @@ def _check(path: Path) -> None:
     try:
         from rerun.chunk import RrdReader
     except ImportError:
-        return  # older versions write none
+        return  # older versions do not write one
     try:
         RrdReader(path).store()
     except ValueError as error:

@@ -1,7 +1,7 @@
 """The platform's own simulation package in a separate environment.
 
-It comes from PyPI with more dependencies than this project should have. A virtual environment for it is made
-below the cache, unless the environment variable TRIFINGER_SIMULATION_PYTHON names an interpreter.
+It comes from PyPI with more dependencies than this project should have. A virtual environment is made for it
+in the cache, unless the environment variable TRIFINGER_SIMULATION_PYTHON names an interpreter.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tracker.errors import TrackerError
 
 PACKAGE, VERSION = "trifinger-simulation", "2.0.0"
 VARIABLE = "TRIFINGER_SIMULATION_PYTHON"
-"""Environment variable that names an interpreter which can import the package."""
+"""Environment variable that names an interpreter able to import the package."""
 
 _SECONDS = 3600
 
@@ -34,7 +34,7 @@ def interpreter(folder: Path = CACHE, *, install: bool = True) -> Path:
         install: whether to create a missing environment.
 
     Raises:
-        PackageError: there is no such interpreter, with the reason.
+        PackageError: there is no such interpreter; the message has the reason.
     """
     chosen = os.environ.get(VARIABLE)
     if chosen:
@@ -43,8 +43,8 @@ def interpreter(folder: Path = CACHE, *, install: bool = True) -> Path:
         return Path(chosen)
     root = folder.resolve() / f"{PACKAGE}-{VERSION}"
     python, stamp = root / "bin" / "python", root / ".installed"
-    # The stamp is made last, so that an interrupted installation is repeated. The interpreter may be missing
-    # in spite of it: it is a link to a Python that may have been removed.
+    # The stamp file is made last, so that an interrupted installation is repeated. The interpreter may still
+    # be missing: it is a link to a Python that may have been removed.
     if stamp.is_file() and python.is_file():
         return python
     if not install:
@@ -62,7 +62,7 @@ def run(command: Sequence[str]) -> str:
     """Run a command in the package's environment and return what it prints.
 
     Raises:
-        PackageError: it fails, with its last line on stderr, or takes more than an hour.
+        PackageError: it fails (the message has its last line on stderr), or takes more than an hour.
     """
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_SECONDS)

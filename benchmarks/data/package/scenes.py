@@ -24,16 +24,16 @@ from tracker.objects.model import CuboidModel, load_object
 
 SCRIPT = Path(__file__).with_name("script.py")
 CHUNK = 20
-"""Number of scenes that one process renders."""
+"""Number of scenes rendered by one process."""
 
 KINDS = {"cube_v2": "cube", "cuboid_2x2x8_v2": "cuboid"}
 
 ROWS_TOO_HIGH = 1.0
-"""Number of rows of its own grid by which the package's camera renders everything too high [px]."""
+"""How many rows of its own grid too high the package's camera renders everything [px]."""
 
 
 LENS_MARGIN = 27
-"""Extra width on each side of images that will be distorted: the package's own padding [px]."""
+"""Margin on each side of images that will be distorted: the package's own padding [px]."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Drawing:
 
     @property
     def margin(self) -> int:
-        """Extra width of rendered images on each side [px]."""
+        """Margin on each side of rendered images [px]."""
         return LENS_MARGIN if self.lens else 0
 
 
@@ -78,7 +78,7 @@ def as_drawn(camera: Camera, drawing: Drawing) -> Camera:
 def package_store(
     object_name: str, drawing: Drawing, python: Path, seed: int, workers: int = 2, cache: Path = CACHE
 ) -> Store[Scene]:
-    """Return the package's scenes of one object, by their numbers.
+    """Return the package's scenes of one object, by number.
 
     Args:
         object_name: name of the object.
@@ -126,7 +126,7 @@ def face_map(camera: Camera, model: CuboidModel, position: Array, rotation: Floa
     """Return (H, W) uint8 labels of the object's faces, unoccluded, at the centres of a camera's pixels."""
     points = corners(model.size) @ rotation.T + position
     in_camera = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    # Before the lens, where edges are straight.
+    # In undistorted coordinates, where edges are straight.
     pixels = in_camera[:, :2] / in_camera[:, 2:]
     result = np.zeros((camera.height, camera.width), np.uint8)
     centres = normalised(camera)

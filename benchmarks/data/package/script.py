@@ -2,12 +2,12 @@
 
     python script.py cube|cuboid SEED SCALE MARGIN OUT.npz NUMBER…
 
-SCALE 1 samples each pixel by one ray, as the package does; SCALE 4 takes the mean of 4×4. Images extend by
+SCALE 1 samples each pixel with one ray, as the package does; SCALE 4 takes the mean of 4×4. Images extend by
 MARGIN pixels on each side. They are rendered without distortion: the package distorts finished images by
 whole pixels.
 """
 
-# The package and what it installs are not dependencies of this project.
+# The package and its own dependencies are not dependencies of this project.
 from __future__ import annotations
 
 import sys
@@ -28,7 +28,7 @@ TURNS = (
 """Rotations that turn each face down."""
 
 FINGERS = np.array([0.0, 0.9, -1.7] * 3)
-"""Mean of the drawn joint angles of the fingers [rad]."""
+"""Mean of the fingers' drawn joint angles [rad]."""
 
 CLEARANCE = 0.012
 """Smallest distance of a joint from the object [m]."""

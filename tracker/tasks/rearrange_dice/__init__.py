@@ -1,7 +1,7 @@
 """The task of the 25 dice: push them into a pattern.
 
-A goal is 25 places (x, y, z) [m] in the world. The dice look alike, so it does not matter which of them is
-where. The error is the number of pixels, over all cameras' images, that show dice but no place of the goal:
+A goal is 25 places (x, y, z) [m] in the world. The dice look alike, so it does not matter which die is
+where. The error is the number of pixels, over all cameras' images, that show dice outside the goal's places:
 the pixels in the mask of the dice that are not in the mask of the goal.
 """
 

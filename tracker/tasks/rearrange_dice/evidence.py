@@ -1,6 +1,6 @@
-"""Evidence of dice: whether a pixel shows one, its top or a side, a pip or a part between pips.
+"""Evidence for dice: whether a pixel shows a die, its top or a side, a pip or the area between pips.
 
-The evidence is projected into the plane of the dice's tops, in which squares of a die's size are proposed.
+The evidence is projected into the plane of the dice's tops, where squares of a die's size are proposed.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH
 
 SHADE = 0.6
-"""Gain of a pixel as bright as the tops if a top explains it, loss if a side does; and vice versa."""
+"""Gain if a top explains a pixel as bright as the tops, loss if a side does; vice versa for dark ones."""
 
 PIP = 1.5
-"""Loss of a pixel as pale as a pip if a part of a face without pips explains it; the gain is half of it if
-another part does."""
+"""Loss if the rim of a face, which has no pips, explains a pixel as pale as a pip; if another part of a face
+does, the gain is half as large."""
 
 PALENESS = 0.3
-"""Excess of the ratio of red to blue of a pip over that of the dice's blue."""
+"""Difference between the ratio of red to blue in a pip and that in the dice's blue."""
 
 OUTLINE = 0.3
-"""Weight of the mask's outermost pixels: whether they show dice depends on how generous the mask is."""
+"""Weight of the mask's outermost pixels, which may not show dice if the mask is generous."""
 
 MIN_PIXELS = 50
-"""Smallest number of dice pixels in an image for which their shades are used."""
+"""Smallest number of dice pixels in an image at which their brightness is used."""
 
 
 NOTHING, DICE, UNKNOWN = range(3)
@@ -41,7 +41,7 @@ def evidence(mask: Array, image: Image | None) -> tuple[Array, Image, Array]:
 
     Returns:
         (5, H, W) float32: score of a pixel if NONE, SIDE, SIDE_RIM, TOP, TOP_RIM explains it;
-        (H, W) of NOTHING, DICE; and
+        (H, W) uint8: NOTHING or DICE; and
         (H, W) float32: from -1, as dark as the sides, to 1, as bright as the tops; 0 if unknown.
     """
     seen = (mask > 0).astype(np.uint8)
@@ -59,7 +59,7 @@ def evidence(mask: Array, image: Image | None) -> tuple[Array, Image, Array]:
 
 
 def _shade(image: Image, seen: Image, inner: Image) -> Array:
-    """Return the brightness of the dice's blue; -1 and 1: means of its dark and bright class (Otsu)."""
+    """Return the brightness of the dice's blue, -1 to 1: the means of its dark and bright classes (Otsu)."""
     blue = image[..., 0]
     levels = blue[inner > 0]
     border, _ = cv2.threshold(levels[:, None], 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
@@ -79,7 +79,7 @@ def _paleness(image: Image, inner: Image) -> Array:
 
 
 def tops(masks: Image, shades: Array) -> Array:
-    """Rate pixels (C, H, W) float32: from -0.7, no dice, to 1, as bright as a die's top; 0 if unknown."""
+    """Rate pixels (C, H, W) float32: from -0.7 (no dice) to 1 (as bright as a die's top); 0 if unknown."""
     shaded = shades.any(axis=(1, 2), keepdims=True)
     seen = np.where(shaded, 0.4 + 0.6 * shades, np.float32(0.5))
     return np.choose(masks, (np.float32(-0.7), seen, np.float32(0))).astype(np.float32)
@@ -89,25 +89,25 @@ CELL = 0.002
 """Edge length of the plane's cells [m]."""
 
 REACH = 0.196
-"""Radius that the edges of dice do not exceed [m]."""
+"""Radius around the arena's centre beyond which no die reaches [m]."""
 
 LEVELS = 2
 """Number of planes: the tops of dice on the table, and of dice on these."""
 
 STACKED = 0.25
-"""Penalty on the evidence of a die on another one, as a share of the largest possible evidence."""
+"""Penalty on the evidence for a die on top of another, as a share of the largest possible evidence."""
 
 ENOUGH = 0.15
-"""Smallest evidence of a proposed square, as a share of the largest possible."""
+"""Smallest evidence for a proposed square, as a share of the largest possible."""
 
 BORDER = 0.003
 """Width of a square's outline [m]."""
 
 SLACK = 0.0005
-"""Margin of a proposed square that neighbours may overlap [m]."""
+"""Width by which neighbours may overlap a proposed square [m]."""
 
 _STYLES = ((0.5, 0.0), (0.9, 0.0), (0.5, 7.5))
-"""Weight of the outline, and first yaw [°], of each style."""
+"""Weight of the outline, and first yaw [°], for each style."""
 
 STYLES = len(_STYLES)
 """Number of ways to fill a crowd with squares."""
@@ -120,7 +120,7 @@ _HALF = int(np.ceil((DIE_WIDTH / 2 + BORDER) * np.sqrt(2) / CELL))
 
 
 class Plan:
-    """The planes of tops over a table at a height [m] in the world, with each cell's pixel in each camera."""
+    """The planes of tops above a table at a given height [m] in the world; maps cells to camera pixels."""
 
     def __init__(self, cameras: Sequence[Camera], table: float = 0.0) -> None:
         heights = [table + (k + 1) * DIE_WIDTH for k in range(LEVELS)]
@@ -142,8 +142,8 @@ class Plan:
         """Propose up to `most` dice (N, 4) as (x, y, foot, yaw), best first: squares of well-rated cells.
 
         A square scores higher if nothing lies along its outline. Cells of a proposed square do not count for
-        others, so that a crowd is filled corner by corner, in another order for each style from 0 to
-        STYLES - 1. Planes (N, N) are rated from -1 to 1; squares with less than `enough` are not proposed.
+        others, so that a crowd is filled corner by corner, in a different order for each style from 0 to
+        STYLES - 1. Planes (N, N) are rated from -1 to 1; squares rated below `enough` are not proposed.
         """
         squares, yaws = _templates(style)
         planes = [plane.copy() for plane in planes]

@@ -1,9 +1,9 @@
-"""Locate dice from the masks of all cameras together, and from their images if there are any.
+"""Locate dice from the masks of all cameras jointly, and from their images if there are any.
 
 Squares of a die's size are proposed in the plane of the dice's tops (`evidence.Plan`). Then the set of dice
-is improved in the views themselves (`set_score`): each die moves to where it explains most, and dice that
-explain too little are dropped. Unexplained pixels propose further dice. Dice from other ways to fill a crowd
-replace those that they overlap if the whole set then explains more.
+is refined in the views themselves (`set_score`): each die moves to where it explains most, and dice that
+explain too little are dropped. Further dice are proposed for unexplained pixels. Dice from other ways to fill
+a crowd replace those they overlap if the whole set then explains more.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SIZE = 270
 """Approximate shorter side of the reduced views in which dice are located [px]."""
 
 LEAST = 0.5
-"""Smallest probability of a die that is reported."""
+"""Smallest probability at which a die is reported."""
 
 STEPS = np.array([0.004, 0.002, 0.001, 0.0005])
 """Step lengths of a die's moves [m]; the first is used only in the first sweep."""
@@ -48,19 +48,19 @@ MOST = 40
 """Largest number of proposals of one style."""
 
 BIRTHS, BIRTH_FIT = 6, 0.05
-"""Largest number of proposals from unexplained pixels, and their smallest evidence."""
+"""Largest number of proposals for unexplained pixels, and the smallest evidence for one."""
 
 OVERLAP = 0.004
-"""Overlap from which a proposal replaces a die [m]."""
+"""Smallest overlap at which a proposal replaces a die [m]."""
 
 BETTER = 1.0
-"""Smallest increase of the score by which an exchange is accepted."""
+"""Smallest increase in the score at which an exchange is accepted."""
 
 TABLE_SURE = 150.0
-"""Smallest gain of the dice whose heights give that of the table."""
+"""Smallest gain of a die whose height is used to estimate that of the table."""
 
 TABLE_OFF = 0.002
-"""Height of the table above which proposals are made again [m]."""
+"""Deviation of the table's height above which dice are proposed again [m]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Die:
     probability: float
     """Calibrated probability that a die's centre is within half a die's edge of `position`."""
     gain: float
-    """Log likelihood that this die adds to that of the others, in units of one explained pixel."""
+    """Log likelihood that this die adds to the others', in units of one explained pixel."""
 
     def __post_init__(self) -> None:
         freeze(self, "position", np.array(self.position, dtype=np.float64))
@@ -90,8 +90,8 @@ def locate(
     """Return the dice that together best explain the masks of all cameras, the most certain first.
 
     Dice lie flat on the table or on each other, anywhere and with any yaw. With inaccurate calibrations, the
-    table may be up to half a die above or below the world's z = 0; its height follows from those of the dice.
-    A die that fingers or other dice hide almost everywhere is not found.
+    table may be up to half a die above or below the world's z = 0; its height is estimated from the dice.
+    A die that fingers or other dice hide almost completely is not found.
 
     Args:
         rig: the cameras.
@@ -140,7 +140,7 @@ Fitted by scripts/fit_dice_probability.py on rendered scenes."""
 
 @functools.lru_cache(maxsize=4)
 def _prepared(rig: CameraRig) -> tuple[Plan, Array, Array]:
-    """Return what depends only on the rig: plan, slopes and lenses of the reduced cameras, see `Views`."""
+    """Return what depends only on the rig: plan, slopes and lenses for the reduced cameras, see `Views`."""
     cameras = tuple(_reduced_camera(camera) for camera in rig)
     size = (max(c.height for c in cameras), max(c.width for c in cameras))
     slopes = np.zeros((len(cameras), *size, 2), np.float32)
@@ -153,7 +153,7 @@ def _slopes(camera: Camera) -> FloatArray:
     """Return (H, W, 2): how far each pixel's ray travels along x and y while it descends by 1."""
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2))
-    # A ray that does not descend misses the table; it gets a slope beyond all dice.
+    # A ray that does not descend misses the table; its slope is set so that it misses all dice, too.
     sink = np.maximum(-np.nan_to_num(rays[:, 2], nan=0.0), 1e-3)
     slopes: FloatArray = np.nan_to_num(rays[:, :2] / sink[:, None], nan=1e3)
     return slopes.reshape(camera.height, camera.width, 2)
@@ -167,7 +167,7 @@ def _reduced(image: Image, camera: Camera) -> Image:
 
 
 def _reduced_camera(camera: Camera) -> Camera:
-    """Return the camera of images reduced by the integer factor that brings their shorter side near SIZE."""
+    """Return the camera for images reduced by the integer factor that brings their shorter side near SIZE."""
     factor = max(1, round(min(camera.width, camera.height) / SIZE))
     return camera.resized(camera.width // factor, camera.height // factor)
 
@@ -238,7 +238,7 @@ class Search:
         return np.array([self._gain(dice, k) for k in range(len(dice))], dtype=np.float64)
 
     def _improve(self, dice: FloatArray, rounds: int, stale: Array | None = None) -> FloatArray:
-        """Settle dice, drop those that explain too little, propose for unexplained pixels, `rounds` times."""
+        """Repeat `rounds` times: settle dice, drop those that explain too little, fill unexplained pixels."""
         dice = dice.copy()
         stale = np.ones(len(dice), dtype=bool) if stale is None else stale
         gains = np.full(len(dice), np.inf)
@@ -270,7 +270,7 @@ class Search:
     def _prune(
         self, dice: FloatArray, gains: FloatArray, stale: Array
     ) -> tuple[FloatArray, FloatArray, Array]:
-        """Drop dice with a negative gain, the worst first; return dice, gains and which are stale."""
+        """Drop dice with a negative gain, worst first; return dice, gains, and which dice are stale."""
         while len(dice):
             worst = int(np.argmin(gains))
             if gains[worst] >= 0:
@@ -283,20 +283,20 @@ class Search:
         return dice, gains, stale
 
     def _unexplained(self, dice: FloatArray) -> FloatArray:
-        self._total(dice)  # draws them into the canvas
+        self._total(dice)  # draws them on the canvas
         left = []
         for c, camera in enumerate(self._plan.cameras):
             part = c, slice(camera.height), slice(camera.width)
             mask = self.views.masks[part]
             rest = ((mask == DICE) & (self._canvas.classes[part] == 0)).astype(np.uint8)
-            # Ratings of NOTHING, of explained DICE, of UNKNOWN.
+            # Ratings of NOTHING, explained DICE, and UNKNOWN.
             rated = np.array([-0.5, -0.1, 0.0], np.float32)[mask]
             rated[cv2.medianBlur(rest, 3) > 0] = 1
             left.append(rated)
         return self._plan.propose(self._plan.project(left, self._known), 0, BIRTHS, BIRTH_FIT)
 
     def _with(self, dice: FloatArray, proposal: FloatArray) -> FloatArray | None:
-        """Replace up to two dice by a proposal; None if it is already there or would replace more."""
+        """Replace up to two dice with a proposal; None if it is already there or would replace more."""
         away = np.hypot(dice[:, 0] - proposal[0], dice[:, 1] - proposal[1])
         apart = np.abs(dice[:, 2] - proposal[2])
         turn = np.abs((dice[:, 3] - proposal[3] + np.pi / 4) % (np.pi / 2) - np.pi / 4)

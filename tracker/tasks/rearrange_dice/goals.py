@@ -34,7 +34,7 @@ DIE_WIDTH = 0.022
 """Edge length of a die [m]."""
 
 TOLERANCE = 0.004
-"""Excess width, over a die, of the box in which a die counts as placed [m]."""
+"""How much wider than a die the box is in which it counts as placed [m]."""
 
 ARENA_RADIUS = 0.19
 """Radius around the arena's centre within which all corners of placed dice must be [m]."""
@@ -59,7 +59,7 @@ def in_arena(positions: Array) -> Array:
 
 
 def reach(positions: Array) -> FloatArray:
-    """Return the distance [m] from the arena's axis to the farthest corner of axis-aligned dice (..., 3)."""
+    """Return distances (...) [m] from the arena's axis to axis-aligned dice's (..., 3) farthest corners."""
     corner = np.abs(positions[..., :2]) + DIE_WIDTH / 2
     return np.asarray(np.hypot(corner[..., 0], corner[..., 1]), dtype=np.float64)
 
@@ -125,7 +125,7 @@ def as_text(position: Array) -> str:
 OUTSIDE, EMPTY, GOAL = "#.X"
 
 ON_CELL = 1e-6
-"""Largest distance of a goal from the centre of the cell in which a pattern shows it [m]."""
+"""Largest distance between a place and the centre of its cell in a pattern [m]."""
 
 MAX_FILE_SIZE = 1_000_000
 """Largest file that is parsed [bytes]; goals have 2 kB."""
@@ -175,7 +175,7 @@ def read_stored(path: str | os.PathLike[str]) -> Any:
             raise TaskError(f"found byte {error.start}, which is no UTF-8, {valid}") from error
         except RecursionError as error:
             raise TaskError("nested too deeply, expected a goal") from error
-        except ValueError as error:  # also for an integer with thousands of digits
+        except ValueError as error:  # also raised for an integer with thousands of digits
             raise TaskError(f"not JSON: {error}") from error
 
 
@@ -208,7 +208,7 @@ def places_of(data: Any) -> FloatArray:
 def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
     """Write a goal (25, 3) [m] atomically, as JSON (.json) or as a pattern (.txt).
 
-    `read_goal` returns the same positions: from JSON bit by bit, from a pattern in the cells' order.
+    `read_goal` returns the same positions: from JSON bit for bit, from a pattern in the cells' order.
 
     Raises:
         TaskError: the goal is not valid, a pattern cannot show it, or the file cannot be written.
@@ -257,7 +257,7 @@ def parse_pattern(text: str) -> FloatArray:
 
 
 def pattern(goal: npt.ArrayLike) -> str:
-    """Return the pattern of a goal (25, 3) [m] whose places are cells.
+    """Return the pattern of a goal (25, 3) [m] whose places are centres of cells.
 
     Raises:
         TaskError: the goal is not valid, a place is not the centre of a cell, or two are in one cell.
@@ -278,7 +278,7 @@ def pattern(goal: npt.ArrayLike) -> str:
 
 
 def empty_pattern() -> str:
-    """Return the pattern without goals, to be filled in."""
+    """Return a pattern without dice, to be filled in."""
     return _text(np.zeros((CELLS_PER_ROW, CELLS_PER_ROW), np.bool_))
 
 

@@ -1,4 +1,4 @@
-"""The task's error, counted in pixels that show dice outside the goal; assignment of dice to places."""
+"""The task's error (the number of pixels that show dice outside the goal); assignment of dice to places."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NO_DIE = -1
 """Index of the die at a place without one."""
 
 _BOX = cuboid.corners(np.full(3, TARGET_WIDTH))
-_FARTHEST_PX = 2**15  # coordinates of OpenCV's polygons overflow beyond
+_FARTHEST_PX = 2**15  # OpenCV's polygon coordinates overflow beyond this
 
 
 def goal_masks(rig: Iterable[Camera], goal: npt.ArrayLike, *, exact: bool = False) -> list[Image]:
@@ -34,10 +34,10 @@ def goal_masks(rig: Iterable[Camera], goal: npt.ArrayLike, *, exact: bool = Fals
     Args:
         rig: the cameras.
         goal: (N, 3) [m] positions in the world; on the platform, N is 25.
-        exact: whether to set the pixels whose centre's ray, with lens distortion, meets a box. By default,
-            corners are truncated to whole pixels and the faces between them filled as on the platform, so
-            that errors can be compared with published ones; the boxes then reach on average a pixel too
-            far to the left and up.
+        exact: whether to set exactly the pixels whose central ray, with lens distortion, meets a box. By
+            default, corners are truncated to whole pixels and the faces between them filled as on the
+            platform, so that errors are comparable with published ones; the boxes then reach about one
+            pixel too far to the left and up.
 
     Returns:
         Masks (H, W) of the cameras, 255 where dice may be, else 0.
@@ -53,7 +53,7 @@ def goal_masks(rig: Iterable[Camera], goal: npt.ArrayLike, *, exact: bool = Fals
 
 
 def error(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: Sequence[npt.ArrayLike] | Array) -> int:
-    """Return the number of pixels of all cameras that show dice outside the goal; see `error_per_camera`."""
+    """Return the total number of pixels that show dice outside the goal; see `error_per_camera`."""
     return sum(error_per_camera(goal_masks, dice_masks))
 
 
@@ -72,7 +72,7 @@ def error_per_camera(
         dice_masks: likewise, for the pixels that show dice.
 
     Raises:
-        TaskError: there is no mask, number or shapes of the two differ, or a mask is not two-valued.
+        TaskError: there is no mask, the two differ in number or shape, or a mask is not two-valued.
     """
     for what, given in (("goal masks", goal_masks), ("dice masks", dice_masks)):
         check_sequence(given, what, TaskError)
@@ -88,7 +88,7 @@ def error_per_camera(
             raise TaskError(
                 f"dice mask {index}: found shape {seen.shape}, expected the goal's {target.shape}"
             )
-        # 1 and 255 have a bit in common, so both kinds of masks can be mixed.
+        # 1 and 255 have a bit in common, so the two kinds of masks can be mixed.
         errors.append(cv2.countNonZero(seen) - cv2.countNonZero(cv2.bitwise_and(seen, target)))
     return tuple(errors)
 
@@ -165,7 +165,7 @@ def masks_of(rig: CameraRig, masks: Sequence[npt.ArrayLike | None], what: str) -
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Assignment:
-    """Pairs of places and dice with the smallest sum of distances; arrays are read-only."""
+    """The pairing of places with dice that has the smallest sum of distances; arrays are read-only."""
 
     die: Array
     """(N,) index of the die for each of the goal's places, NO_DIE if it has none."""
@@ -187,14 +187,14 @@ class Assignment:
         return float(np.nansum(self.distance))
 
     def count_within(self, distance: float = TOLERANCE) -> int:
-        """Return how many places have a die at most `distance` [m] away; TaskError if that is no number."""
+        """Return how many places have a die within `distance` [m]; TaskError if that is not a number."""
         if not is_number(distance):
             raise TaskError(f"distance: found {shown(distance)}, expected a finite distance [m]")
         return int(np.count_nonzero(self.distance <= distance))
 
 
 def assign(goal: npt.ArrayLike, positions: npt.ArrayLike) -> Assignment:
-    """Pair the places of a goal with dice so that the sum of their distances is smallest.
+    """Pair the places of a goal with dice so that the sum of their distances is minimal.
 
     There are min(N, M) pairs. The result is deterministic.
 

@@ -1,9 +1,9 @@
 """Segment the pixels of an image that show dice.
 
-A colour table gives pixels that are certainly inside a face. Blue regions that are nowhere as bright as a
-die, like paint on the table, are dropped. From the rest the mask grows until the log ratio of blue to red is
-below a fixed share of its value inside. This follows the blue into shade, and stops in the blur between dice
-and their surroundings. White pips are closed.
+A colour table selects pixels that are certainly inside a face. Blue regions that are nowhere as bright as a
+die, such as paint on the table, are dropped. From the rest the mask grows until the log ratio of blue to red
+falls below a fixed share of its value inside. This follows the blue into the shade, and stops in the blur
+between dice and their surroundings. White pips are filled.
 """
 
 from __future__ import annotations
@@ -22,37 +22,37 @@ CERTAIN = 32
 """Smallest log odds, in 1/16, at which a pixel is certainly inside a face."""
 
 MIN_INSIDE = 12
-"""Smallest number of inside pixels in the window around one that is no speck [px² at the reference size]."""
+"""An inside pixel with fewer than this in the window around it is a speck [px² at the reference size]."""
 
 EDGE = 0.42
-"""Smallest log ratio of blue to red in the mask, as a share of the inside's: 0.5 would be the middle of the
+"""Smallest log ratio of blue to red in the mask, as a share of that inside: 0.5 would be the middle of the
 blur; masks drawn by hand are a little more generous."""
 
 RIM = 0.03
-"""Weight of the inside's outermost pixels in the mean of their surroundings."""
+"""Weight of the outermost inside pixels in local means."""
 
 OFFSET = 20.0
 """Level added to both channels before taking their ratio, so that dark noise does not look coloured."""
 
 BRIGHT, BRIGHTEST = 0.6, 0.9
-"""Share, of this quantile of the inside's blue, that tops of dice reach and paint on tables does not."""
+"""Share, of this quantile of the blue inside, that dice tops reach but paint on tables does not."""
 
 LEAST_BRIGHT = 0.9
-"""Lower bound of that level relative to the scene's greys, in case there are no dice to compare with."""
+"""Lower bound of that level, relative to the scene's greys, in case there are no dice to compare with."""
 
 WIDE = 9
-"""Smallest width of the sides of dice, unlike lines of paint [px at the reference size]."""
+"""Smallest width of the sides of dice; lines of paint are narrower [px at the reference size]."""
 
 STEPS = 2
-"""Number of steps of 3 px at the reference size from bright or wide pixels to the die's others."""
+"""Number of steps, 3 px each at the reference size, from bright or wide pixels to the rest of the die."""
 
 PALE = 0.8
-"""Smallest level of green, relative to that inside the face, of a gap in the blue that is a pip."""
+"""Smallest level of green, relative to that inside the face, at which a gap in the blue is a pip."""
 
 
 @compiled
 def read_levels(image, channels, table, ratios, gain, certain, inside, ratio, blue):  # type: ignore[no-untyped-def]
-    """Fill (H, W) inside (the table is certain), ratio (log of blue over red) and blue (its level)."""
+    """Fill (H, W) inside (1 if the table is certain), ratio (log of blue over red) and blue (its level)."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
@@ -64,7 +64,7 @@ def read_levels(image, channels, table, ratios, gain, certain, inside, ratio, bl
 
 @compiled
 def weigh_inside(image, inside, core, ratio, least, out):  # type: ignore[no-untyped-def]
-    """Fill out (H, W, 3): weight, weight · ratio, weight · green of the inside; weight `least` at its rim."""
+    """Fill out (H, W, 3): weight, weight · ratio, weight · green; weight: 1 inside, `least` at its rim."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
             weight = np.float32(0.0)
@@ -97,7 +97,7 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
 
     Args:
         image: (H, W, 3) uint8 BGR, 270 or 540 px high; lengths scale with its shorter side.
-        colors: a colour model, all of whose face colours count as dice; by default `dice`.
+        colors: a colour model; all of its face colours count as dice; by default `dice`.
 
     Raises:
         ImageError: the image has the wrong shape or type.
@@ -146,7 +146,7 @@ def _mask(image: Image, inside: Image, blue: Image, ratio: Array, scale: float) 
 
 
 def _reached(inside: Image, blue: Image, scale: float) -> Image:
-    """Return the inside's pixels that are connected, within a few steps, to bright or wide parts of it."""
+    """Return the inside pixels that are connected, within a few steps, to bright or wide parts."""
     levels = cv2.calcHist([blue], [0], inside, [256], [0, 256])
     brightest = int(np.searchsorted(np.cumsum(levels), BRIGHTEST * levels.sum()))
     bright = (blue >= max(BRIGHT * brightest, LEAST_BRIGHT * TARGET_GREY)).astype(np.uint8)

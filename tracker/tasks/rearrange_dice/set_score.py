@@ -1,4 +1,4 @@
-"""Compiled rendering of dice that lie flat, by ray casting into the views, and the score of a set of dice.
+"""Compiled rendering of flat-lying dice into the views by ray casting, and the score of a set of dice.
 
 A pixel's ray is described by how far it travels sideways while it descends: at height z it passes
 (x, y) = camera (x, y) + (camera z - z) · slope. Seen from above, it therefore follows a straight segment
@@ -7,9 +7,9 @@ and a side where the segment enters the square.
 
 A die is a row (x, y, foot, yaw): centre and height of the lower face [m], rotation about z [rad].
 
-The score of a set is the sum of the pixels' scores over all pixels in which it shows dice. A view's evidence
-against a die (pixels in which it should be seen and is not) is limited, since a finger may hide it there.
-Dice that overlap, or hover between the levels of a stack, are penalised.
+The score of a set is the sum of the scores of all pixels in which its dice appear. A view's evidence against
+a die (pixels where it should be seen and is not) is limited, since a finger may hide it there. Dice that
+overlap, or hover between the levels of a stack, are penalised.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ NONE, SIDE, SIDE_RIM, TOP, TOP_RIM = range(5)
 
 PIPS = 0.62
 """Half the edge of the square that contains a face's pips, over half the edge of the face: on the real dice,
-pips of 3.4 mm are up to 4.4 mm from the middle of a face of 22 mm; the rest is for blur."""
+pips of 3.4 mm are up to 4.4 mm from the middle of a face of 22 mm; the rest allows for blur."""
 
 
 class Views(NamedTuple):
-    """Evidence of all cameras in arrays of one size; a camera's image may fill only a part of it."""
+    """Evidence from all cameras in arrays of one size; a camera's image may fill only part of it."""
 
     slopes: Array
     """(C, H, W, 2) float32: how far a pixel's ray travels along x and y while it descends by 1."""
@@ -45,44 +45,44 @@ class Views(NamedTuple):
     """(C, H, W): 1 where dice are seen, 2 where nothing is known, else 0."""
 
 
-# Weights of the score, whose unit is one pixel that shows dice and is explained.
+# Weights of the score; its unit is one explained pixel that shows dice.
 
 HIDDEN = 50.0
 """Limit of a view's evidence against a die."""
 
 PRICE = 60.0
-"""Penalty on every die: what it must explain at least."""
+"""Penalty on every die: the least that it must explain."""
 
 PUSH = 4e4
 """Penalty per metre of overlap of two dice beyond TOUCH [1/m]."""
 
 LEVEL = 40.0
-"""Penalty on a die that lies on others, to be multiplied by its level squared."""
+"""Penalty on a die that lies on others, multiplied by its level squared."""
 
 HOVERING = 5e5
-"""Penalty on a die's squared distance from its level [1/m²]."""
+"""Penalty on the square of a die's distance from its level [1/m²]."""
 
 TOUCH = 0.0005
-"""Overlap of touching neighbours without penalty [m]."""
+"""Overlap of touching neighbours that is not penalised [m]."""
 
 MARGIN = 8
 """Margin around a die's pixels that allows for its moves [px]."""
 
 
 class Canvas(NamedTuple):
-    """Buffers of the views' size for drawing, so that loops do not allocate memory."""
+    """Buffers for drawing, of the views' size, so that loops do not allocate memory."""
 
     heights: np.ndarray
     """(C, H, W) float32: height at which a pixel's ray first meets a die [m]."""
     classes: np.ndarray
-    """(C, H, W) int8: the part of the die that it meets."""
+    """(C, H, W) int8: the part of that die: NONE … TOP_RIM."""
     owners: np.ndarray
     """(C, H, W) int16: index of that die."""
 
 
 @compiled(inline="always")
 def look(sx, sy, above, ux, uy, cos, sin):  # type: ignore[no-untyped-def]
-    """Return what a ray of slope (sx, sy) meets of a die, and how high above the die's foot [m].
+    """Return which part of a die a ray of slope (sx, sy) meets, and how high above its foot [m]; NONE, -1.
 
     above: height of the camera above the die's top; (ux, uy): the camera in the die's frame [m].
     """
@@ -173,7 +173,7 @@ def overlap(a, b):  # type: ignore[no-untyped-def]
 
 @compiled
 def own_loss(die, table):  # type: ignore[no-untyped-def]
-    """Return the penalty on a die by itself; table: height of the table in the world [m]."""
+    """Return a die's own penalty, without overlaps; table: height of the table in the world [m]."""
     level = round((die[2] - table) / DIE_WIDTH)
     off = die[2] - table - level * DIE_WIDTH
     return PRICE + LEVEL * level * level + HOVERING * off * off
@@ -181,7 +181,7 @@ def own_loss(die, table):  # type: ignore[no-untyped-def]
 
 @compiled
 def total(views, dice, table, canvas):  # type: ignore[no-untyped-def]
-    """Return the score of a set of dice (N, 4), and draw it into the canvas."""
+    """Return the score of a set of dice (N, 4), and draw it on the canvas."""
     score = 0.0
     window = np.zeros(4, np.int64)
     against = np.empty(len(dice))
@@ -209,7 +209,7 @@ def total(views, dice, table, canvas):  # type: ignore[no-untyped-def]
 
 @compiled
 def _gain(views, dice, skip, die, table, canvas):  # type: ignore[no-untyped-def]
-    """Return what a die adds to the score of the others, which are drawn in the canvas around it."""
+    """Return what a die adds to the score of the others, which are drawn on the canvas around it."""
     window = np.empty(4, np.int64)
     score = -own_loss(die, table)
     for c in range(len(views.lenses)):
@@ -238,7 +238,7 @@ def _gain(views, dice, skip, die, table, canvas):  # type: ignore[no-untyped-def
 def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def]
     """Move die k, in place, to where it gains most, by steps (S,) [m]; return its gain there.
 
-    No step moves its centre farther than ARENA_RADIUS from the arena's.
+    No step moves its centre farther than ARENA_RADIUS from the arena's centre.
     """
     window = np.empty(4, np.int64)
     for c in range(len(views.lenses)):
@@ -250,7 +250,7 @@ def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def
         for _ in range(6):
             before = best
             for axis in range(4):
-                # Rotations move the corners by the step; heights are known best and move by half of it.
+                # Rotations move the corners by the step; heights, which are known best, move by half of it.
                 size = step if axis < 2 else 0.5 * step if axis == 2 else step / (0.7 * DIE_WIDTH)
                 for sign in (-1.0, 1.0):
                     for i in range(4):
