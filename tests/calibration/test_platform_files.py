@@ -254,7 +254,7 @@ def test_the_deviation_of_a_focal_length_is_that_of_the_file():
         ("distortion_coefficients", ..., None, "is missing"),
         ("tf_world_to_camera", ..., None, "tf_world_to_camera is missing; found camera_matrix"),
         ("camera_name", 60, None, "found 60, expected a text"),
-        ("camera_name", "", None, "found '', expected a text of up to 100 letters"),
+        ("camera_name", "", None, "found '', expected a name of up to 100 letters"),
         ("image_width", -270, None, "found -270, expected a whole number from 1"),
         ("image_width", True, None, "found True"),
         ("image_width", 270.5, None, "found 270.5"),

@@ -139,7 +139,7 @@ def test_what_is_no_rig_is_refused(make, message):
 def test_a_name_that_could_be_more_than_a_name_is_refused_where_it_is_read_and_where_it_is_made(
     name, tmp_path
 ):
-    message = "camera_name: found .* expected a text of up to 100 letters"
+    message = "camera_name: found .* expected a name of up to 100 letters"
     with pytest.raises(CalibrationError, match=message):
         dataclasses.replace(make_camera(), name=name)
     file = tmp_path / "camera60.yml"

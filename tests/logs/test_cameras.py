@@ -105,7 +105,7 @@ def write_folders(folder: Path, name: str) -> Path:
 @pytest.mark.parametrize("write", [write_hdf5_called, write_described, write_folders])
 @pytest.mark.parametrize("name", ["a/../b", "bell\x07", "two\nlines", "</script>", 101 * "a"])
 def test_a_recording_whose_camera_has_no_cameras_name_is_refused(write, name, tmp_path):
-    with pytest.raises(LogError, match=r"name of a camera: found .*, expected a text of up to 100") as raised:
+    with pytest.raises(LogError, match=r"name of a camera: found .*, expected a name of up to 100") as raised:
         tracker.open_log(write(tmp_path, name))
     assert str(raised.value).isprintable()
 

@@ -27,7 +27,7 @@ EXIT_CODES = {
     1: "no: not found (with --exit-code), does not fit, no improvement, a check failed",
     2: "an error: usage, input, a recording that failed, an output that cannot be written, no images at all",
     129: "ended by SIGHUP: the terminal was closed",
-    130: "interrupted, by Ctrl-C",
+    130: "interrupted by Ctrl-C",
     143: "ended by SIGTERM",
 }
 """Meanings of the exit codes of all commands."""
