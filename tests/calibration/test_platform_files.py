@@ -253,7 +253,7 @@ def test_the_deviation_of_a_focal_length_is_that_of_the_file():
         *[(key, ..., None, f"{key} is missing") for key in ("camera_name", "image_width", "camera_matrix")],
         ("distortion_coefficients", ..., None, "is missing"),
         ("tf_world_to_camera", ..., None, "tf_world_to_camera is missing; found camera_matrix"),
-        ("camera_name", 60, None, "found 60, expected a text"),
+        ("camera_name", 60, None, "found 60, expected a name"),
         ("camera_name", "", None, "found '', expected a name of up to 100 letters"),
         ("image_width", -270, None, "found -270, expected a whole number from 1"),
         ("image_width", True, None, "found True"),

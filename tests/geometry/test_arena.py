@@ -63,7 +63,7 @@ def test_numbers_of_any_kind_become_floats():
         ("height", (0.1,), "a finite number"),
         ("table", math.nan, "a finite number"),
         ("table", "here", "a finite number"),
-        ("table_std", (0.01, -0.01), "no negative deviation"),
+        ("table_std", (0.01, -0.01), "standard deviations of at least 0"),
         ("table_std", (0.01,), "two finite numbers"),
         ("table_std", (0.01, math.inf), "two finite numbers"),
         ("table_std", (0.01, False), "two finite numbers"),
