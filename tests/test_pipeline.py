@@ -140,7 +140,10 @@ GOOD = np.zeros((270, 270, 3), np.uint8)
         (iter([GOOD] * 3), "images: found <list_iterator"),
         ({"camera60": GOOD, "camera180": GOOD}, "missing camera300"),
         ({"camera60": GOOD, "camera1": GOOD, 3: None}, "unknown 'camera1', 3; missing camera180, camera300"),
-        ({**dict.fromkeys(("camera60", "camera180", "camera300"), GOOD), "top": GOOD}, "unknown 'top'; exp"),
+        (
+            {**dict.fromkeys(("camera60", "camera180", "camera300"), GOOD), "top": GOOD},
+            "unknown 'top'; expected one",
+        ),
         ({"camera60": None, "camera180": None, "camera300": None}, "found None for all"),
         ([GOOD, GOOD, GOOD[..., 0]], r"camera300.*shape \(270, 270\)"),
         ([GOOD, GOOD.astype(float), GOOD], "camera180.*float64, expected uint8"),

@@ -54,15 +54,16 @@ def measure_films(plan: Plan, say: Callable[[str], None] = lambda line: None) ->
         say(f"films, {style}, {name}")
         store.store.prepare(store.prepared(range(count), vanishing=style == "realistic"))
         with one_thread():
-            played = _realistic(name, store) if style == "realistic" else _world(name, store)
+            play_films = _realistic if style == "realistic" else _world
+            played = play_films(name, store, count)
             parts += [part.assign(object=name) for part in played]
     return pd.concat(parts, ignore_index=True)
 
 
-def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
+def _realistic(name: str, store: FilmStore, count: int) -> Iterator[pd.DataFrame]:
     own = tracker.ObjectTracker(drawn(name), rig())
     everything = range(store.length)
-    films = [list(store.frames(film, everything)) for film in range(FILMS["realistic"])]
+    films = [list(store.frames(film, everything)) for film in range(count)]
     _warm(own, films[0])
     yield _films(own, films, "all").join(_single_shots(own, films))
     for stride in STRIDES:
@@ -72,15 +73,15 @@ def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
     positions = [np.array([frame.position for frame in film]) for film in films]
     acts = [
         vanishing_film(store, film, start, positions[film])
-        for film in range(len(films))
+        for film in range(count)
         for start in vanishing_frames(store.length)
     ]
     yield _films(own, acts, "vanished")
 
 
-def _world(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
+def _world(name: str, store: FilmStore, count: int) -> Iterator[pd.DataFrame]:
     """Play films with all cameras and with each one alone, using the calibration given to a user."""
-    films = [list(store.frames(film, range(store.length))) for film in range(FILMS["world"])]
+    films = [list(store.frames(film, range(store.length))) for film in range(count)]
     model = tracker.load_object(name)
     trackers = [tracker.ObjectTracker(model, rigs_of(film[0].cameras, rig())[1]) for film in films]
     for camera in (None, *range(len(trackers[0].rig))):

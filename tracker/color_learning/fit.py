@@ -119,7 +119,8 @@ def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bo
     pixels = {int(label): image[labelled.labels == label] for label in shown}
     background = image[surely_background(labelled.labels)]
     if not len(background):
-        raise ImageError(f"labelled image {labelled.name}: found no background, expected some")
+        what = f"labelled image {labelled.name}"
+        raise ImageError(f"{what}: found masks that leave no background, expected some")
     return pixel_histograms({**pixels, 0: background}, options, rng)
 
 

@@ -90,7 +90,8 @@ class Camera:
         if self.camera_from_world_std is not None:
             std = self._array("camera_from_world_std", self.camera_from_world_std, (4, 4))
             if std.min() < 0 or std.max() > FARTHEST:
-                worst, valid = min(std.min(), 0) or std.max(), f"standard deviations from 0 to {FARTHEST:g}"
+                worst = std.min() if std.min() < 0 else std.max()
+                valid = f"standard deviations from 0 to {FARTHEST:g}"
                 raise self._error("camera_from_world_std", f"{worst:g}", valid)
             object.__setattr__(self, "camera_from_world_std", std)
         self._check_matrix()
