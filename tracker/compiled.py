@@ -27,8 +27,7 @@ _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?",
 _FOLDER = "kernels-"
 _OTHERS = 1
 """Number of cache folders of other source versions to keep, so that switching versions does not recompile."""
-_OTHERS_SHARED = 8
-"""The same below NUMBA_CACHE_DIR, which all copies of a package share."""
+_OTHERS_SHARED = 8  # the same below NUMBA_CACHE_DIR, which all copies of a package share
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:

@@ -34,8 +34,7 @@ from tracker.recordings.recipe import Job
 from tracker.recordings.track import chosen, rig_for
 from tracker.summaries.summary import camera_shares, to_look_at
 
-SURE, UNSURE = 0.9, 0.75
-"""Confidence at and above which images fit the cameras, and below which they do not."""
+SURE, UNSURE = 0.9, 0.75  # confidence at and above which images fit the cameras, and below which they do not
 
 _MOST_CAMERAS = 4  # up to this number of cameras all orders (24) are tried, above it only swapped pairs
 _MOST_SETS = 7  # sets of images to check: motion blur or a finger may spoil some
