@@ -22,7 +22,7 @@ from tracker.files import claimed
 from tracker.poses.file import read_poses
 from tracker.recordings import Job, Options, Recipe
 from tracker.recordings.recipe import fingerprint
-from tracker.summaries.row import COLUMNS
+from tracker.summaries.summary import COLUMNS
 
 COUNT = 5
 OPTIONS = Options("cube_v2", make_tracker=NoiseTracker)

@@ -29,16 +29,17 @@ from tracker.summaries.remarks import (
     swap_message,
     swapped,
 )
-from tracker.summaries.row import (
+from tracker.summaries.summary import (
     STEP,
     goal_columns,
     path_length,
     refuse_others,
     row,
     seconds_since_beginning,
+    summary,
+    to_look_at,
     totals,
 )
-from tracker.summaries.summary import summary, to_look_at
 
 FRAMES = 20
 NOTHING = {"contradicting": 0.0, "no_image": 0.0, "frozen": 0.0, "black": 0.0}

@@ -22,7 +22,7 @@ from typing import Any
 
 from tracker.errors import LogError
 from tracker.files import read_bounded
-from tracker.summaries.row import COLUMNS
+from tracker.summaries.summary import COLUMNS
 
 
 def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
@@ -30,10 +30,7 @@ def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
 
     Matches of a pattern exclude results of earlier runs, so that a repeated command means the same wherever
     its folder of results is. A match reached through several links counts once. A pattern that is the name
-    of an existing file or folder is a path.
-
-    Raises:
-        LogError: a pattern matches nothing.
+    of an existing file or folder is a path. LogError if a pattern matches nothing.
     """
     found: list[str] = []
     results = os.path.realpath(folder)

@@ -22,8 +22,7 @@ from tracker.files import claimed, lock_of, read_bounded, write_whole
 from tracker.recordings.recipe import Job, Options, Recipe, code, fingerprint
 from tracker.recordings.track import Tracked, run
 from tracker.summaries.remarks import remark_on_recording
-from tracker.summaries.row import goal_file, row
-from tracker.summaries.summary import summary
+from tracker.summaries.summary import goal_file, row, summary
 
 
 @dataclass(frozen=True)
@@ -70,8 +69,7 @@ def described(job: Job, tracked: Tracked) -> dict[str, Any]:
 def make_result(task: Task) -> dict[str, Any]:
     """Track a recording and write its table row, or the reason for a failure; called by a worker.
 
-    Returns:
-        `recording`; `frames` tracked by this call; the `seconds` it took; `failure`, a reason or None.
+    Return `recording`; `frames` tracked by this call; the `seconds` it took; `failure`, a reason or None.
     """
     output = Path(task.output)
     try:
@@ -151,13 +149,9 @@ def write_batch(batch: Batch) -> None:
 
 
 def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
-    """Read a list of recordings for a folder of results; its content is not trusted.
+    """Return the batch, `Task.agreed` and recordings per job of a list, which is not trusted.
 
-    Returns:
-        The batch, `Task.agreed`, and the number of recordings per job.
-
-    Raises:
-        LogError: there is no such file, or it is malformed.
+    LogError if there is no such file, or it is malformed.
     """
     try:
         content = json.loads(read_bounded(path, MAX_LIST))

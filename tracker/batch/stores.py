@@ -76,9 +76,8 @@ class Retracking:
             robot: robot whose calibration is used for all episodes; None: that of each episode.
 
         Raises:
-            LogError: a store is damaged, or does not state the robots.
-            CalibrationError: a robot has no calibration.
-            TrackerError: a package is missing.
+            TrackerError: a store is damaged or does not state the robots, one of these has no calibration, or
+                a package is missing.
         """
         if find_spec("pyarrow") is None:
             raise TrackerError(f"tables of image stores need the package pyarrow: {install('cluster')}")
@@ -117,8 +116,7 @@ class Retracking:
     def write_tables(self) -> dict[str, dict[str, Any]]:
         """Write the tables of stores whose episodes are all done; return their reports by store.
 
-        Raises:
-            LogError: a file of poses cannot be read, or a table cannot be written.
+        LogError if a file of poses cannot be read, or a table cannot be written.
         """
         reports = {}
         for path, episodes in self.stores.items():
@@ -183,10 +181,7 @@ _ROWS = "one a control step; in the group images, one a set of images; NaN where
 def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[Planned]) -> dict[str, Any]:
     """Write all tables of a store to a folder, each atomically; return the report.
 
-    tracked: episodes in order, all with poses.
-
-    Raises:
-        LogError: a file of poses cannot be read, or a table cannot be written.
+    `tracked` has the episodes in order, all with poses. LogError as for `Retracking.write_tables`.
     """
     compared: list[tuple[Planned, Compared]] = []
     model = tracked[0].recipe.model

@@ -16,7 +16,7 @@ from tracker.batch.run import Batch
 from tracker.errors import LogError, reason
 from tracker.files import csv_text, lock_of, whole_file, write_whole
 from tracker.recordings.track import unicode_text
-from tracker.summaries.row import COLUMNS
+from tracker.summaries.summary import COLUMNS
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,7 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
     """Write `summary.parquet`, and `failures.json`, which is removed if nothing failed.
 
     `summary.csv` is written if requested, if it already exists, or if the package pyarrow is missing.
-
-    Raises:
-        LogError: a file cannot be written; the others are. The message says what was done and what to do.
+    LogError if a file cannot be written; the others are. The message says what was done and what to do.
     """
     rows = [{name: line[name] for name in COLUMNS} for line in found.lines]
     why = [{"recording": log, "reason": why} for log, why in found.failures.items()]

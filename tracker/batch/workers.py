@@ -151,8 +151,7 @@ def _end_with_parent() -> None:
 def dask_workers(address: str) -> Iterator[Engine]:
     """Yield an Engine of a Dask scheduler's workers, each with one thread; address: tcp://10.0.0.1:8786.
 
-    Raises:
-        TrackerError: the package distributed is missing, or the scheduler does not answer.
+    TrackerError if the package distributed is missing, or the scheduler does not answer.
     """
     # This module reports killed workers itself. Dask's messages stay off, since its threads may still log
     # after the end.

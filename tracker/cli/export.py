@@ -207,7 +207,7 @@ def export(
         write_parquet(parquet, poses, keypoints_of=corners_of, more=more)
     if video is not None and log is not None and model is not None:
         from tracker.logs.opening import fitted_to
-        from tracker.summaries.row import refuse_others
+        from tracker.summaries.summary import refuse_others
 
         with tracker.open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
             fitted_to(log, opened, poses.about.rig)
@@ -335,7 +335,7 @@ def _of_poses(
 ) -> tuple[tracker.CuboidModel, tracker.CameraRig, int, _Frames]:
     """Return object, cameras, number of frames, and frames with images of `log`, which `stack` closes."""
     from tracker.logs.opening import fitted_to
-    from tracker.summaries.row import refuse_others
+    from tracker.summaries.summary import refuse_others
 
     poses, model = poses_of(source, object_name)
     numbers = poses.index.tolist()

@@ -45,7 +45,7 @@ def score(
     recording's first frame. A reward holds until the next frame in which the object is seen.
     """
     from tracker.errors import TaskError
-    from tracker.summaries.row import goal_file, totals
+    from tracker.summaries.summary import goal_file, totals
     from tracker.tasks.job_goal import read_job_goal
 
     if goal_path is None and not goal_file(job).is_file():
@@ -83,8 +83,7 @@ def _of_object(
     quiet: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Return times (n,) [s] and rewards (n,) of the poses of all frames."""
-    from tracker.summaries.row import seconds_since_beginning
-    from tracker.summaries.summary import best
+    from tracker.summaries.summary import best, seconds_since_beginning
 
     if poses_path is not None:
         poses, model = poses_of(poses_path, object_name)
@@ -104,7 +103,7 @@ def _of_object(
 
 def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
     """Raise LogError for poses of another recording, if the job's recording exists."""
-    from tracker.summaries.row import refuse_others
+    from tracker.summaries.summary import refuse_others
 
     try:
         log = tracker.open_log(job, recover=True)

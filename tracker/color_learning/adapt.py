@@ -110,24 +110,18 @@ def _lessons(
     model: CuboidModel, footage: Sequence[Frames], colors: ColorModel, gate: float
 ) -> tuple[list[Lesson], str]:
     """Return frames with confident poses whose faces have the hues of their names, or why too few do."""
-    result, off = [], 0
+    seen = []
     for one in footage:
         tracker = ObjectTracker(model, one.rig, colors)
         for images in one.learned:
             fit = tracker.fit(images)
-            if not isinstance(fit, Fit) or confidence(fit) < gate:
-                continue
-            seen = lesson(model, one.rig, images, fit, colors)
-            if misnamed(seen.hues()):
-                off += 1
-            else:
-                result.append(seen)
-    if len(result) >= FEW:
-        return result, ""
-    count = sum(len(one.learned) for one in footage)
-    fault = (
-        f"found {len(result)} of {count} frames with a pose of confidence {gate:g} or more, expected {FEW}"
-    )
+            if isinstance(fit, Fit) and confidence(fit) >= gate:
+                seen.append(lesson(model, one.rig, images, fit, colors))
+    found = [one for one in seen if not misnamed(one.hues())]
+    if len(found) >= FEW:
+        return found, ""
+    count, off = sum(len(one.learned) for one in footage), len(seen) - len(found)
+    fault = f"found {len(found)} of {count} frames with a pose of confidence {gate:g} or more, expected {FEW}"
     return [], f"{fault}; in {off} more, the faces' hues do not match their names" if off else fault
 
 

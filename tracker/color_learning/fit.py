@@ -128,10 +128,9 @@ def pixel_histograms(
     pixels: Mapping[int, Array], options: FitOptions, rng: np.random.Generator
 ) -> Histograms:
     """Return histograms of classes from their pixels (N, 3) by label, N > 0; 0: background."""
+    background, face = (4 * options.draws, BACKGROUND_JITTER), (options.draws, options)
     return {
-        label: _histogram(_draw(some, options.draws, options, rng))
-        if label
-        else _histogram(_draw(some, 4 * options.draws, BACKGROUND_JITTER, rng))
+        label: _histogram(_draw(some, *(face if label else background), rng))
         for label, some in pixels.items()
     }
 

@@ -76,10 +76,7 @@ def misnamed(hues: Mapping[int, float]) -> dict[int, int]:
     """Return labels whose hue does not match their name, each with the label whose name would match.
 
     Either a hue is too far from that of its name, or a permutation of the names among the given labels
-    would match much better.
-
-    Args:
-        hues: hue by label [degrees]; NaN is grey, which matches no name and maps to label 0.
+    would match much better. Hues by label are in degrees; NaN is grey, which matches no name: label 0.
     """
     labels = [label for label, hue in hues.items() if np.isfinite(hue)]
     wrong = {label: 0 for label, hue in hues.items() if not np.isfinite(hue)}

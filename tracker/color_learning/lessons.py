@@ -110,9 +110,8 @@ def outline(
 ) -> tuple[Image, Array] | None:
     """Render an object with rotation (3, 3) and position (3,) [m] for a camera; None if not in view.
 
-    Returns:
-        (H, W) label of the face at a pixel, 0 elsewhere and near the faces' borders; and
-        (H, W) bool, whether a pixel is on the object or near it.
+    Return (H, W) label of the face at a pixel, 0 elsewhere and near the faces' borders; and (H, W) bool,
+    whether a pixel is on the object or near it.
     """
     pixels = camera.project(corners(model.size) @ rotation.T + position)
     shape = camera.height, camera.width

@@ -1,16 +1,22 @@
-"""Summary of a tracked recording in plain numbers."""
+"""A tracked recording in numbers: its summary, its rewards for the goal in its folder, its row in a table."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tracker.conventions import Array
+from tracker.conventions import Array, FloatArray
+from tracker.errors import LogError, TaskError, reason
+from tracker.logs import Log, open_log
+from tracker.objects.model import CuboidModel
 from tracker.pose.result import CameraUse
-from tracker.poses.columns import MeasuredColumns
+from tracker.poses.columns import FilteredColumns, MeasuredColumns
 from tracker.poses.poses import Kind, Poses, compare
-from tracker.recordings.track import Tracked
+from tracker.recordings.recipe import Job
+from tracker.recordings.track import Tracked, unicode_text
+from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
 TOLERABLE = {
     CameraUse.CONTRADICTING: 0.1,
@@ -63,9 +69,8 @@ def summary(tracked: Tracked) -> dict[str, Any]:
         deviations along x, y, z of the poses named by `kind`; `frames_per_second`; `recorded`, the result
         of `compare` for the same poses; `fault`.
     """
-    poses = tracked.poses
-    count, kind = len(poses), best_kind(poses)
-    columns = best(poses)
+    poses, kind, columns = tracked.poses, best_kind(tracked.poses), best(tracked.poses)
+    count = len(poses)
     variance = np.diagonal(columns.covariance[columns.has_pose], axis1=1, axis2=2)
     std = np.median(np.sqrt(variance), axis=0) if len(variance) else None
     rate = tracked.new / tracked.seconds if tracked.new and tracked.seconds > 0 else None
@@ -98,3 +103,181 @@ def _status(poses: Poses, name: str) -> dict[str, float]:
     its = poses.status == name
     has_pose = poses.measured.has_pose | poses.filtered.has_pose
     return {"share": float(np.mean(its)), "with_pose": float(np.mean(has_pose[its]))}
+
+
+SAME = 1e-3  # largest difference between timestamps of the same frame [s]: formats round them
+
+
+def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
+    """Raise LogError if numbers and timestamps of first and last frame show poses of another recording."""
+    if not len(poses):
+        return
+    for row in (0, -1):
+        number = int(poses.index[row])
+        stamp = log.frame(number).timestamp if number < len(log) else np.inf
+        if abs(stamp - poses.timestamp[row]) > SAME:  # false for NaN: a frame without a timestamp
+            source = poses.about.source
+            raise LogError(
+                f"{path}: found poses of another recording ({source}), expected those of {recording}"
+            )
+        if not log.random_access:
+            return  # reading up to the last frame would take long
+
+
+def seconds_since_beginning(log: Path, poses: Poses) -> FloatArray:
+    """Return the times (n,) [s] of poses since the first frame of their recording, as goals measure time.
+
+    LogError or OSError if the poses start later than the recording, and it cannot be read.
+    """
+    if not len(poses) or poses.index[0] == 0:
+        return poses.timestamp - poses.timestamp[:1]
+    with open_log(log, recover=True) as opened:
+        first = next(iter(opened), None)
+    if first is None:
+        raise LogError(f"{log}: found no frame that can be read, expected the first one")
+    return poses.timestamp - first.timestamp
+
+
+def goal_file(log: Path) -> Path:
+    """Return the path of the goal file of a recording's job; it may not exist."""
+    return (log if log.is_dir() else log.parent) / FILE_NAME
+
+
+def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
+    """Return the table columns about the goal in the recording's folder; empty without a goal."""
+    path = goal_file(log)
+    if not path.is_file():
+        return {}
+    try:
+        goal = read_job_goal(path)
+        found: dict[str, Any] = {"task": goal.task, "level": goal.level}
+        if goal.task == "rearrange_dice":
+            return found
+        columns = best(poses)
+        seconds = seconds_since_beginning(log, poses)
+        rewards = goal.rewards(seconds, columns.position, columns.orientation, model)
+    except (TaskError, LogError, OSError) as error:
+        return {"goal_fault": reason(error)}
+    return {**found, **totals(rewards, seconds)}
+
+
+def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
+    """Return sum and mean over control steps of rewards (n,) at times (n,) [s], and the final error.
+
+    Each reward is held until the next; NaN, without a pose, is replaced by the reward before, or the first.
+    """
+    known = np.flatnonzero(~np.isnan(rewards))
+    if not len(known):
+        return {}
+    held = rewards[known[np.maximum(np.searchsorted(known, np.arange(len(rewards)), side="right") - 1, 0)]]
+    steps = np.diff(seconds)
+    steps = STEPS_PER_SECOND * np.append(steps, np.median(steps) if len(steps) else 0.1)
+    total = float(np.sum(held * steps))
+    mean = total / float(steps.sum()) if steps.sum() > 0 else float(np.mean(held))
+    return {"reward_total": total, "reward_mean": mean, "error_end": 0.0 - float(held[-1])}
+
+
+STEP = 0.002
+"""Shortest movement that counts towards a path's length [m]: poses of an object at rest differ by less."""
+
+FAST = 99.0  # percentile of the reported speed, rather than the maximum, which depends on a single frame
+
+COLUMNS: dict[str, type] = {
+    "recording": str,
+    "output": str,
+    "object": str,
+    "fault": str,
+    "frames": int,
+    "expected_frames": int,
+    "seconds": float,
+    "share_found": float,
+    "share_filtered": float,
+    "share_coasting": float,
+    "share_lost": float,
+    "confidence_median": float,
+    "position_std_median_mm": float,
+    "rotation_std_median_deg": float,
+    "worst_camera": str,
+    "worst_camera_contradicting": float,
+    "swapped": str,
+    "path_length_m": float,
+    "height_max_m": float,
+    "speed_p99_m_per_s": float,
+    "recorded_position_median_mm": float,
+    "recorded_position_p90_mm": float,
+    "recorded_angle_median_deg": float,
+    "recorded_angle_p90_deg": float,
+    "task": str,
+    "level": int,
+    "reward_total": float,
+    "reward_mean": float,
+    "error_end": float,
+    "goal_fault": str,
+}
+"""Columns of the table and their types; docs/batch.md describes them."""
+
+
+def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
+    """Return the table row of a recording, under COLUMNS; None for unknown values.
+
+    swapped: see `remark_on_recording`.
+    """
+    poses, numbers = tracked.poses, summary(tracked)
+    found: dict[str, Any] = {
+        "recording": unicode_text(str(job.log)),
+        "output": unicode_text(job.output.name),
+        "object": poses.about.object_name,
+        "fault": poses.about.fault or None,
+        "frames": len(poses),
+        "expected_frames": tracked.expected,
+    }
+    if len(poses):
+        shares = {f"share_{name}": float(np.mean(poses.status == name)) for name in ("coasting", "lost")}
+        recorded = {f"recorded_{name}": value for name, value in (numbers["recorded"] or {}).items()}
+        found |= {
+            "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
+            "share_found": numbers["measured"],
+            "share_filtered": numbers["filtered"],
+            "swapped": swapped,
+        }
+        found |= {**shares, **recorded, **_worst(numbers["cameras"] or {}), **_sure_and_far(poses)}
+        found |= goal_columns(job.log, poses, job.recipe.model)
+    return {name: found.get(name) for name in COLUMNS}
+
+
+def path_length(positions: FloatArray) -> float:
+    """Return the length [m] of the path along positions (n, 3) [m]; movements up to STEP are ignored."""
+    length, last = 0.0, positions[0]
+    for position in positions[1:]:
+        step = float(np.linalg.norm(position - last))
+        if step > STEP:
+            length, last = length + step, position
+    return length
+
+
+def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
+    """Return the camera that contradicts the others most often, and the share of measured frames."""
+    shares = {name: its[CameraUse.CONTRADICTING.value] for name, its in cameras.items()}
+    known = {name: share for name, share in shares.items() if share is not None}
+    if not known:
+        return {}
+    worst = max(known, key=known.__getitem__)
+    return {"worst_camera": worst if known[worst] else None, "worst_camera_contradicting": known[worst]}
+
+
+def _sure_and_far(poses: Poses) -> dict[str, float]:
+    """Return medians of confidence and standard deviations, path length, greatest height and FAST speed."""
+    some = best(poses).take(best(poses).has_pose)
+    if not len(some):
+        return {}
+    std = np.sqrt(np.diagonal(some.covariance, axis1=1, axis2=2))
+    found = {
+        "confidence_median": float(np.median(some.confidence)),
+        "position_std_median_mm": 1e3 * float(np.median(std[:, :3].max(axis=1))),
+        "rotation_std_median_deg": float(np.degrees(np.median(std[:, 3:].max(axis=1)))),
+        "path_length_m": path_length(some.position),
+        "height_max_m": float(some.position[:, 2].max()),
+    }
+    if isinstance(some, FilteredColumns):
+        found["speed_p99_m_per_s"] = float(np.percentile(np.linalg.norm(some.velocity[:, :3], axis=1), FAST))
+    return found

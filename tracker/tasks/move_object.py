@@ -219,8 +219,7 @@ def active_goal(trajectory: Trajectory, time: npt.ArrayLike) -> FloatArray:
     at = numbers("time", time, finite=True)
     if (at < 0).any():
         raise TaskError(f"time: found {at.min():g}, expected no time before the trajectory's beginning at 0")
-    result: FloatArray = positions[np.searchsorted(times, at, side="right") - 1]
-    return result
+    return positions[np.searchsorted(times, at, side="right") - 1]
 
 
 def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
