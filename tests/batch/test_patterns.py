@@ -4,14 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.batch.test_run import do
-from tests.helpers.recording_stubs import NoiseTracker, write_log
+from tests.batch.test_run import OPTIONS, do
+from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import outputs_of, recordings_of
 from tracker.batch.run import Batch
 from tracker.errors import LogError
-from tracker.recordings import Options
-
-OPTIONS = Options("cube_v2", make_tracker=NoiseTracker)
 
 
 @pytest.fixture

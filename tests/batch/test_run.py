@@ -375,6 +375,7 @@ def test_a_list_that_is_none_or_leads_out_of_the_folder_of_results_is_refused(co
 def test_to_look_at_a_recording_takes_no_longer_among_many(tmp_path, monkeypatch):
     log = write_log(tmp_path / "in" / "000", 3)
     recipe = Recipe.of(OPTIONS)
+    agreed(recipe)  # looks at the sources, once
     entries = []
     real = os.scandir
     monkeypatch.setattr(os, "scandir", lambda path: entries.append(path) or real(path))

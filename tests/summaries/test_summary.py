@@ -62,25 +62,21 @@ def test_the_summary_counts_what_is_there(tmp_path):
     assert numbers["recorded"]["share_only_found"] == pytest.approx(1 / FRAMES)
 
 
-def test_only_cameras_that_need_a_look_are_named(rng):
-    poses = random_poses(rng, 1000, share=1)
+def test_cameras_that_need_a_look_are_named_and_contradict_only_where_there_is_a_pose(rng):
+    def cameras_of(poses: Poses):
+        return summary(Tracked(poses, len(poses), None, 0, 0.0))["cameras"]
+
     uses = np.full((1000, 3), "used", dtype="U20")
     uses[:11, 0], uses[:10, 1] = "no_image", "no_image"
     uses[:101, 2], uses[101:201, 1] = "contradicting", "contradicting"
-    numbers = summary(Tracked(dataclasses.replace(poses, cameras=uses), 1000, None, 0, 0.0))
-    assert to_look_at(numbers["cameras"]) == {
+    assert to_look_at(cameras_of(dataclasses.replace(random_poses(rng, 1000, share=1), cameras=uses))) == {
         "camera60": {CameraUse.NO_IMAGE: 0.011},
         "camera300": {CameraUse.CONTRADICTING: 0.101},
     }
-
-
-def test_a_camera_contradicts_only_where_there_is_a_pose(rng):
-    poses = dataclasses.replace(random_poses(rng, 10, share=0), cameras=np.full((10, 3), "used"))
-    numbers = summary(Tracked(poses, 10, None, 0, 0.0))
-    assert numbers["cameras"]["camera60"] == {**NOTHING, "contradicting": None}
-    assert to_look_at(numbers["cameras"]) == {}
-    unknown = random_poses(rng, 5, cameras=False)
-    assert summary(Tracked(unknown, 5, None, 0, 0.0))["cameras"] is None
+    unseen = cameras_of(dataclasses.replace(random_poses(rng, 10, share=0), cameras=np.full((10, 3), "used")))
+    assert unseen["camera60"] == {**NOTHING, "contradicting": None}
+    assert to_look_at(unseen) == {}
+    assert cameras_of(random_poses(rng, 5, cameras=False)) is None
 
 
 def test_time_counts_from_the_recording_s_first_frame_wherever_poses_begin(tmp_path):
@@ -118,25 +114,20 @@ def test_rewards_last_until_the_next_and_are_held_where_nothing_was_seen():
 
 def test_a_goal_of_later_is_that_of_later_frames(tmp_path):
     log = write_log(tmp_path / "log", FRAMES)
-    goal = [[0, [0.1, 0.0, 0.05]], [250, [0.0, 0.1, 0.05]], [450, [0.0, 0.0, 0.05]]]
-    (tmp_path / "log" / "goal.json").write_text(json.dumps(goal))
     job = make_job(log, tmp_path / "part.h5", start=5)
     poses = run(job).poses
-    (tmp_path / "log" / "goal.json").write_text(json.dumps([[0, goal[2][1]]]))
-    expected = goal_columns(log, poses, job.recipe.model)["reward_mean"]
-    (tmp_path / "log" / "goal.json").write_text(json.dumps(goal))
-    assert goal_columns(log, poses, job.recipe.model)["reward_mean"] == expected
+
+    def columns(goal: list) -> dict:
+        (tmp_path / "log" / "goal.json").write_text(json.dumps(goal))
+        return goal_columns(log, poses, job.recipe.model)
+
+    goal = [[0, [0.1, 0.0, 0.05]], [250, [0.0, 0.1, 0.05]], [450, [0.0, 0.0, 0.05]]]
+    assert columns(goal)["reward_mean"] == columns([[0, goal[2][1]]])["reward_mean"]
+    none = columns([[0, 5]])  # leaves a well tracked recording without a score
+    assert list(none) == ["goal_fault"]
+    assert "goal.json: trajectory: entry 0" in none["goal_fault"]
     (tmp_path / "log" / "camera_data.dat").unlink()
-    assert "camera_data.dat" in goal_columns(log, poses, job.recipe.model)["goal_fault"]
-
-
-def test_a_goal_that_is_none_leaves_a_well_tracked_recording_without_a_score(tmp_path):
-    log = write_log(tmp_path / "log", 2)
-    (tmp_path / "log" / "goal.json").write_text("[[0, 5]]")
-    job = make_job(log, tmp_path / "poses.h5")
-    found = goal_columns(log, run(job).poses, job.recipe.model)
-    assert list(found) == ["goal_fault"]
-    assert "goal.json: trajectory: entry 0" in found["goal_fault"]
+    assert "camera_data.dat" in columns(goal)["goal_fault"]
 
 
 def test_an_object_at_rest_has_no_path(rng):
@@ -158,7 +149,7 @@ def demo():
         return tracker.ObjectTracker("cube_v2", log.rig), [list(log[k].images) for k in (0, 5, 11, 17)]
 
 
-@pytest.mark.parametrize("order", [order for order in itertools.permutations(STRAIGHT) if order != STRAIGHT])
+@pytest.mark.parametrize("order", list(itertools.permutations(STRAIGHT))[1:])
 def test_the_order_that_fits_is_found(demo, order):
     one, sets = demo
     given = [[images[k] for k in order] for images in sets]
@@ -184,12 +175,10 @@ def test_other_channels_and_other_objects_are_named(demo):
     for images in sets:
         assert mistaken(one, images, one.detect(images)) is None
         turned = [np.ascontiguousarray(image[..., ::-1]) for image in images]
-        answer = one.detect(turned)
-        assert answer.object_pose is None or answer.object_pose.confidence < 0.5
-        assert "swapped" in mistaken(one, turned, answer)
-        answer = other.detect(images)
-        assert answer.object_pose is None or answer.object_pose.confidence < 0.5
-        assert "cube_v2" in mistaken(other, images, answer)
+        for finder, given, word in ((one, turned, "swapped"), (other, images, "cube_v2")):
+            answer = finder.detect(given)
+            assert answer.object_pose is None or answer.object_pose.confidence < 0.5
+            assert word in mistaken(finder, given, answer)
 
 
 @pytest.mark.parametrize(
@@ -269,10 +258,8 @@ def resting(height: float, std: float = 2e-4, tilt: float = 0.0, confidence: flo
 )
 def test_an_object_off_the_table_by_two_deviations_is_named_with_the_remedy(height, std, words):
     found = off_table(resting(height, std), MODEL, ARENA)
-    assert (found is None) == (words is None)
-    if words is not None:
-        assert found.startswith(words)
-        assert "`tracker calibrate table RECORDING -o DIR`" in found
+    remedy = ": if it rests, `tracker calibrate table RECORDING -o DIR` corrects this"
+    assert found == (None if words is None else words + remedy)
 
 
 def test_nothing_is_named_unless_it_seems_to_rest():
@@ -286,10 +273,9 @@ def test_nothing_is_named_unless_it_seems_to_rest():
 
 
 def test_a_table_that_is_not_at_the_height_of_the_world_is_named_by_detect(run_here, tmp_path):
-    arena = tmp_path / "calibration"
-    rig = tracker.CameraRig.load(ROOT / "tracker" / "demo")
-    dataclasses.replace(rig, arena=tracker.Arena(table=-0.004)).save(arena)
-    given = ["detect", "--object", "cube_v2", ROOT / "tracker" / "demo"]
+    rig = tracker.CameraRig.load(DEMO)
+    dataclasses.replace(rig, arena=tracker.Arena(table=-0.004)).save(tmp_path)
+    given = ["detect", "--object", "cube_v2", DEMO]
     assert run_here(*given).stderr == ""
-    (line,) = run_here(*given, "--calibration", arena).stderr.splitlines()
+    (line,) = run_here(*given, "--calibration", tmp_path).stderr.splitlines()
     assert line.startswith("tracker: warning: cube_v2 floats 3.9 mm above the table")

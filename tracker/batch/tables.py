@@ -21,10 +21,9 @@ from tracker.summaries.summary import COLUMNS
 
 @dataclass(frozen=True)
 class State:
-    """Progress of a batch."""
+    """Progress of a batch of `total` recordings."""
 
     total: int
-    """Number of recordings in the batch."""
     lines: tuple[dict[str, Any], ...]
     """Table rows of finished recordings, in order; it is not checked that their options are the same."""
     failures: dict[str, str]

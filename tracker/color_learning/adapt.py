@@ -37,14 +37,11 @@ PATIENCE = 2  # number of rounds without a gain after which learning ends
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """A learned colour model, and how good it is."""
+    """A learned colour model, with judgements of the initial and of the new one."""
 
     colors: ColorModel
-    """The new model."""
     before: Judgement
-    """Judgement of the initial model."""
     after: Judgement
-    """Judgement of the new model."""
     pixels: dict[str, int]
     """Number of pixels that each face colour was learned from; a colour with 0 stays as it was before."""
 
@@ -135,14 +132,13 @@ def _told_wrong(hues: Mapping[int, float]) -> str:
 
 
 TRIED = 12  # approximate number of frames on which the models are compared
-_OF_MANY_THINGS = "dice"  # name of the model with a single colour, which fits no cuboid
 
 
 def nearest(model: CuboidModel, footage: Sequence[Frames]) -> ColorModel:
     """Return the shipped colour model that best explains a sample of the frames to learn from."""
     step = max(1, sum(len(one.learned) for one in footage) // TRIED)
     few = [dataclasses.replace(one, learned=(), held_out=one.learned[::step]) for one in footage]
-    names = [name for name in color_model_names() if name != _OF_MANY_THINGS]
+    names = [name for name in color_model_names() if name != "dice"]  # a single colour fits no cuboid
     models = [dataclasses.replace(load_colors(name), normalise=True) for name in names]
     return max(models, key=lambda colors: judge(model, few, colors).explained)
 
@@ -163,10 +159,8 @@ def from_names(seed: int) -> ColorModel:
     background pixels are nearly grey.
     """
     rng = np.random.default_rng([seed, 7])
-    many = 4 * DRAWN
-    pixels = {
-        0: bgr_of_hue(rng.uniform(0, 360, many), rng.uniform(0.0, GREY, many), rng.uniform(0.0, 255.0, many))
-    }
+    hues, greys, levels = (rng.uniform(0.0, most, 4 * DRAWN) for most in (360.0, GREY, 255.0))
+    pixels = {0: bgr_of_hue(hues, greys, levels)}
     for label in range(1, CLASSES):
         hues = NAMED_HUES[label] + HUE_SPREAD * rng.standard_normal(DRAWN)
         pixels[label] = bgr_of_hue(hues, rng.uniform(*SATURATIONS, DRAWN), rng.uniform(*LEVELS, DRAWN))

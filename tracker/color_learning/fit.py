@@ -62,7 +62,6 @@ class FitOptions:
     smoothing: float = 0.4
     """Standard deviation of the smoothing of the histograms [nodes]."""
     seed: int = 0
-    """Random seed of the draws."""
 
     def for_others(self) -> FitOptions:
         """Return the options with which other objects' images are drawn."""

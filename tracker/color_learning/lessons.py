@@ -31,14 +31,11 @@ FEWEST_FRAMES = 3  # smallest number of frames to learn from and judge by
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames of one recording."""
+    """Frames of one recording by its cameras: those to learn from, and those to judge by."""
 
     rig: CameraRig
-    """Its cameras."""
     learned: tuple[Images, ...]
-    """Frames to learn from."""
     held_out: tuple[Images, ...]
-    """Frames to judge by."""
 
 
 def frames_of(log: Log, rig: CameraRig, count: int) -> Frames:
@@ -51,9 +48,9 @@ def frames_of(log: Log, rig: CameraRig, count: int) -> Frames:
 def shares(lengths: Sequence[int], count: int) -> list[int]:
     """Divide `count` frames among recordings: equal numbers, as far as their lengths allow."""
     result, left = [0] * len(lengths), count
-    order = sorted(range(len(lengths)), key=lambda k: lengths[k])
-    for place, k in enumerate(order):
-        result[k] = min(lengths[k], max(2, left // (len(order) - place)))
+    shortest_first = sorted(range(len(lengths)), key=lengths.__getitem__)
+    for place, k in enumerate(shortest_first):
+        result[k] = min(lengths[k], max(2, left // (len(lengths) - place)))
         left -= result[k]
     return result
 
@@ -71,10 +68,8 @@ class Judgement:
     posed: float
     """Share of the frames with a pose of a confidence above SURE."""
     frames: int
-    """Number of frames."""
 
     def __str__(self) -> str:
-        """Return both shares as text."""
         return f"{self.explained:.1%} explained, {self.posed:.1%} posed"
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tracker.conventions import Array, FloatArray
+from tracker.checks import array_of
+from tracker.conventions import FloatArray
 from tracker.errors import TaskError, shown
 
 LARGEST = 1e100
@@ -19,10 +20,7 @@ SHORTEST = 1e-9  # smallest length of a quaternion, far above rounding errors
 
 def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:
     """Return a number or array in double precision; TaskError if any is too large or, if `finite`, NaN."""
-    try:
-        found: Array = np.asarray(value)
-    except ValueError:
-        found = np.asarray(None)
+    found = array_of(value)
     if found.dtype.kind not in "iuf":
         raise TaskError(f"{name}: found {shown(value)}, expected numbers")
     result: FloatArray = found.astype(np.float64)
@@ -64,6 +62,5 @@ def check_fit(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[
     try:
         np.broadcast_shapes(shape, other_shape)
     except ValueError:
-        shapes = f"{shape} and {other_shape}"
-        valid = "leading axes that broadcast"
-        raise TaskError(f"{name} and {other}: found shapes {shapes}, expected {valid}") from None
+        found = f"found shapes {shape} and {other_shape}"
+        raise TaskError(f"{name} and {other}: {found}, expected leading axes that broadcast") from None

@@ -33,10 +33,9 @@ NOTHING, DICE, UNKNOWN = range(3)  # values of a pixel in a mask
 def evidence(mask: Array, image: Image | None) -> tuple[Array, Image, Array]:
     """Return the evidence in a mask (H, W) of dice, and in its BGR image (H, W, 3) if there is one.
 
-    Returns:
-        (5, H, W) float32: score of a pixel if NONE, SIDE, SIDE_RIM, TOP, TOP_RIM explains it;
-        (H, W) uint8: NOTHING or DICE; and
-        (H, W) float32: from -1, as dark as the sides, to 1, as bright as the tops; 0 if unknown.
+    (5, H, W) float32: score of a pixel if NONE, SIDE, SIDE_RIM, TOP, TOP_RIM explains it;
+    (H, W) uint8: NOTHING or DICE; and
+    (H, W) float32: from -1, as dark as the sides, to 1, as bright as the tops; 0 if unknown.
     """
     seen = (mask > 0).astype(np.uint8)
     inner = np.asarray(cv2.erode(seen, np.ones((3, 3), np.uint8)), dtype=np.uint8)

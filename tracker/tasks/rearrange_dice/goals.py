@@ -101,8 +101,8 @@ def validate_goal(goal: npt.ArrayLike) -> FloatArray:
             found = f"its die reaches {reach(place):.4g} m from the arena's centre"
             raise TaskError(f"{what}: {found}, expected at most {ARENA_RADIUS} m")
         if place[2] < DIE_WIDTH / 2 - SLACK:
-            valid = f"at least half a die, {DIE_WIDTH / 2} m"
-            raise TaskError(f"{what}: found the height {place[2]:g} m, expected {valid}")
+            found = f"found the height {place[2]:g} m"
+            raise TaskError(f"{what}: {found}, expected at least half a die, {DIE_WIDTH / 2} m")
     return places
 
 
@@ -125,8 +125,6 @@ OUTSIDE, EMPTY, GOAL = "#.X"
 
 ON_CELL = 1e-6  # largest distance between a place and the centre of its cell in a pattern [m]
 MAX_FILE_SIZE = 1_000_000  # largest file that is parsed [bytes]; goals have 2 kB
-
-_JSON, _PATTERN = ".json", ".txt"
 
 
 def read_goal(path: str | os.PathLike[str]) -> FloatArray:
@@ -211,9 +209,9 @@ def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
     """
     target = path_of(path, "goal", TaskError)
     places = validate_goal(goal)
-    check_suffix(target, (_JSON, _PATTERN), "goal", TaskError)
+    check_suffix(target, (".json", ".txt"), "goal", TaskError)
     rows = ",\n".join(f"  {json.dumps(place)}" for place in places.tolist())
-    as_json = target.suffix.lower() == _JSON
+    as_json = target.suffix.lower() == ".json"
     with told_as(TaskError, target):
         write_whole(target, f'{{"goal": [\n{rows}\n]}}\n' if as_json else pattern(places))
 
