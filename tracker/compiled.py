@@ -25,8 +25,7 @@ from numba.core.typing.templates import make_concrete_template
 _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 _FOLDER = "kernels-"
-_OTHERS = 1
-"""Number of cache folders of other source versions to keep, so that switching versions does not recompile."""
+_OTHERS = 1  # cache folders of other source versions to keep, so that switching does not recompile
 _OTHERS_SHARED = 8  # the same below NUMBA_CACHE_DIR, which all copies of a package share
 
 
@@ -116,10 +115,8 @@ def fingerprint(package: str) -> str:
     """Return a hash of numba's version and of all sources that can affect a package's compiled functions.
 
     These are the files that hold such functions, and all files of the package and of this one that they
-    import, directly or indirectly, since constants are compiled in.
-
-    Raises:
-        OSError: there are no such files, or they cannot be read.
+    import, directly or indirectly, since constants are compiled in. OSError if there are none, or they cannot
+    be read.
     """
     root = Path(sys.modules[package].__path__[0])
     texts = {path: path.read_text(encoding="utf-8") for path in sorted(root.rglob("*.py"))}

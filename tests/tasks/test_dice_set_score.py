@@ -16,8 +16,11 @@ def views_of(masks, images=(None, None, None)) -> set_score.Views:
     return Search(RIG, masks, images).views
 
 
-def canvas() -> set_score.Canvas:
-    return set_score.Canvas(*(np.zeros((3, 270, 270), kind) for kind in (np.float32, np.int8, np.int16)))
+CANVAS = set_score.Canvas(*(np.zeros((3, 270, 270), kind) for kind in (np.float32, np.int8, np.int16)))
+
+
+def total(views: set_score.Views, dice: np.ndarray) -> float:
+    return set_score.total(views, dice, 0.0, CANVAS)
 
 
 @pytest.fixture(scope="module")
@@ -27,21 +30,15 @@ def views() -> set_score.Views:
 
 def drawn(views: set_score.Views, dice: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
     """Classes and owners in one view."""
-    room, window = canvas(), np.array([0, 0, 270, 270])
-    set_score.draw(views, c, dice, -1, window, room)
-    return room.classes[c], room.owners[c]
+    set_score.draw(views, c, dice, -1, np.array([0, 0, 270, 270]), CANVAS)
+    return CANVAS.classes[c].copy(), CANVAS.owners[c].copy()
 
 
 @pytest.mark.parametrize("c", range(3))
-def test_drawn_dice_cover_the_pixels_that_opencv_paints(views, c):
-    classes, _ = drawn(views, DICE_POSES, c)
+def test_dice_cover_the_pixels_that_opencv_paints_with_tops_where_rays_meet_the_upper_faces(views, c):
+    classes, owners = drawn(views, DICE_POSES, c)
     truth = painted(RIG[c], DICE_POSES)[1] > 0
     assert np.count_nonzero((classes > 0) != truth) < 0.06 * np.count_nonzero(truth)
-
-
-@pytest.mark.parametrize("c", range(3))
-def test_a_pixel_shows_a_top_where_its_ray_meets_the_upper_face(views, c):
-    classes, owners = drawn(views, DICE_POSES, c)
     rows, columns = np.nonzero(classes)
     rays = RIG[c].rays(np.stack([columns, rows], axis=1))
     shown = zip(rays, classes[rows, columns], DICE_POSES[owners[rows, columns]], strict=True)
@@ -99,12 +96,10 @@ def test_dice_overlap_where_their_squares_do(first, second):
 
 
 def test_what_a_die_gains_is_what_the_whole_loses_without_it(views):
-    room = canvas()
     for k in range(len(DICE_POSES)):
-        gain = set_score.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.0, room)
-        whole = set_score.total(views, DICE_POSES, 0.0, room)
-        without = set_score.total(views, np.delete(DICE_POSES, k, axis=0), 0.0, room)
-        assert gain == pytest.approx(whole - without, rel=1e-4)
+        gain = set_score.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.0, CANVAS)
+        lost = total(views, DICE_POSES) - total(views, np.delete(DICE_POSES, k, axis=0))
+        assert gain == pytest.approx(lost, rel=1e-4)
 
 
 def test_a_die_that_was_pushed_away_settles_where_it_was(views):
@@ -112,28 +107,24 @@ def test_a_die_that_was_pushed_away_settles_where_it_was(views):
     for k, offset in enumerate(offsets):
         dice = DICE_POSES.copy()
         dice[k] += offset
-        set_score.settle(views, dice, k, finder.STEPS, 0.0, canvas())
+        set_score.settle(views, dice, k, finder.STEPS, 0.0, CANVAS)
         assert np.linalg.norm(dice[k, :2] - DICE_POSES[k, :2]) < 1.5e-3
 
 
 def test_the_true_dice_explain_more_than_any_others(views):
     rng = np.random.default_rng(3)
-    room = canvas()
-    best = set_score.total(views, DICE_POSES, 0.0, room)
+    best = total(views, DICE_POSES)
     for _ in range(30):
         others = DICE_POSES + rng.normal(0, [0.004, 0.004, 0, 0.3], DICE_POSES.shape)
-        assert set_score.total(views, others, 0.0, room) < best
-    assert set_score.total(views, DICE_POSES[:0], 0.0, room) == 0
+        assert total(views, others) < best
+    assert total(views, DICE_POSES[:0]) == 0
 
 
 def test_what_one_view_has_against_a_die_is_limited():
-    masks = [painted(camera, DICE_POSES)[1] for camera in RIG]
-    room = canvas()
-    seen = set_score.total(views_of(masks), DICE_POSES, 0.0, room)
-    masks[1] = np.zeros_like(masks[1])
-    hidden = set_score.total(views_of(masks), DICE_POSES, 0.0, room)
-    masks[1] = None
-    unknown = set_score.total(views_of(masks), DICE_POSES, 0.0, room)
+    first, second, third = (painted(camera, DICE_POSES)[1] for camera in RIG)
+    seen, hidden, unknown = (
+        total(views_of([first, mask, third]), DICE_POSES) for mask in (second, np.zeros_like(second), None)
+    )
     assert hidden < unknown < seen
     assert unknown - hidden <= len(DICE_POSES) * set_score.HIDDEN
 
@@ -143,8 +134,8 @@ def test_evidence_tells_tops_from_sides_and_pips_from_blue():
     scores, seen, shade = evidence(mask, image)
     classes, _ = drawn(views_of([mask] * 3), DICE_POSES, 0)
     inner = (seen == DICE) & (scores[set_score.TOP] > 0)
-    tops = inner & ((classes == set_score.TOP) | (classes == set_score.TOP_RIM))
-    sides = inner & ((classes == set_score.SIDE) | (classes == set_score.SIDE_RIM))
+    tops = inner & np.isin(classes, (set_score.TOP, set_score.TOP_RIM))
+    sides = inner & np.isin(classes, (set_score.SIDE, set_score.SIDE_RIM))
     assert shade[tops].mean() > 0.4
     assert shade[sides].mean() < -0.2
     assert (scores[set_score.TOP] >= scores[set_score.TOP_RIM]).all()

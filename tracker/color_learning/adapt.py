@@ -26,9 +26,7 @@ from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, color_model_names, load_colors
 
-GATES = (0.3, 0.5, 0.7, 0.8, 0.9)
-"""Smallest confidence of the poses that are learned from, round by round: at first few are confident."""
-
+GATES = (0.3, 0.5, 0.7, 0.8, 0.9)  # least confidence to learn from, round by round: at first few are sure
 FEW = 2  # smallest number of frames to learn from
 GAIN = 0.002  # smallest gain of `Judgement.explained` with which a fit counts as better
 OFTEN = 5  # number of pixels of one colour mistaken for a face in a round from which it is not by chance
@@ -61,9 +59,8 @@ def adapt(
     start: the initial model; its `normalise` is ignored: images are always read in neutral light.
     say: receives a line about each round.
 
-    Raises:
-        ColorModelError: the colours of the initial model are misnamed.
-        NotBetterError: nothing could be learned, or nothing was gained; the message says why.
+    ColorModelError if the colours of the initial model are misnamed; NotBetterError, which says why, if
+    nothing could be learned, or nothing was gained.
     """
     if wrong := _told_wrong(hues_of_model(start)):
         raise ColorModelError(f"colour model {start.name}: refused: {wrong}")

@@ -25,9 +25,7 @@ NAMED_HUES: FloatArray = np.array([np.nan, 12.0, 100.0, 212.0, 178.0, 312.0, 52.
 """(7,) hue that each label's name implies [degrees]; label 0 has none."""
 
 MAX_OFF = 45.0  # largest accepted deviation of a hue from that of its name [degrees]
-
-MAX_GAIN = 30.0
-"""Names count as wrong if permuting them reduces the summed deviations by more than this [degrees]."""
+MAX_GAIN = 30.0  # names are wrong if permuting them reduces the summed deviations by more [degrees]
 
 BRIGHTNESS, CHANNEL, LEVEL = 0.35, 0.07, 6.0
 """Standard deviations of the log of a face's brightness (light and shade), of the log of each channel, and of

@@ -93,10 +93,7 @@ def overlap(fit: Fit) -> float:
 
 
 RIM = 2.0  # width left out along a face's borders, where both sides mix [px at the reference size]
-
-AROUND = 6.0
-"""Width left out around the object, likewise: reflections on the table and fringes have its colours."""
-
+AROUND = 6.0  # width left out around the object, likewise: reflections and fringes have its colours
 _SHIFT = 4  # fractional bits of OpenCV's polygon corners
 
 

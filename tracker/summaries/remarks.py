@@ -52,17 +52,10 @@ DOUBTFUL = (
 def swapped(
     tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation | None = None
 ) -> tuple[int, ...] | None:
-    """Find the only order in which images fit the cameras, unless it is the given one.
+    """Find the only order in which images fit the cameras: for each camera, the number of its image.
 
-    None if no order fits, or several do, as in a symmetric rig: the right one is then unknown.
-
-    Args:
-        tracker: tracker of the object with these cameras; `detect` is called.
-        images: images of the cameras, as given.
-        answer: result of `tracker.detect(images)`, if known.
-
-    Returns:
-        For each camera, the number of the image that fits it.
+    None if it is the given order, no order fits, or several do, as in a symmetric rig: the right one is then
+    unknown. `answer` is the result of `tracker.detect(images)`, if known.
     """
     if sum(image is not None for image in images) < 2:
         return None
@@ -92,9 +85,8 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
     if pose is not None and pose.confidence >= UNSURE:
         return f"{tracker.model.name} is found if red and blue are swapped: images must be BGR"
     others = [name for name in object_names() if name != tracker.model.name]
-    fitting = [
-        name for name in others if _confidence(ObjectTracker(name, tracker.rig).detect(images)) >= SURE
-    ]
+    answers = {name: ObjectTracker(name, tracker.rig).detect(images) for name in others}
+    fitting = [name for name, answer in answers.items() if _confidence(answer) >= SURE]
     return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
 
 
@@ -102,12 +94,8 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
     """Return in one line why no certain pose is found; None if one is found, or no cause is known.
 
     Swapped cameras, swapped channels and other objects are tried first; then exposure and sharpness are
-    checked. Unless the pose is certain, this takes as long as several detections.
-
-    Args:
-        tracker: tracker of the object with these cameras; `detect` is called.
-        images: images of the cameras.
-        answer: result of `tracker.detect(images)`.
+    checked. Unless the pose is certain, this takes as long as several detections. `answer` is the result of
+    `tracker.detect(images)`.
     """
     order = swapped(tracker, images, answer)
     cause = mistaken(tracker, images, answer) if order is None else swap_message(order, tracker.rig.names)

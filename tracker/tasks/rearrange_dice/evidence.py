@@ -15,8 +15,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH
 
-SHADE = 0.6
-"""Gain if a top explains a pixel as bright as the tops, loss if a side does; vice versa for dark ones."""
+SHADE = 0.6  # gain if a top explains a pixel as bright as the tops, loss if a side does; vice versa if dark
 
 PIP = 1.5
 """Loss if the rim of a face, which has no pips, explains a pixel as pale as a pip; if another part of a face
@@ -81,10 +80,7 @@ def tops(masks: Image, shades: Array) -> Array:
 CELL = 0.002  # edge length of the plane's cells [m]
 REACH = 0.196  # radius around the arena's centre beyond which no die reaches [m]
 LEVELS = 2  # number of planes: the tops of dice on the table, and of dice on these
-
-STACKED = 0.25
-"""Penalty on the evidence for a die on top of another, as a share of the largest possible evidence."""
-
+STACKED = 0.25  # penalty on a die on top of another, as a share of the largest possible evidence
 ENOUGH = 0.15  # smallest evidence for a proposed square, as a share of the largest possible
 BORDER = 0.003  # width of a square's outline [m]
 SLACK = 0.0005  # width by which neighbours may overlap a proposed square [m]
@@ -94,8 +90,7 @@ STYLES = len(_STYLES)  # number of ways to fill a crowd with squares
 _COUNT = 2 * round(0.2 / CELL)
 _LINE = (np.arange(_COUNT) - (_COUNT - 1) / 2) * CELL
 _X, _Y = np.meshgrid(_LINE, _LINE)
-_HALF = int(np.ceil((DIE_WIDTH / 2 + BORDER) * np.sqrt(2) / CELL))
-"""Cells from the middle of a square to the farthest corner of its outline."""
+_HALF = int(np.ceil((DIE_WIDTH / 2 + BORDER) * np.sqrt(2) / CELL))  # cells from the middle to a corner
 
 
 class Plan:
