@@ -151,11 +151,8 @@ def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordin
     tracked, before = do(batch_of(recordings))
     assert (len(tracked), before) == (2, COUNT - 2)
     assert not (one.folder / "failures.json").exists()
-
-
-def test_a_reason_that_could_not_be_kept_is_reported_by_its_run(recordings):
+    # A reason that could not be kept is reported by its run.
     one = batch_of(recordings)
-    do(one)
     logs = [log for log, _ in one.pairs]
     for name in ("000.poses.h5", "001.poses.h5"):
         next(one.folder.rglob(name)).unlink()

@@ -83,7 +83,7 @@ def test_names_alone_tell_pure_colors():
         assert labels[50 * red, 50 * green, 50 * blue] == label
 
 
-def test_faces_of_the_outline_are_those_of_the_picture(film):
+def test_faces_of_the_outline_are_those_of_the_picture_and_out_of_view_there_is_none(film):
     inside = total = 0
     for shot in film:
         for camera, labels in zip(RIG, shot.labels, strict=True):
@@ -93,9 +93,6 @@ def test_faces_of_the_outline_are_those_of_the_picture(film):
             assert (faces[both] == labels[both]).all()
             inside, total = inside + np.count_nonzero(both), total + np.count_nonzero(labels)
     assert inside > 0.7 * total
-
-
-def test_an_object_out_of_view_has_no_outline():
     assert outline(MODEL, RIG[0], np.eye(3), np.array([0.0, 0.0, 5.0])) is None
 
 
@@ -115,7 +112,7 @@ def lessons(film) -> list[tuple[Lesson, np.ndarray]]:
     return result
 
 
-def test_what_hides_a_face_does_not_teach(lessons):
+def test_a_frame_teaches_the_pixels_in_their_faces_colors_and_not_what_hides_a_face(lessons):
     owner = owners([one for one, _ in lessons])
     faces = np.concatenate([one.faces for one, _ in lessons])
     truth = np.concatenate([labels for _, labels in lessons])
@@ -124,11 +121,7 @@ def test_what_hides_a_face_does_not_teach(lessons):
     assert np.count_nonzero(hidden) > 300
     assert kept[hidden].mean() < 0.2
     assert kept[shown].mean() > 0.9
-
-
-def test_a_frame_teaches_the_pixels_that_are_in_their_faces_colors(lessons):
-    taught, owner = consistent([one for one, _ in lessons]), owners([one for one, _ in lessons])
-    for pixels, (one, _) in zip(taught, lessons, strict=True):
+    for pixels, (one, _) in zip(consistent([one for one, _ in lessons]), lessons, strict=True):
         assert len(pixels[0]) == np.count_nonzero(one.faces == 0)
         for label in set(pixels) - {0}:
             assert (owner[nodes_of(pixels[label])] == label).all()
