@@ -255,24 +255,23 @@ def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
     content = json.loads(description.list_text)
     content["each"] = 2
     description.write()
-    description.path.with_suffix(".json").write_text(json.dumps(content))
+    listed = description.path.with_suffix(".json")
+    listed.write_text(json.dumps(content))
     threads = cv2.getNumThreads()
     cv2.setNumThreads(2)
     for number in (0, 1, 2, 1):
-        assert jobs.do_share(description.path.with_suffix(".json"), number) == 0
+        assert jobs.do_share(listed, number) == 0
     assert cv2.getNumThreads() == 1
     cv2.setNumThreads(threads)
     with pytest.raises(LogError, match="found 3 jobs"):
-        jobs.do_share(description.path.with_suffix(".json"), 3)
+        jobs.do_share(listed, 3)
     found = {name: data for name, data in contents(one.folder).items() if not name.startswith(".jobs")}
-    for name in ("batch.json", "summary.csv", "summary.parquet"):
-        assert name not in found
+    assert not found.keys() & {"batch.json", "summary.csv", "summary.parquet"}
     assert found.items() <= contents(here.folder).items()
     assert len([name for name in found if name.endswith(".poses.h5")]) == COUNT
-    content["agreed"] = "other"
-    description.path.with_suffix(".json").write_text(json.dumps(content))
+    listed.write_text(json.dumps({**content, "agreed": "other"}))
     with pytest.raises(TrackerError, match="submit it again"):
-        jobs.do_share(description.path.with_suffix(".json"), 0)
+        jobs.do_share(listed, 0)
 
 
 def described(folder: Path, count: int, scheduler: str) -> jobs.Description:

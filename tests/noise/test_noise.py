@@ -62,21 +62,16 @@ def test_a_bias_stays_for_an_episode_and_another_one_has_another():
 
 
 @pytest.mark.parametrize("steps", [1, 5])
-def test_correlation_is_the_stated_one_in_however_many_steps(steps):
-    error = {"slow": 1e-3, "seconds": 0.5, "travel": 1e9}
-    state, truth = state_of(position=error), truths()
-    begin = state.step(*truth, 0.1).position - truth[0]
-    for _ in range(steps):
-        end = state.step(*truth, 0.3 / steps).position - truth[0]
-    assert np.corrcoef(begin.ravel(), end.ravel())[0, 1] == pytest.approx(np.exp(-0.6), abs=0.03)
+@pytest.mark.parametrize(("seconds", "travel", "left"), [(0.5, 1e9, np.exp(-0.6)), (1e9, 0.02, np.exp(-0.5))])
+def test_errors_are_forgotten_with_time_and_on_the_way_as_stated(seconds, travel, left, steps):
+    error = {"slow": 1e-3, "seconds": seconds, "travel": travel}
+    state, (p, q, v) = state_of(position=error), truths()
+    begin = state.step(p, q, v, 0.1).position - p
+    for k in range(1, steps + 1):
+        moved = p + np.array([0.01 * k / steps, 0.0, 0.0])
+        end = state.step(moved, q, v, 0.3 / steps).position - moved
+    assert np.corrcoef(begin.ravel(), end.ravel())[0, 1] == pytest.approx(left, abs=0.03)
     assert end.std() == pytest.approx(1e-3, rel=0.03)
-
-
-def test_errors_are_forgotten_on_the_way_as_stated():
-    state, (p, q, v) = state_of(position={"slow": 1e-3, "seconds": 1e9, "travel": 0.02}), truths()
-    moved = p + np.array([0.01, 0.0, 0.0])
-    begin, end = state.step(p, q, v, 0.1).position - p, state.step(moved, q, v, 0.1).position - moved
-    assert np.corrcoef(begin.ravel(), end.ravel())[0, 1] == pytest.approx(np.exp(-0.5), abs=0.03)
 
 
 def test_rotations_are_perturbed_along_world_axes():

@@ -265,11 +265,10 @@ def test_an_object_off_the_table_by_two_deviations_is_named_with_the_remedy(heig
 def test_nothing_is_named_unless_it_seems_to_rest():
     high = resting(5e-3)
     assert off_table(high, MODEL, ARENA)
-    assert off_table(resting(5e-3, tilt=0.1), MODEL, ARENA) is None
-    assert off_table(resting(5e-3, confidence=0.4), MODEL, ARENA) is None
-    assert off_table(None, MODEL, ARENA) is None
-    assert off_table(high, MODEL, dataclasses.replace(ARENA, table=None)) is None
-    assert off_table(high, MODEL, dataclasses.replace(ARENA, table_std=(1e-3, 0.0))) is None
+    for pose in (None, resting(5e-3, tilt=0.1), resting(5e-3, confidence=0.4)):
+        assert off_table(pose, MODEL, ARENA) is None
+    for change in ({"table": None}, {"table_std": (1e-3, 0.0)}):
+        assert off_table(high, MODEL, dataclasses.replace(ARENA, **change)) is None
 
 
 def test_a_table_that_is_not_at_the_height_of_the_world_is_named_by_detect(run_here, tmp_path):

@@ -127,10 +127,8 @@ def test_level_4_alone_looks_at_the_orientation_by_half(model, rng):
     goal, actual = rng.uniform(-0.1, 0.1, (2, 40, 3))
     goal_turn, turn = random_quaternions(rng, 40), random_quaternions(rng, 40)
     error = position_error(goal, actual)
-    for level in (1, 2, 3):
-        np.testing.assert_array_equal(reward(level, goal, actual, model=model), -error)
-        rewards = reward(level, goal, actual, goal_turn, turn, model=model)
-        np.testing.assert_array_equal(rewards, -error)
+    for level, turns in itertools.product((1, 2, 3), ((), (goal_turn, turn))):
+        np.testing.assert_array_equal(reward(level, goal, actual, *turns, model=model), -error)
     turning = long_axis_error if model is CUBOID else rotation_error
     rewards = reward(4, goal, actual, goal_turn, turn, model=model)
     np.testing.assert_allclose(rewards, -(error + turning(goal_turn, turn)) / 2, rtol=1e-15)
@@ -143,8 +141,7 @@ def test_nothing_is_better_than_the_goal_itself(level, model, rng):
     best = reward(level, goal, goal, turn, turn, model=model)
     np.testing.assert_array_equal(best, 0)
     assert not np.signbit(best).any()
-    elsewhere = reward(level, goal[::-1], goal, turn[::-1], turn, model=model)
-    assert (elsewhere < 0).all()
+    assert (reward(level, goal[::-1], goal, turn[::-1], turn, model=model) < 0).all()
 
 
 def test_one_goal_and_many_states_broadcast(rng):
@@ -191,12 +188,9 @@ def test_rewards_along_a_trajectory_are_those_of_the_active_goals(rng):
 def test_an_episodes_reward_sums_its_steps(rng):
     rewards = -rng.random((3, 1200))
     assert episode_reward(rewards[0]) == pytest.approx(rewards[0].sum())
-    held = episode_reward(rewards, steps=100)
-    every = episode_reward(np.repeat(rewards, 100, axis=1))
-    np.testing.assert_allclose(held, every, rtol=1e-12)
-    steps = rng.integers(0, 200, 1200)
-    uneven = episode_reward(np.repeat(rewards[0], steps))
-    assert episode_reward(rewards[0], steps=steps) == pytest.approx(uneven)
+    for steps in (100, rng.integers(0, 200, 1200)):
+        every = episode_reward(np.repeat(rewards, steps, axis=1))
+        np.testing.assert_allclose(episode_reward(rewards, steps=steps), every, rtol=1e-12)
 
 
 def test_the_total_weights_each_level_by_its_number():
@@ -216,22 +210,16 @@ def test_a_corner_is_on_the_plus_side_where_its_bit_is_zero():
     assert np.array_equal(keypoints(np.zeros(3), UNIT, BOX)[::-1], cuboid.corners(BOX))
 
 
-@given(sizes, positions, quaternions)
-def test_a_pose_comes_back_from_its_corners(size, position, orientation):
+@given(sizes, positions, quaternions, quaternions)
+def test_a_pose_comes_back_from_its_corners_which_turn_with_it(size, position, orientation, other):
     corners = keypoints(position, orientation, size)
     place, turn = pose_from_keypoints(corners, size)
     np.testing.assert_allclose(place, position, atol=1e-12)
-    unit = orientation / np.linalg.norm(orientation)
-    assert so3.angle_between(so3.matrix_from_quaternion(turn), so3.matrix_from_quaternion(unit)) < 1e-7
+    unit, rotation = (so3.matrix_from_quaternion(q / np.linalg.norm(q)) for q in (orientation, other))
+    assert so3.angle_between(so3.matrix_from_quaternion(turn), unit) < 1e-7
     assert turn[3] >= 0
-
-
-@given(sizes, positions, quaternions, quaternions)
-def test_turning_the_object_turns_its_corners(size, position, orientation, turn):
-    rotation = so3.matrix_from_quaternion(turn / np.linalg.norm(turn))
-    unit = so3.matrix_from_quaternion(orientation / np.linalg.norm(orientation))
     turned = keypoints(rotation @ position, so3.quaternion_from_matrix(rotation @ unit), size)
-    np.testing.assert_allclose(turned, keypoints(position, orientation, size) @ rotation.T, atol=1e-12)
+    np.testing.assert_allclose(turned, corners @ rotation.T, atol=1e-12)
 
 
 def test_many_states_go_at_once_and_one_that_was_not_seen_stays_unknown():
@@ -242,12 +230,10 @@ def test_many_states_go_at_once_and_one_that_was_not_seen_stays_unknown():
     corners = keypoints(places, turns, BOX)
     assert corners.shape == (5, 4, 8, 3)
     assert np.isnan(corners).all(axis=(2, 3)).sum() == 2
-    place, turn = pose_from_keypoints(corners, BOX)
     known = ~np.isnan(corners).any(axis=(2, 3))
-    np.testing.assert_allclose(place[known], places[known], atol=1e-12)
-    np.testing.assert_allclose(turn[known], turns[known], atol=1e-12)
-    assert np.isnan(place[~known]).all()
-    assert np.isnan(turn[~known]).all()
+    for found, expected in zip(pose_from_keypoints(corners, BOX), (places, turns), strict=True):
+        np.testing.assert_allclose(found[known], expected[known], atol=1e-12)
+        assert np.isnan(found[~known]).all()
     assert keypoints(places[0], UNIT, BOX).shape == (4, 8, 3)
 
 
