@@ -10,16 +10,7 @@ from tests.helpers import contents, robot_stores
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.needs import lack
 from tests.helpers.recording_stubs import tiny_rig
-from tests.helpers.robot_stores import (
-    EPISODES,
-    LATE,
-    SHOWN,
-    STEPS,
-    KnowingTracker,
-    position,
-    write,
-    write_robots,
-)
+from tests.helpers.robot_stores import SHOWN, STEPS, KnowingTracker, position, write
 from tests.logs.test_datasets import edit, head
 from tracker.batch.run import only_run, write_batch
 from tracker.batch.stores import Retracking, _taken
@@ -34,7 +25,7 @@ pq = pytest.importorskip("pyarrow.parquet", reason="cluster: no module pyarrow")
 
 @pytest.fixture(scope="module")
 def robots(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_robots(tmp_path_factory.mktemp("robots"))
+    return robot_stores.write_robots(tmp_path_factory.mktemp("robots"))
 
 
 def do(store: Path, folder: Path, robots: Path, **options) -> tuple[list[dict | None], dict]:
@@ -73,7 +64,7 @@ def test_episodes_have_their_robots_cameras_and_tables_fit_the_store(task, write
     results, report = do(store, folder, robots)
     found = place(store, folder)
     assert [result["failure"] for result in results] == [None] * 3
-    for number, (first, last, robot) in enumerate(EPISODES):
+    for number, (first, last, robot) in enumerate(robot_stores.EPISODES):
         poses = read_poses(found / f"episode-{number:05d}.poses.h5")
         np.testing.assert_array_equal(poses.index, np.arange(first // 5, last // 5))
         focal = tiny_rig()[0].matrix[0, 0]
@@ -89,14 +80,16 @@ def test_episodes_have_their_robots_cameras_and_tables_fit_the_store(task, write
     np.testing.assert_allclose(read_array(group / "images" / "object_position"), expected, atol=1e-7)
     images, steps = pq.read_table(found / "images.parquet"), pq.read_table(found / "steps.parquet")
     assert (images.num_rows, steps.num_rows) == (STEPS // 5, STEPS)
-    assert steps["robot"].to_pylist() == [f"r{r}" for first, last, r in EPISODES for _ in range(first, last)]
+    assert steps["robot"].to_pylist() == [
+        f"r{r}" for first, last, r in robot_stores.EPISODES for _ in range(first, last)
+    ]
     assert images["robot_position_3_rad"].to_pylist()[4] == pytest.approx(20.3)
     assert images["filtered_covariance"].to_pylist()[0][:1] == [pytest.approx(1e-6)]
     assert steps["filtered_x_m"].to_pylist()[50:55] == [None] * 5
     assert report == json.loads((found / "report.json").read_text())
     assert (report["task"], list(report["robots"]), len(report["episodes"])) == (task, ["r1", "r3"], 3)
     r1, r3 = report["robots"]["r1"], report["robots"]["r3"]
-    assert r1["delay_s"] == pytest.approx(LATE, abs=0.005)
+    assert r1["delay_s"] == pytest.approx(robot_stores.LATE, abs=0.005)
     assert r3["bias_mm"][2] == pytest.approx(-6, abs=0.01)
     assert (r1["share_turned"], r1["stored_flips"], r1["flips"]) == (1 / 20, 2, 0)
     assert (r3["share_turned"], r3["stored_flips"]) == (0, 0)

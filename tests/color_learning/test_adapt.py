@@ -5,18 +5,9 @@ import pytest
 
 import tracker
 from tests.helpers.filmed import RIG, footage_of, overlap, shots
+from tracker.color_learning import lessons
 from tracker.color_learning.adapt import adapt, from_names, nearest, refit
 from tracker.color_learning.fit import FitOptions
-from tracker.color_learning.lessons import (
-    Lesson,
-    consistent,
-    judge,
-    lesson,
-    nodes_of,
-    outline,
-    owners,
-    shares,
-)
 from tracker.errors import NotBetterError
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
@@ -56,10 +47,10 @@ def test_another_object_is_refused(film):
 def test_the_nearest_shipped_model_explains_most(film):
     footage = footage_of(film)
     judged = [dataclasses.replace(footage, held_out=footage.learned)]
-    best = judge(MODEL, judged, nearest(MODEL, [footage])).explained
+    best = lessons.judge(MODEL, judged, nearest(MODEL, [footage])).explained
     for name in ("cube_v1", "cube_v2", "simulation"):
         colors = dataclasses.replace(tracker.load_colors(name), normalise=True)
-        assert best >= judge(MODEL, judged, colors).explained
+        assert best >= lessons.judge(MODEL, judged, colors).explained
 
 
 def test_colors_that_are_not_shown_stay_as_they_were():
@@ -87,44 +78,35 @@ def test_faces_of_the_outline_are_those_of_the_picture_and_out_of_view_there_is_
     inside = total = 0
     for shot in film:
         for camera, labels in zip(RIG, shot.labels, strict=True):
-            faces, around = outline(MODEL, camera, shot.rotation, shot.position)
+            faces, around = lessons.outline(MODEL, camera, shot.rotation, shot.position)
             assert not (labels[~around] > 0).any()
             both = (labels > 0) & (faces > 0)
             assert (faces[both] == labels[both]).all()
             inside, total = inside + np.count_nonzero(both), total + np.count_nonzero(labels)
     assert inside > 0.7 * total
-    assert outline(MODEL, RIG[0], np.eye(3), np.array([0.0, 0.0, 5.0])) is None
+    assert lessons.outline(MODEL, RIG[0], np.eye(3), np.array([0.0, 0.0, 5.0])) is None
 
 
-@pytest.fixture(scope="module")
-def lessons(film) -> list[tuple[Lesson, np.ndarray]]:
-    """Lessons, and the true labels of their pixels."""
-    tracked, result = ObjectTracker(MODEL, RIG, COLORS), []
+def test_a_frame_teaches_the_pixels_in_their_faces_colors_and_not_what_hides_a_face(film):
+    tracked, frames, labelled = ObjectTracker(MODEL, RIG, COLORS), [], []
     for shot in film:
         fit = tracked.fit(shot.images)
         assert isinstance(fit, Fit)
-        seen = lesson(MODEL, RIG, tuple(shot.images), fit, COLORS)
-        truth = []
+        frames.append(lessons.lesson(MODEL, RIG, tuple(shot.images), fit, COLORS))
         for camera, labels in zip(RIG, shot.labels, strict=True):
-            faces, around = outline(MODEL, camera, fit.rotation, fit.position)
-            truth.append(labels[(faces > 0) | ~around])
-        result.append((seen, np.concatenate(truth)))
-    return result
-
-
-def test_a_frame_teaches_the_pixels_in_their_faces_colors_and_not_what_hides_a_face(lessons):
-    owner = owners([one for one, _ in lessons])
-    faces = np.concatenate([one.faces for one, _ in lessons])
-    truth = np.concatenate([labels for _, labels in lessons])
-    kept = owner[np.concatenate([nodes_of(one.levels) for one, _ in lessons])] == faces
+            faces, around = lessons.outline(MODEL, camera, fit.rotation, fit.position)
+            labelled.append(labels[(faces > 0) | ~around])
+    owner, truth = lessons.owners(frames), np.concatenate(labelled)
+    faces = np.concatenate([one.faces for one in frames])
+    kept = owner[np.concatenate([lessons.nodes_of(one.levels) for one in frames])] == faces
     hidden, shown = (faces > 0) & (truth == 0), (faces > 0) & (truth == faces)
     assert np.count_nonzero(hidden) > 300
     assert kept[hidden].mean() < 0.2
     assert kept[shown].mean() > 0.9
-    for pixels, (one, _) in zip(consistent([one for one, _ in lessons]), lessons, strict=True):
+    for pixels, one in zip(lessons.consistent(frames), frames, strict=True):
         assert len(pixels[0]) == np.count_nonzero(one.faces == 0)
         for label in set(pixels) - {0}:
-            assert (owner[nodes_of(pixels[label])] == label).all()
+            assert (owner[lessons.nodes_of(pixels[label])] == label).all()
 
 
 def test_a_grey_thing_that_hides_most_of_a_face_does_not_teach_it():
@@ -137,8 +119,8 @@ def test_a_grey_thing_that_hides_most_of_a_face_does_not_teach_it():
         ]
     )
     faces = np.repeat([4, 4, 0], [900, 300, 9000]).astype(np.uint8)
-    one = Lesson(np.rint(levels).astype(np.uint8), faces, faces, faces > 9)
-    kept = consistent([one])[0][4]
+    one = lessons.Lesson(np.rint(levels).astype(np.uint8), faces, faces, faces > 9)
+    kept = lessons.consistent([one])[0][4]
     assert 250 < len(kept) <= 300
     assert np.allclose(np.median(kept, axis=0), [84, 89, 52], atol=2)
 
@@ -148,4 +130,4 @@ def test_a_grey_thing_that_hides_most_of_a_face_does_not_teach_it():
     [([100], 80, [80]), ([10, 100], 80, [10, 70]), ([100, 100], 80, [40, 40]), ([3, 4, 3], 80, [3, 4, 3])],
 )
 def test_recordings_share_the_frames(lengths, count, expected):
-    assert shares(lengths, count) == expected
+    assert lessons.shares(lengths, count) == expected

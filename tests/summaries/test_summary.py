@@ -20,26 +20,7 @@ from tracker.pose.result import CameraUse, PoseEstimate
 from tracker.poses.poses import Poses
 from tracker.recordings import Tracked, run
 from tracker.recordings.recipe import Job, Options, Recipe
-from tracker.summaries.remarks import (
-    lastingly_swapped,
-    likely_cause,
-    mistaken,
-    off_table,
-    remark_on_recording,
-    swap_message,
-    swapped,
-)
-from tracker.summaries.summary import (
-    STEP,
-    goal_columns,
-    path_length,
-    refuse_others,
-    row,
-    seconds_since_beginning,
-    summary,
-    to_look_at,
-    totals,
-)
+from tracker.summaries import remarks, summary
 
 FRAMES = 20
 NOTHING = {"contradicting": 0.0, "no_image": 0.0, "frozen": 0.0, "black": 0.0}
@@ -47,7 +28,7 @@ NOTHING = {"contradicting": 0.0, "no_image": 0.0, "frozen": 0.0, "black": 0.0}
 
 def test_the_summary_counts_what_is_there(tmp_path):
     tracked = run(make_job(write_log(tmp_path, FRAMES), tmp_path / "poses.h5"))
-    numbers = summary(tracked)
+    numbers = summary.summary(tracked)
     measured = float(np.mean(tracked.poses.measured.has_pose))
     assert numbers["frames"] == FRAMES
     assert numbers["measured"] == numbers["statuses"]["found"]["share"] == measured
@@ -64,18 +45,19 @@ def test_the_summary_counts_what_is_there(tmp_path):
 
 def test_cameras_that_need_a_look_are_named_and_contradict_only_where_there_is_a_pose(rng):
     def cameras_of(poses: Poses):
-        return summary(Tracked(poses, len(poses), None, 0, 0.0))["cameras"]
+        return summary.summary(Tracked(poses, len(poses), None, 0, 0.0))["cameras"]
 
     uses = np.full((1000, 3), "used", dtype="U20")
     uses[:11, 0], uses[:10, 1] = "no_image", "no_image"
     uses[:101, 2], uses[101:201, 1] = "contradicting", "contradicting"
-    assert to_look_at(cameras_of(dataclasses.replace(random_poses(rng, 1000, share=1), cameras=uses))) == {
+    poses = dataclasses.replace(random_poses(rng, 1000, share=1), cameras=uses)
+    assert summary.to_look_at(cameras_of(poses)) == {
         "camera60": {CameraUse.NO_IMAGE: 0.011},
         "camera300": {CameraUse.CONTRADICTING: 0.101},
     }
     unseen = cameras_of(dataclasses.replace(random_poses(rng, 10, share=0), cameras=np.full((10, 3), "used")))
     assert unseen["camera60"] == {**NOTHING, "contradicting": None}
-    assert to_look_at(unseen) == {}
+    assert summary.to_look_at(unseen) == {}
     assert cameras_of(random_poses(rng, 5, cameras=False)) is None
 
 
@@ -83,9 +65,9 @@ def test_time_counts_from_the_recording_s_first_frame_wherever_poses_begin(tmp_p
     log = write_log(tmp_path / "log", FRAMES)
     whole = run(make_job(log, tmp_path / "whole.h5")).poses
     part = run(make_job(log, tmp_path / "part.h5", start=3)).poses
-    expected = seconds_since_beginning(log, whole)
+    expected = summary.seconds_since_beginning(log, whole)
     assert expected[0] == 0
-    np.testing.assert_array_equal(seconds_since_beginning(log, part), expected[3:])
+    np.testing.assert_array_equal(summary.seconds_since_beginning(log, part), expected[3:])
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -95,7 +77,7 @@ def test_poses_of_another_recording_are_distinguished_from_its_own(packed, tmp_p
     with tracker.open_log(log) as opened:
 
         def refuse(poses: Poses) -> None:
-            refuse_others(tmp_path / "poses.h5", poses, log, opened)
+            summary.refuse_others(tmp_path / "poses.h5", poses, log, opened)
 
         refuse(own)
         refuse(own[:0])
@@ -107,9 +89,9 @@ def test_poses_of_another_recording_are_distinguished_from_its_own(packed, tmp_p
 
 def test_rewards_last_until_the_next_and_are_held_where_nothing_was_seen():
     nan = float("nan")
-    found = totals(np.array([nan, -1.0, nan, -3.0]), np.array([0.0, 1.0, 3.0, 4.0]))
+    found = summary.totals(np.array([nan, -1.0, nan, -3.0]), np.array([0.0, 1.0, 3.0, 4.0]))
     assert found == {"reward_total": -(1 + 2 + 1 + 3) * 1e3, "reward_mean": -7 / 5, "error_end": 3.0}
-    assert totals(np.array([nan]), np.array([0.0])) == {}
+    assert summary.totals(np.array([nan]), np.array([0.0])) == {}
 
 
 def test_a_goal_of_later_is_that_of_later_frames(tmp_path):
@@ -119,7 +101,7 @@ def test_a_goal_of_later_is_that_of_later_frames(tmp_path):
 
     def columns(goal: list) -> dict:
         (tmp_path / "log" / "goal.json").write_text(json.dumps(goal))
-        return goal_columns(log, poses, job.recipe.model)
+        return summary.goal_columns(log, poses, job.recipe.model)
 
     goal = [[0, [0.1, 0.0, 0.05]], [250, [0.0, 0.1, 0.05]], [450, [0.0, 0.0, 0.05]]]
     assert columns(goal)["reward_mean"] == columns([[0, goal[2][1]]])["reward_mean"]
@@ -131,10 +113,10 @@ def test_a_goal_of_later_is_that_of_later_frames(tmp_path):
 
 
 def test_an_object_at_rest_has_no_path(rng):
-    still = rng.uniform(-1, 1, (500, 3)) * STEP / 4
-    assert path_length(still) == 0
+    still = rng.uniform(-1, 1, (500, 3)) * summary.STEP / 4
+    assert summary.path_length(still) == 0
     way = np.linspace(0, 1, 101)[:, None] * [1.0, 0, 0]
-    assert path_length(way) == pytest.approx(1.0)
+    assert summary.path_length(way) == pytest.approx(1.0)
 
 
 DEMO = ROOT / "tracker" / "demo"
@@ -153,32 +135,32 @@ def demo():
 def test_the_order_that_fits_is_found(demo, order):
     one, sets = demo
     given = [[images[k] for k in order] for images in sets]
-    found = swapped(one, given[0])
+    found = remarks.swapped(one, given[0])
     assert found is not None
     assert [order[k] for k in found] == list(STRAIGHT)
-    assert lastingly_swapped(one, given) == found
+    assert remarks.lastingly_swapped(one, given) == found
 
 
 def test_there_is_no_warning_of_pictures_that_fit_or_that_are_wrong(demo):
     one, sets = demo
-    assert lastingly_swapped(one, sets) is None
+    assert remarks.lastingly_swapped(one, sets) is None
     for images, other in itertools.pairwise(sets):
         mirrored = [images[0], np.ascontiguousarray(images[1][:, ::-1]), images[2]]
         empty = [cv2.GaussianBlur(image, (0, 0), 40) for image in images]
         for wrong in (images, mirrored, empty, [images[0], None, None], [images[0], images[1], other[2]]):
-            assert swapped(one, wrong) is None
+            assert remarks.swapped(one, wrong) is None
 
 
 def test_other_channels_and_other_objects_are_named(demo):
     one, sets = demo
     other = tracker.ObjectTracker(tracker.load_object("cube_v1"), one.rig)
     for images in sets:
-        assert mistaken(one, images, one.detect(images)) is None
+        assert remarks.mistaken(one, images, one.detect(images)) is None
         turned = [np.ascontiguousarray(image[..., ::-1]) for image in images]
         for finder, given, word in ((one, turned, "swapped"), (other, images, "cube_v2")):
             answer = finder.detect(given)
             assert answer.object_pose is None or answer.object_pose.confidence < 0.5
-            assert word in mistaken(finder, given, answer)
+            assert word in remarks.mistaken(finder, given, answer)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +176,7 @@ def test_other_channels_and_other_objects_are_named(demo):
 def test_the_likely_cause_of_a_miss_is_named(demo, change, cause):
     one, sets = demo
     images = [change(image) for image in sets[0]]
-    found = likely_cause(one, images, one.detect(images))
+    found = remarks.likely_cause(one, images, one.detect(images))
     assert found is None if cause is None else re.search(cause, found)
     assert found is None or "\n" not in found
 
@@ -208,7 +190,7 @@ def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
     images = bare("cube_v2", cameras, 3).images
     one = tracker.ObjectTracker("cube_v2", tracker.CameraRig(cameras))
     for order in ((1, 2, 0), (1, 0, 2)):
-        assert swapped(one, [images[k] for k in order]) is None
+        assert remarks.swapped(one, [images[k] for k in order]) is None
 
 
 def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path):
@@ -221,14 +203,15 @@ def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path):
                 shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
         job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2", stop=8)))
         tracked = run(job)
-        assert row(job, tracked, remark_on_recording(job, tracked.poses))["swapped"] == expected
+        remark = remarks.remark_on_recording(job, tracked.poses)
+        assert summary.row(job, tracked, remark)["swapped"] == expected
         shutil.rmtree(log)
-        assert remark_on_recording(job, tracked.poses) is None
+        assert remarks.remark_on_recording(job, tracked.poses) is None
 
 
 def test_the_warning_names_the_cameras():
-    assert swap_message((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
-    assert swap_message((2, 0, 1), NAMES) == (
+    assert remarks.swap_message((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
+    assert remarks.swap_message((2, 0, 1), NAMES) == (
         "the images of camera60, camera180 and camera300 look swapped: camera300's fits camera60, "
         "camera60's fits camera180, camera180's fits camera300"
     )
@@ -257,18 +240,18 @@ def resting(height: float, std: float = 2e-4, tilt: float = 0.0, confidence: flo
     ],
 )
 def test_an_object_off_the_table_by_two_deviations_is_named_with_the_remedy(height, std, words):
-    found = off_table(resting(height, std), MODEL, ARENA)
+    found = remarks.off_table(resting(height, std), MODEL, ARENA)
     remedy = ": if it rests, `tracker calibrate table RECORDING -o DIR` corrects this"
     assert found == (None if words is None else words + remedy)
 
 
 def test_nothing_is_named_unless_it_seems_to_rest():
     high = resting(5e-3)
-    assert off_table(high, MODEL, ARENA)
+    assert remarks.off_table(high, MODEL, ARENA)
     for pose in (None, resting(5e-3, tilt=0.1), resting(5e-3, confidence=0.4)):
-        assert off_table(pose, MODEL, ARENA) is None
+        assert remarks.off_table(pose, MODEL, ARENA) is None
     for change in ({"table": None}, {"table_std": (1e-3, 0.0)}):
-        assert off_table(high, MODEL, dataclasses.replace(ARENA, **change)) is None
+        assert remarks.off_table(high, MODEL, dataclasses.replace(ARENA, **change)) is None
 
 
 def test_a_table_that_is_not_at_the_height_of_the_world_is_named_by_detect(run_here, tmp_path):
