@@ -169,10 +169,9 @@ def _begin(part: str) -> subprocess.Popen[bytes] | None:
     if _folder() is None or not sys.executable:
         return None
     run = f"from tracker.warm_up import PARTS, quickly\nwith quickly(): PARTS[{part!r}]()"
-    command = python_command(run)
     quiet = subprocess.DEVNULL
     try:
-        return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
+        return subprocess.Popen(python_command(run), stdin=quiet, stdout=quiet, stderr=quiet)
     except OSError:
         return None
 

@@ -74,10 +74,8 @@ def _masks(path: Path) -> dict[int, Path]:
     found = {}
     platform = re.fullmatch(r"camera(\d+)", path.stem)
     for label, color in list(enumerate(COLOR_NAMES))[1:]:
-        if platform:
-            mask = path.with_name(f"{color[0]}{platform[1]}{path.suffix}")
-        else:
-            mask = path.with_name(path.name.replace("_image", f"_mask_{color}"))
+        words = path.name.replace("_image", f"_mask_{color}")
+        mask = path.with_name(f"{color[0]}{platform[1]}{path.suffix}" if platform else words)
         if mask != path and mask.is_file():
             found[label] = mask
     return found

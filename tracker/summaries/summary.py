@@ -230,15 +230,15 @@ def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
         "expected_frames": tracked.expected,
     }
     if len(poses):
-        shares = {f"share_{name}": float(np.mean(poses.status == name)) for name in ("coasting", "lost")}
-        recorded = {f"recorded_{name}": value for name, value in (numbers["recorded"] or {}).items()}
         found |= {
             "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
             "share_found": numbers["measured"],
             "share_filtered": numbers["filtered"],
             "swapped": swapped,
         }
-        found |= {**shares, **recorded, **_worst(numbers["cameras"] or {}), **_sure_and_far(poses)}
+        found |= {f"share_{name}": float(np.mean(poses.status == name)) for name in ("coasting", "lost")}
+        found |= {f"recorded_{name}": value for name, value in (numbers["recorded"] or {}).items()}
+        found |= _worst(numbers["cameras"] or {}) | _sure_and_far(poses)
         found |= goal_columns(job.log, poses, job.recipe.model)
     return {name: found.get(name) for name in COLUMNS}
 

@@ -210,14 +210,12 @@ class Search:
     def _total(self, dice: FloatArray) -> float:
         return float(set_score.total(self.views, dice, self._plan.table, self._canvas))
 
-    def _settle(self, dice: FloatArray, k: int, steps: FloatArray) -> float:
-        return float(set_score.settle(self.views, dice, k, steps, self._plan.table, self._canvas))
-
-    def _gain(self, dice: FloatArray, k: int) -> float:
-        return self._settle(dice, k, STEPS[:0])
+    def _settle(self, dice: FloatArray, k: int, steps: FloatArray = STEPS[:0]) -> float:
+        """Settle die k, in place; return its gain. Without steps it stays where it is."""
+        return float(set_score.settle(self.views, dice, int(k), steps, self._plan.table, self._canvas))
 
     def _gains(self, dice: FloatArray) -> FloatArray:
-        return np.array([self._gain(dice, k) for k in range(len(dice))], dtype=np.float64)
+        return np.array([self._settle(dice, k) for k in range(len(dice))], dtype=np.float64)
 
     def _improve(self, dice: FloatArray, rounds: int, stale: Array | None = None) -> FloatArray:
         """Repeat `rounds` times: settle dice, drop those that explain too little, fill unexplained pixels."""
@@ -243,7 +241,7 @@ class Search:
         after = np.zeros(len(dice), dtype=bool)
         for k in np.flatnonzero(stale):
             before = dice[k].copy()
-            gains[k] = self._settle(dice, int(k), steps)
+            gains[k] = self._settle(dice, k, steps)
             if (np.abs(dice[k] - before) > MOVED).any():
                 after |= _near(dice, dice[k])
             after[k] = False
@@ -261,7 +259,7 @@ class Search:
             stale, others = np.delete(stale | others, worst), np.delete(others, worst)
             dice, gains = np.delete(dice, worst, axis=0), np.delete(gains, worst)
             for k in np.flatnonzero(others):
-                gains[k] = self._gain(dice, int(k))
+                gains[k] = self._settle(dice, k)
         return dice, gains, stale
 
     def _unexplained(self, dice: FloatArray) -> FloatArray:
@@ -291,7 +289,7 @@ class Search:
         last = len(trial) - 1
         self._settle(trial, last, STEPS[1:])
         for k in np.flatnonzero((away[free] < 1.5 * DIE_WIDTH) & (apart[free] < 1.5 * DIE_WIDTH)):
-            self._settle(trial, int(k), STEPS[1:])
+            self._settle(trial, k, STEPS[1:])
         self._settle(trial, last, STEPS[2:])
         return trial
 
