@@ -128,19 +128,14 @@ def test_a_shaded_face_is_a_mixture_of_itself_and_the_veil(veil):
     np.testing.assert_allclose(means[1], 0.6 * np.array(means[0]) + 0.4 * veil / 2, atol=2.0)
 
 
-def test_other_objects_images_teach_colours_that_the_own_images_lack():
-    histograms = image_histograms(labelled_image(0), OPTIONS)
+def test_other_objects_images_teach_colours_that_the_own_ones_lack_and_other_tints_than_they_show():
+    scene, unseen = labelled_image(0), labelled_image(10)
+    histograms = image_histograms(scene, OPTIONS)
     own = {label: density for label, density in histograms.items() if label != 4}
-    scene = labelled_image(10)
-    without = segment(scene.image, combine([own]))
-    with_others = segment(scene.image, combine([own], [histograms]))
+    without = segment(unseen.image, combine([own]))
+    with_others = segment(unseen.image, combine([own], [histograms]))
     assert not (without == 4).any()
-    assert intersection_over_union(with_others, scene.labels)[4] > 0.9
-
-
-def test_other_objects_images_teach_other_tints_than_they_show():
-    scene = labelled_image(0)
-    own = {label: density for label, density in image_histograms(scene, OPTIONS).items() if label != 4}
+    assert intersection_over_union(with_others, unseen.labels)[4] > 0.9
     purple = scene.image.copy()
     purple[scene.labels == 4] = FACE_BGR["cyan"] * np.array([1.3, 0.8, 0.6])
     found = []

@@ -62,23 +62,18 @@ def test_an_exact_pixel_is_set_where_its_ray_meets_a_box(rng):
         assert np.count_nonzero(mask) == found.sum() > 100
 
 
-def test_truncated_areas_hold_the_exact_ones_but_for_a_seam(rng):
+def test_areas_are_those_of_all_places_in_any_order_and_truncated_ones_hold_the_exact_but_for_a_seam(rng):
     goal = dice.sample_goal(rng)
-    for wide, exact in zip(dice.goal_masks(RIG, goal), dice.goal_masks(RIG, goal, exact=True), strict=True):
+    areas = [dice.goal_masks(RIG, goal, exact=exact) for exact in (False, True)]
+    for exact, together in enumerate(areas):
+        shuffled = dice.goal_masks(RIG, rng.permutation(goal), exact=bool(exact))
+        single = [dice.goal_masks(RIG, [place], exact=bool(exact)) for place in goal]
+        np.testing.assert_array_equal(together, shuffled)
+        np.testing.assert_array_equal(together, np.max(single, axis=0))
+    for wide, exact in zip(*areas, strict=True):
         assert np.count_nonzero(exact & ~wide) < 0.02 * np.count_nonzero(exact)
         assert not (exact & ~cv2.dilate(wide, np.ones((3, 3), np.uint8))).any()
         assert not (wide & ~cv2.dilate(exact, np.ones((5, 5), np.uint8))).any()
-
-
-@pytest.mark.parametrize("exact", [False, True])
-def test_the_area_of_a_goal_is_that_of_all_its_places_in_any_order(exact, rng):
-    goal = dice.sample_goal(rng)
-    together = dice.goal_masks(RIG, goal, exact=exact)
-    shuffled = dice.goal_masks(RIG, rng.permutation(goal), exact=exact)
-    single = [dice.goal_masks(RIG, [place], exact=exact) for place in goal]
-    for k in range(3):
-        np.testing.assert_array_equal(together[k], shuffled[k])
-        np.testing.assert_array_equal(together[k], np.max([masks[k] for masks in single], axis=0))
 
 
 @pytest.mark.parametrize("exact", [False, True])

@@ -12,6 +12,7 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice import locate, segment_dice
 
+FINE = RIG.resized(540, 540)
 DICE = dice_at([(-0.05, 0.03), (0.06, 0.08), (0.02, -0.09), (0.042, -0.09), (-0.11, -0.04)], turn=0.4)
 
 
@@ -73,9 +74,8 @@ def test_dark_blue_paint_on_the_table_is_no_die(view):
     assert not mask[j - 7 : j + 8, i - 7 : i + 8].any()
 
 
-def test_both_resolutions_give_the_same_mask():
-    fine, _ = painted(RIG[0].resized(540, 540), DICE)
-    coarse, truth = painted(RIG[0], DICE)
+def test_both_resolutions_give_the_same_mask(view):
+    (fine, _), (coarse, truth) = painted(FINE[0], DICE), view
     reduced = cv2.resize(segment_dice(fine), (270, 270), interpolation=cv2.INTER_AREA) >= 128
     assert overlap(reduced, truth) > 0.9
     assert overlap(reduced, segment_dice(coarse)) > 0.88
@@ -132,9 +132,6 @@ def distances(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     assert len(found) == len(true)
     table = np.linalg.norm(found[:, None] - true, axis=2)
     return table[linear_sum_assignment(table)]
-
-
-FINE = RIG.resized(540, 540)
 
 
 @pytest.mark.parametrize(

@@ -212,7 +212,7 @@ class Search:
 
     def _settle(self, dice: FloatArray, k: int, steps: FloatArray = STEPS[:0]) -> float:
         """Settle die k, in place; return its gain. Without steps it stays where it is."""
-        return float(set_score.settle(self.views, dice, int(k), steps, self._plan.table, self._canvas))
+        return float(set_score.settle(self.views, dice, k, steps, self._plan.table, self._canvas))
 
     def _gains(self, dice: FloatArray) -> FloatArray:
         return np.array([self._settle(dice, k) for k in range(len(dice))], dtype=np.float64)
@@ -239,7 +239,7 @@ class Search:
     def _sweep(self, dice: FloatArray, gains: FloatArray, stale: Array, steps: FloatArray) -> Array:
         """Settle the stale dice, in place; return (N,) bool: dice near which another has moved since."""
         after = np.zeros(len(dice), dtype=bool)
-        for k in np.flatnonzero(stale):
+        for k in np.flatnonzero(stale).tolist():
             before = dice[k].copy()
             gains[k] = self._settle(dice, k, steps)
             if (np.abs(dice[k] - before) > MOVED).any():
@@ -258,7 +258,7 @@ class Search:
             others = _near(dice, dice[worst])
             stale, others = np.delete(stale | others, worst), np.delete(others, worst)
             dice, gains = np.delete(dice, worst, axis=0), np.delete(gains, worst)
-            for k in np.flatnonzero(others):
+            for k in np.flatnonzero(others).tolist():
                 gains[k] = self._settle(dice, k)
         return dice, gains, stale
 
@@ -288,7 +288,8 @@ class Search:
         trial = np.concatenate([dice[free], proposal[None]])
         last = len(trial) - 1
         self._settle(trial, last, STEPS[1:])
-        for k in np.flatnonzero((away[free] < 1.5 * DIE_WIDTH) & (apart[free] < 1.5 * DIE_WIDTH)):
+        near = (away[free] < 1.5 * DIE_WIDTH) & (apart[free] < 1.5 * DIE_WIDTH)
+        for k in np.flatnonzero(near).tolist():
             self._settle(trial, k, STEPS[1:])
         self._settle(trial, last, STEPS[2:])
         return trial
