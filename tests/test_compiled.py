@@ -46,15 +46,11 @@ def times_three_and_four(value):
     return times(value, 3) + times(value, 4)
 
 
-def test_numbers_that_callers_write_out_share_one_compilation():
+def test_what_kernels_call_has_no_machine_code_and_is_compiled_once_for_all_written_out_numbers():
     assert times_three_and_four(1.5) == 10.5
     for number in (3, 4):  # as a caller asks that is not on disk yet
         template, *_ = times.get_call_template((types.float64, types.literal(number)), {})
         assert len(template.cases) == 1
-
-
-def test_what_kernels_call_has_no_machine_code_of_its_own():
-    assert times_three_and_four(1.5) == 10.5
     assert not times.signatures
     assert times(1.5, 3) == 4.5
     assert len(times.signatures) == 1
@@ -83,12 +79,6 @@ def nowhere(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(folder, script):
-    """What a script prints as JSON in a process whose `tracker` is the copy in the folder."""
-    (folder / "script.py").write_text(script, encoding="utf-8")
-    return json.loads(run_python(["-W", "error", "script.py"], folder, check=True).stdout)
-
-
 SCRIPT = """
 import json
 import numpy as np
@@ -106,7 +96,9 @@ print(json.dumps([tracker.__file__, unkept, int((labels == 1).sum()), int((label
 
 
 def test_the_package_finds_colours_where_no_kernel_can_be_kept(nowhere):
-    file, unkept, red, others = run(nowhere, SCRIPT)
+    (nowhere / "script.py").write_text(SCRIPT, encoding="utf-8")
+    printed = run_python(["-W", "error", "script.py"], nowhere, check=True).stdout
+    file, unkept, red, others = json.loads(printed)
     assert file == str(nowhere / "tracker" / "__init__.py")
     assert unkept
     assert 400 < red <= 24 * 24

@@ -117,6 +117,7 @@ def test_nothing_to_see_gives_none_and_says_why(trackers, rig, kind):
 
 
 GOOD = np.zeros((270, 270, 3), np.uint8)
+NAMED = dict.fromkeys(("camera60", "camera180", "camera300"), GOOD)
 
 
 @pytest.mark.parametrize(
@@ -130,11 +131,8 @@ GOOD = np.zeros((270, 270, 3), np.uint8)
         (iter([GOOD] * 3), "images: found <list_iterator"),
         ({"camera60": GOOD, "camera180": GOOD}, "missing camera300"),
         ({"camera60": GOOD, "camera1": GOOD, 3: None}, "unknown 'camera1', 3; missing camera180, camera300"),
-        (
-            {**dict.fromkeys(("camera60", "camera180", "camera300"), GOOD), "top": GOOD},
-            "unknown 'top'; expected one",
-        ),
-        ({"camera60": None, "camera180": None, "camera300": None}, "found None for all"),
+        ({**NAMED, "top": GOOD}, "unknown 'top'; expected one"),
+        (dict.fromkeys(NAMED), "found None for all"),
         ([GOOD, GOOD, GOOD[..., 0]], r"camera300.*shape \(270, 270\)"),
         ([GOOD, GOOD.astype(float), GOOD], "camera180.*float64, expected uint8"),
         ([GOOD, GOOD, np.zeros((540, 540, 3), np.uint8)], "camera300.*540×540.*270×270"),
@@ -146,6 +144,11 @@ GOOD = np.zeros((270, 270, 3), np.uint8)
 def test_bad_images_are_named(trackers, images, says):
     with pytest.raises(ImageError, match=says):
         trackers["cube_v2"].detect(images)
+
+
+def assert_same_pose(pose, expected):
+    assert np.array_equal(pose.position, expected.position)
+    assert np.array_equal(pose.orientation, expected.orientation)
 
 
 def test_images_go_by_the_cameras_names_in_any_order_and_views_are_as_good_as_copies(trackers, scenes):
@@ -160,11 +163,6 @@ def test_images_go_by_the_cameras_names_in_any_order_and_views_are_as_good_as_co
     one.reset()
     pair = one.detect({**named, "camera60": None}).object_pose
     assert_same_pose(pair, one.detect([None, *truth.images[1:]]).object_pose)
-
-
-def assert_same_pose(pose, expected):
-    assert np.array_equal(pose.position, expected.position)
-    assert np.array_equal(pose.orientation, expected.orientation)
 
 
 def test_every_pose_of_a_tracker_has_keypoints(trackers, scenes):
