@@ -138,9 +138,8 @@ def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
             raise LogError(f"{log}: found {other} too, expected each recording once")
         other = outputs.setdefault(output_of(log, folder), log)
         if other is not log:
-            raise LogError(
-                f"{log}: found {other} too, whose result has this name: give both as absolute paths"
-            )
+            found = f"found {other} too, whose result has this name"
+            raise LogError(f"{log}: {found}: give both as absolute paths")
     return list(outputs)
 
 

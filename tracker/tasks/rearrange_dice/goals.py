@@ -189,13 +189,12 @@ def places_of(data: Any) -> FloatArray:
     if not isinstance(data, list):
         raise TaskError(f"goal: found {shown(data)}, expected a list of 25 positions [x, y, z]")
     for index, place in enumerate(data):
+        what = f"goal: position {index}"
         if not isinstance(place, list) or len(place) != 3:
-            raise TaskError(f"goal: position {index}: found {shown(place)}, expected [x, y, z]")
+            raise TaskError(f"{what}: found {shown(place)}, expected [x, y, z]")
         for number in place:
             if not is_number(number):
-                raise TaskError(
-                    f"goal: position {index}: found {shown(number)}, expected a finite number [m]"
-                )
+                raise TaskError(f"{what}: found {shown(number)}, expected a finite number [m]")
     return validate_goal(data)
 
 
@@ -231,17 +230,15 @@ def parse_pattern(text: str) -> FloatArray:
             "nothing, an empty line or dashes"
         )
     for i, (row, inside) in enumerate(zip(rows, in_arena(cell_centers()), strict=False)):
+        where = f"pattern: row {i + 1}"
         if len(row) != CELLS_PER_ROW:
-            raise TaskError(
-                f"pattern: row {i + 1}: found {len(row)} characters, {row[:20]!r}, expected {CELLS_PER_ROW}"
-            )
+            found = f"found {len(row)} characters, {row[:20]!r}"
+            raise TaskError(f"{where}: {found}, expected {CELLS_PER_ROW}")
         for j, character in enumerate(row):
-            valid, where = (EMPTY + GOAL, "inside") if inside[j] else (OUTSIDE, "outside")
+            valid, side = (EMPTY + GOAL, "inside") if inside[j] else (OUTSIDE, "outside")
             if character not in valid:
-                raise TaskError(
-                    f"pattern: row {i + 1}, column {j + 1}: found {character!r}, expected "
-                    f"{' or '.join(map(repr, valid))} {where} the arena"
-                )
+                expected = f"{' or '.join(map(repr, valid))} {side} the arena"
+                raise TaskError(f"{where}, column {j + 1}: found {character!r}, expected {expected}")
     if len(rows) < CELLS_PER_ROW:
         raise TaskError(f"pattern: found {len(rows)} rows, expected {CELLS_PER_ROW}")
     goal: Array = np.array([list(row) for row in rows]) == GOAL

@@ -84,9 +84,8 @@ def error_per_camera(
     for index, (goal, dice) in enumerate(zip(goal_masks, dice_masks, strict=True)):
         target, seen = as_mask(goal, f"goal mask {index}"), as_mask(dice, f"dice mask {index}")
         if target.shape != seen.shape:
-            raise TaskError(
-                f"dice mask {index}: found shape {seen.shape}, expected the goal's {target.shape}"
-            )
+            found, valid = f"found shape {seen.shape}", f"the goal's {target.shape}"
+            raise TaskError(f"dice mask {index}: {found}, expected {valid}")
         # 1 and 255 have a bit in common, so the two kinds of masks can be mixed.
         errors.append(cv2.countNonZero(seen) - cv2.countNonZero(cv2.bitwise_and(seen, target)))
     return tuple(errors)
