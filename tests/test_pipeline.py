@@ -100,11 +100,9 @@ def test_gains_and_exposure_do_not_move_the_pose(trackers, scenes, poses):
 
 @pytest.mark.parametrize("kind", ["black", "white", "grey", "noise", "empty arena", "flooded"])
 def test_nothing_to_see_gives_none_and_says_why(trackers, rig, kind):
-    rng = np.random.default_rng(1)
-    model = tracker.load_object("cube_v2")
-    shape = (270, 270, 3)
+    rng, shape = np.random.default_rng(1), (270, 270, 3)
     if kind == "empty arena":
-        scene = bare_scene(model, rng, object_present=False)
+        scene = bare_scene(tracker.load_object("cube_v2"), rng, object_present=False)
         images = take(scene, rig.cameras, Sensor.realistic(), rng).images
     else:
         fill = {"black": 0, "white": 255, "grey": 115, "noise": rng.integers(0, 256, shape)}

@@ -56,7 +56,7 @@ def colors_of(colors: ColorModel | PathLike | None, model: CuboidModel) -> Color
 def check_images(images: Images, rig: CameraRig, least: int = 1) -> list[Image | None]:
     """Return the images in the rig's order, contiguous and writeable; None where one is missing.
 
-    ImageError: wrong number, names, type, shape or size; or, unless `least` is 0, all are None.
+    ImageError if number, names, type, shape or size are wrong; or, unless `least` is 0, if all are None.
     """
     given = _of_each_camera("images", images, rig.names, "an image (H, W, 3) or None")
     checked = [
@@ -86,7 +86,7 @@ def _checked(image: object, camera: Camera) -> Image:
 def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | None:
     """Return the masks of hidden pixels in the rig's order, contiguous; None for a missing or empty mask.
 
-    ImageError: wrong number, names, type, shape or size.
+    ImageError if number, names, type, shape or size are wrong.
     """
     if hidden is None:
         return None
@@ -136,8 +136,8 @@ def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) 
     """Return the timestamp of the latest image [s], and by how much each camera's image is older (C,) [s].
 
     timestamp: one for all cameras or one per camera; given: whether each camera gave an image (if not, its
-    delay is zero); names: the cameras' names. TrackerError: not numbers, not one per camera, or not finite
-    for a camera that gave an image.
+    delay is zero); names: the cameras' names. TrackerError if they are not numbers, not one per
+    camera, or not finite for a camera that gave an image.
     """
     if isinstance(timestamp, Mapping):
         timestamp = _by_camera("timestamp", timestamp, names, TrackerError, "nan")

@@ -105,7 +105,7 @@ _LINE, _REASON = ".summary.json", ".failed.json"
 ASKED, TABLE, FAILURES = "batch.json", "summary", "failures.json"
 """Files of the folder of results: options and recordings, table (without suffix), failures."""
 
-OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)  # all that may be in the folder itself
+OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)  # files of the folder of results itself
 
 IMAGES, STEPS, ZARR, REPORT = "images.parquet", "steps.parquet", "poses.zarr", "report.json"
 """Files in the folder of an image store's episodes, see `stores`."""
