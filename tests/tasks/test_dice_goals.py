@@ -144,13 +144,17 @@ def pattern_with(*changes: tuple[int, int, str]) -> str:
 
 
 @given(SEEDS)
-def test_a_goal_and_its_pattern_show_each_other(tmp_path_factory, seed):
-    goal, path = dice.sample_goal(seed), tmp_path_factory.getbasetemp() / "goal.txt"
+def test_a_goal_and_its_pattern_show_each_other_and_json_keeps_every_bit(tmp_path_factory, seed):
+    rng, path = np.random.default_rng(seed), tmp_path_factory.getbasetemp() / "goal"
+    goal = dice.sample_goal(rng)
     text = dice.pattern(goal)
     assert same_places(dice.parse_pattern(text), goal)
     assert dice.pattern(dice.parse_pattern(text)) == text
-    dice.write_goal(path, goal)
-    assert same_places(dice.read_goal(path), goal)
+    dice.write_goal(path.with_suffix(".txt"), goal)
+    assert same_places(dice.read_goal(path.with_suffix(".txt")), goal)
+    free = goal * rng.uniform(0.1, 1, (25, 1)) + [0, 0, 0.011]
+    dice.write_goal(path.with_suffix(".json"), free)
+    np.testing.assert_array_equal(dice.read_goal(path.with_suffix(".json")), free)
 
 
 def test_rows_go_along_x_and_columns_along_y():
@@ -225,15 +229,6 @@ def test_only_goals_on_different_cells_have_a_pattern(seed, index, offset):
     goal[index] += np.where(toward == 0, 1, toward) * offset
     with pytest.raises(TaskError, match=f"position {index}: found .*expected the centre of a cell"):
         dice.pattern(goal)
-
-
-@given(SEEDS)
-def test_json_keeps_every_bit(tmp_path_factory, seed):
-    path = tmp_path_factory.getbasetemp() / "goal.json"
-    rng = np.random.default_rng(seed)
-    goal = dice.sample_goal(rng) * rng.uniform(0.1, 1, (25, 1)) + [0, 0, 0.011]
-    dice.write_goal(path, goal)
-    np.testing.assert_array_equal(dice.read_goal(path), goal)
 
 
 def test_what_a_file_holds_is_recognised_by_its_content(tmp_path):
