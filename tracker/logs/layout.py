@@ -129,25 +129,17 @@ def find_layout(root: Path, rate: float) -> Layout:
         return _of_stated(root, rate)
     folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
     streams = _of_folders(folder for folder in folders if CAMERA.fullmatch(folder.name))
-    if streams:
-        return _of_streams(streams, rate)
-    frames = {folder.name: _of_cameras(folder) for folder in folders}
-    if not any(frames.values()):  # with folders, a picture beside them does not count: it may be an overlay
-        frames = {root.name: _of_cameras(root)}
-    if any(frames.values()):
-        cameras = sorted({name for files in frames.values() for name in files}, key=_natural)
-        streams = {
-            name: {frame: files[name] for frame, files in frames.items() if name in files} for name in cameras
-        }
-        return _of_streams(streams, rate, by_name=True)
-    streams = _films(root) or _without_names(root, folders)
-    if streams:
-        return _of_streams({name: streams[name] for name in sorted(streams, key=_natural)}, rate)
-    raise LogError(
-        f"{root}: found no pictures of cameras, expected folders like 000000 with camera60.png, "
-        "or folders like camera60 with 000000.png, or films like camera60.mp4, or recording.toml, "
-        "or a recording such as camera_data.dat"
-    )
+    # With folders, a picture beside them does not count: it may be an overlay.
+    frames = {} if streams else _of_frames(folders) or _of_frames([root])
+    streams = streams or frames or _films(root) or _without_names(root, folders)
+    if not streams:
+        raise LogError(
+            f"{root}: found no pictures of cameras, expected folders like 000000 with camera60.png, "
+            "or folders like camera60 with 000000.png, or films like camera60.mp4, or recording.toml, "
+            "or a recording such as camera_data.dat"
+        )
+    ordered = {name: streams[name] for name in sorted(streams, key=_natural)}
+    return _of_streams(ordered, rate, by_name=bool(frames))
 
 
 def _visible(folder: Path) -> Iterator[Path]:
@@ -177,9 +169,14 @@ def _of_folders(folders: Iterable[Path]) -> _Streams:
     return {name: files for name, files in found.items() if files}
 
 
-def _of_cameras(folder: Path) -> dict[str, Path]:
-    """Return the pictures in a frame's folder that are named after cameras."""
-    return _by_name((one for one in _pictures(folder) if CAMERA.fullmatch(one[0])), "camera")
+def _of_frames(folders: Iterable[Path]) -> _Streams:
+    """Return the pictures that are named after cameras, by the names of their frames' folders."""
+    streams: dict[str, dict[str, Picture]] = {}
+    for folder in folders:
+        named = (one for one in _pictures(folder) if CAMERA.fullmatch(one[0]))
+        for camera, file in _by_name(named, "camera").items():
+            streams.setdefault(camera, {})[folder.name] = file
+    return {**streams}
 
 
 def _films(root: Path) -> _Streams:
