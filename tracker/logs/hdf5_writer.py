@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tracker.calibration.camera_info import DEVIATIONS, write_arena
+from tracker.calibration.camera_info import CAMERA_DATASETS, write_arena
 from tracker.calibration.rig import CameraRig
 from tracker.checks import check_sequence, described_input, float_array, of_kind, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
@@ -217,11 +217,9 @@ class Hdf5LogWriter:
         file.create_dataset("camera_names", data=np.array([name.encode() for name in self._rig.names]))
         for camera, values in zip(self._rig, settings, strict=True):
             group = file.create_group(f"camera_info/{camera.name}")
-            group["camera_matrix"] = camera.matrix
-            group["distortion_coefficients"] = camera.distortion[None]
-            group["tf_world_to_camera"] = camera.camera_from_world
-            if camera.camera_from_world_std is not None:
-                group[DEVIATIONS] = camera.camera_from_world_std
+            for key, (attribute, size) in CAMERA_DATASETS.items():
+                if (array := getattr(camera, attribute)) is not None:
+                    group[key] = array.reshape(size)
             if frame_rate is not None:
                 group.attrs["frame_rate_fps"] = float(frame_rate)
             known = {key: one for key, one in values.items() if isinstance(one, str) or math.isfinite(one)}
