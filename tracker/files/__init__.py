@@ -47,11 +47,7 @@ class OneAtATime:
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
-    """Open a regular file for reading; a pipe without a writer raises an error instead of blocking.
-
-    Raises:
-        OSError: the file cannot be opened, or is a folder, a pipe or a device.
-    """
+    """Open a regular file for reading; OSError for folders, devices and pipes, also without a writer."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with on_error(lambda: os.close(handle)):
         kind = os.fstat(handle).st_mode
@@ -63,11 +59,7 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
 
 
 def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
-    """Return the content of a regular file of at most `largest` bytes, without reading larger ones whole.
-
-    Raises:
-        OSError: the file cannot be read, is not a regular file, or is larger.
-    """
+    """Return the content of a regular file; OSError, without reading all of it, above `largest` bytes."""
     with open_regular(path) as file:
         content = file.read(largest + 1)
     if len(content) > largest:
@@ -226,9 +218,6 @@ def _to_disk(path: Path) -> None:
 
 def _about(error: OSError, path: str | os.PathLike[str]) -> OSError:
     """Return the error with the requested path in place of a temporary or missing file name."""
-    name = os.fspath(error.filename) if isinstance(error.filename, (str, os.PathLike)) else None
-    if error.errno is None or (
-        name is not None and not name.endswith((".tmp", ".lock")) and ".tmp/" not in name
-    ):
-        return error
-    return OSError(error.errno, error.strerror, os.fspath(path))
+    name = str(error.filename or ".tmp")
+    own = name.endswith((".tmp", ".lock")) or ".tmp/" in name
+    return OSError(error.errno, error.strerror, os.fspath(path)) if error.errno and own else error

@@ -127,11 +127,7 @@ def dataset(file: Any, name: str, where: str = "/") -> h5py.Dataset:
 
 
 def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str = "/") -> Array:
-    """Return the `values` of a dataset with this shape and one of these `kinds`, a key of TYPES.
-
-    Raises:
-        LogError: there is no such dataset, or its type or shape differs.
-    """
+    """Return a dataset's `values`; LogError unless it has this shape and a type of `kinds`, one of TYPES."""
     stored = dataset(file, name, where)
     if stored.dtype.kind not in kinds or stored.shape != shape:
         raise LogError(f"{where}{name}: found {described(stored)}, expected {TYPES[kinds]} of shape {shape}")
@@ -151,10 +147,9 @@ def values(stored: h5py.Dataset, stop: int | None = None) -> Array:
 
 
 def attribute(item: Any, name: str, kinds: str, *, single: bool = True) -> Array:
-    """Read an attribute of a file, group or dataset: a single value of shape (), or a list.
+    """Read an attribute: a single value of shape (), or a list.
 
-    Raises:
-        LogError: there is no such attribute, or its type (`kinds`, a key of TYPES), shape or size is wrong.
+    LogError: there is none, or its type (`kinds`, a key of TYPES), shape or size is wrong.
     """
     expected = TYPES[kinds] + ("" if single else ", a list of them")
     if name not in item.attrs:
@@ -205,10 +200,7 @@ def unpacked(stored: h5py.Dataset, offset: tuple[int, ...]) -> bytes:
     """Decompress the chunk at an offset, without unshuffling it or verifying its checksum.
 
     The HDF5 library itself would allocate any decompressed size, up to a thousand times the chunk's.
-
-    Raises:
-        LogError: the decompressed size is wrong, or the chunk is damaged.
-        Exception: any error of h5py if there is no such chunk.
+    LogError: the decompressed size is wrong, or the chunk is damaged; any error of h5py: there is none.
     """
     filters, whole = filters_of(stored), math.prod(stored.chunks) * stored.dtype.itemsize
     sums = [4 * (code == h5py.h5z.FILTER_FLETCHER32) for code in filters]  # bytes of checksums

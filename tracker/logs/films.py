@@ -36,11 +36,9 @@ def check_container(path: Path) -> None:
 
 
 class FilmFile:
-    """A film whose pictures are decoded on access.
+    """A film whose pictures are decoded on access; LogError if it is none, or damaged.
 
-    Raises:
-        LogError: the file is not a film, is damaged, has no pictures, or pictures of an invalid size.
-        TrackerError: the optional package `av` is missing.
+    TrackerError: the optional package `av` is missing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -89,28 +87,25 @@ class FilmFile:
 
     def picture(self, number: int) -> Image:
         """Return the picture (H, W, 3) BGR with this number; LogError if it is damaged."""
+        sought, before = self._times[number], self._times[number - 1] if number else None
+        where = f"{self.path}: picture {number}: "
         with self._alone:
-            return self._picture(number)
-
-    def _picture(self, number: int) -> Image:
-        sought = self._times[number]
-        try:
-            before = self._times[number - 1] if number else None
-            if self._next is None or self._ahead != before:
-                self._film.seek(sought, stream=self._stream, backward=True)  # to a keyframe before it
-                self._next, self._ahead = self._film.decode(self._stream), None
-            for frame in self._next:
-                self._ahead = frame.pts if frame.pts is not None else frame.dts
-                check_same_size((frame.width, frame.height), self.size, f"{self.path}: picture {number}: ")
-                if self._ahead == sought:
-                    return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
-                if self._ahead is not None and self._ahead > sought:
-                    break
-        except self._faults as error:
+            try:
+                if self._next is None or self._ahead != before:
+                    self._film.seek(sought, stream=self._stream, backward=True)  # to a keyframe before it
+                    self._next, self._ahead = self._film.decode(self._stream), None
+                for frame in self._next:
+                    self._ahead = frame.pts if frame.pts is not None else frame.dts
+                    check_same_size((frame.width, frame.height), self.size, where)
+                    if self._ahead == sought:
+                        return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+                    if self._ahead is not None and self._ahead > sought:
+                        break
+            except self._faults as error:
+                self._next = None
+                raise LogError(f"{where}{' '.join(str(error).split())}") from error
             self._next = None
-            raise LogError(f"{self.path}: picture {number}: {' '.join(str(error).split())}") from error
-        self._next = None
-        raise LogError(f"{self.path}: picture {number}: found none, the film is damaged")
+        raise LogError(f"{where}found none, the film is damaged")
 
     def close(self) -> None:
         """Close the file."""

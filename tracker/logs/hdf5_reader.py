@@ -17,7 +17,6 @@ import struct
 from contextlib import suppress
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -218,22 +217,20 @@ class Hdf5Source(Source):
 
     def settings(self) -> dict[str, Settings]:
         """See Source."""
-        found = {name: self._settings(f"camera_info/{name}/settings") for name in self.camera_names}
-        return {name: values for name, values in found.items() if values is not None}
-
-    def _settings(self, name: str) -> Settings | None:
-        with faults_as_log_errors(f"{self.path}: {name}"):
-            field = find(self._file, name, "")
-            if field is None:
-                return None
-            if field.dtype != np.uint8 or field.ndim != 1 or field.size > _MAX_SETTINGS:
-                raise LogError(f"found {described(field)}, expected up to {_MAX_SETTINGS} bytes")
-            values: Any = json.loads(field[:].tobytes())
-            if not isinstance(values, dict) or not all(
-                isinstance(value, str | bool) or is_number(value) for value in values.values()
-            ):
-                raise LogError("expected names of settings with texts or finite numbers")
-            return values
+        found: dict[str, Settings] = {}
+        for camera in self.camera_names:
+            name = f"camera_info/{camera}/settings"
+            with faults_as_log_errors(f"{self.path}: {name}"):
+                if (field := find(self._file, name, "")) is None:
+                    continue
+                if field.dtype != np.uint8 or field.ndim != 1 or field.size > _MAX_SETTINGS:
+                    raise LogError(f"found {described(field)}, expected up to {_MAX_SETTINGS} bytes")
+                found[camera] = values = json.loads(field[:].tobytes())
+                if not isinstance(values, dict) or not all(
+                    isinstance(value, str | bool) or is_number(value) for value in values.values()
+                ):
+                    raise LogError("expected names of settings with texts or finite numbers")
+        return found
 
     def close(self) -> None:
         """See Source."""

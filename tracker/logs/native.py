@@ -185,7 +185,11 @@ class NativeSource(Source):
         In gzipped data, skipped bytes are unpacked, too, and seeking backwards starts from the beginning.
         """
         if not self.sequential:
-            return self._read_plain(data, offset)
+            done = 0
+            with told_of(self.path):  # without moving the position, which threads and forked processes share
+                while count := os.preadv(self._raw.fileno(), [data[done:]], offset + done):
+                    done += count
+            return done
         with told_of(self.path), self._alone:
             try:
                 self._file.seek(offset)
@@ -194,14 +198,6 @@ class NativeSource(Source):
                 self._rewind()
                 where = f"before byte {offset + len(data)} of the content: {' '.join(str(error).split())}"
                 raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
-
-    def _read_plain(self, data: memoryview, offset: int) -> int:
-        """Read without moving the position in the file, which threads and forked processes share."""
-        done = 0
-        with told_of(self.path):
-            while count := os.preadv(self._raw.fileno(), [data[done:]], offset + done):
-                done += count
-        return done
 
     def _rewind(self) -> None:
         # Make a new gzip reader: the state of the old one after an error is undefined.

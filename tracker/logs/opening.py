@@ -28,10 +28,7 @@ JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_d
 STORE_FILE = "data.mdb"
 """The file of an image store."""
 
-_SUFFIXES = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
-_BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
-"""Files in a folder that describe its pictures."""
-
+_BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)  # what describes the pictures in a folder
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
@@ -65,10 +62,11 @@ def recording_files(path: Path) -> list[Path]:
     found = _existing(path, (*JOB_LOGS, STORE_FILE))
     if found:
         return found
+    suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
     for folder, folders, names in os.walk(path, onerror=_refuse):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         files = (Path(folder, name) for name in sorted(names) if not name.startswith("."))
-        found += [file for file in files if file.suffix.lower() in _SUFFIXES or file.name in _BESIDE]
+        found += [file for file in files if file.suffix.lower() in suffixes or file.name in _BESIDE]
     return found
 
 
@@ -176,8 +174,7 @@ def fitted_to(
 def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool) -> Camera:
     """Return the camera for images of a size (width, height) [px], scaled to it with `resize`.
 
-    Raises:
-        CalibrationError: the size differs or, with `resize`, the aspect ratio: images were cropped.
+    CalibrationError: the size differs or, with `resize`, the aspect ratio: images were cropped.
     """
     width, height = size
     if (camera.width, camera.height) == size:

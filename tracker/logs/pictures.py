@@ -66,11 +66,8 @@ def from_quadrants(quadrants: Image) -> Image:
 
 
 def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
-    """Read a picture's header; `Image.open` would also warn about sizes that are rejected later anyway.
-
-    Raises:
-        LogError: the picture has another format, or its header is damaged.
-    """
+    """Read a picture's header; LogError if it is damaged, or of another format."""
+    # `Image.open` would also warn about sizes that are rejected later anyway.
     for start, (name, reader) in _READERS.items():
         if name in formats and data.startswith(start):
             module = import_module(f"PIL.{reader}ImagePlugin")
@@ -86,9 +83,7 @@ def check_whole(picture: ImageFile, data: bytes, *, appended: bool = False) -> N
     """Check a picture's integrity as far as its format allows.
 
     A JPEG that may have data `appended` after its end, as photos of phones do, is decoded to check it.
-
-    Raises:
-        LogError: a part of a PNG does not match its checksum, or the end of a PNG or JPEG is missing.
+    LogError: a part of a PNG does not match its checksum, or the end of a PNG or JPEG is missing.
     """
     endless = picture.format == "JPEG" and b"\xff\xd9" not in data[-64:]  # some writers pad
     if endless and not appended:

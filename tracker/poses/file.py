@@ -178,11 +178,10 @@ def read_fingerprint(path: str | os.PathLike[str]) -> str:
 
 def _content(poses: Poses) -> bytes:
     """Make the file in memory and return its bytes: an hour at 10 Hz takes 40 MB before compression."""
-    # The format of HDF5 1.10 (2016) has checksums; short files are a fifth as large as in the older one.
-    libver = ("v110", "v110")
     # Write to a file object: before HDF5 2.0, the image of an open file has wrong checksums.
     content = io.BytesIO()
-    with h5py.File(content, "w", libver=libver) as file:
+    # The format of HDF5 1.10 (2016) has checksums; short files are a fifth as large as in the older one.
+    with h5py.File(content, "w", libver=("v110", "v110")) as file:
         file.attrs["format"] = hdf5.encoded(FORMAT)
         file.attrs["format_version"] = VERSION
         for key, attribute in _ABOUT.items():

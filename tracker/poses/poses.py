@@ -195,26 +195,22 @@ class Poses:
     def keypoints(self, model: CuboidModel | None) -> dict[Kind, FloatArray]:
         """Return corners (n, 8, 3) [m] of the object for each kind of poses, NaN if missing; {} for None.
 
-        Corner i is on the + side of the object's x, y, z axis if bit 0, 1, 2 of i is 0.
-
-        Raises:
-            LogError: the model is not a CuboidModel.
+        Corner i is on the + side of the object's x, y, z axis if bit 0, 1, 2 of i is 0. LogError: the model
+        is not a CuboidModel.
         """
         if model is None:
             return {}
         of_kind(model, CuboidModel, "keypoints", LogError, "tracker.load_object")
-        found = {}
-        for kind in KINDS:
-            columns = self._known(kind)
-            rotation = so3.matrix_from_quaternion(columns.orientation)
-            found[kind] = cuboid.keypoints(columns.position, rotation, model.size)
-        return found
+        known = {kind: self._known(kind) for kind in KINDS}
+        return {
+            kind: cuboid.keypoints(one.position, so3.matrix_from_quaternion(one.orientation), model.size)
+            for kind, one in known.items()
+        }
 
     def to_dataframe(self, keypoints_of: CuboidModel | None = None) -> Any:
         """Return a pandas DataFrame, one row per frame, with the columns of `table`; see docs/poses.md.
 
-        Raises:
-            TrackerError: the package pandas is missing.
+        TrackerError: the package pandas is missing.
         """
         return package("pandas").DataFrame(self.table(keypoints_of)).set_index("frame")
 
@@ -222,9 +218,7 @@ class Poses:
         """Return an xarray Dataset along `frame` of whole vectors and covariances, e.g. `filtered_position`.
 
         keypoints_of: an object whose corners to add as variables, such as `filtered_keypoints`.
-
-        Raises:
-            TrackerError: the package xarray is missing.
+        TrackerError: the package xarray is missing.
         """
         variables: dict[str, Any] = {"timestamp": ("frame", self.timestamp), "status": ("frame", self.status)}
         if self.cameras is not None:
@@ -251,11 +245,7 @@ class Poses:
         return PoseColumns.nothing(len(self)) if columns is None else columns
 
     def columns(self, kind: Kind) -> PoseColumns:
-        """Return the poses of one kind: measured, filtered or recorded.
-
-        Raises:
-            LogError: there is no such kind, or the recording has no recorded poses.
-        """
+        """Return the poses of one kind; LogError if there is no such kind, or there are none recorded."""
         if not isinstance(kind, str) or kind not in KINDS:
             raise LogError(f"kind of poses: found {shown(kind)}, expected one of {', '.join(KINDS)}")
         columns: PoseColumns | None = getattr(self, kind)

@@ -40,11 +40,7 @@ MakeTracker = Callable[[CuboidModel, CameraRig, ColorModel], Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How recordings are read, and which tracker is used.
-
-    Raises:
-        LogError: `start` or `stop` is not a valid frame number.
-    """
+    """How recordings are read, and by which tracker; LogError for invalid numbers of frames."""
 
     correct_halved_principal_point: bool = False
     """Whether the calibration was halved without the quarter pixel."""
@@ -92,9 +88,9 @@ class Options(Reading):
 
     def plain(self) -> dict[str, Any]:
         """Return the options for JSON, without `make_tracker`."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        values = {**vars(self), "calibration": list(self.calibration)}
         del values["make_tracker"]
-        return {**values, "calibration": list(self.calibration)}
+        return values
 
     @classmethod
     def of_plain(cls, values: dict[str, Any]) -> Options:
@@ -115,11 +111,7 @@ class Recipe(Reading):
 
     @classmethod
     def of(cls, options: Options) -> Recipe:
-        """Load the files that the options name.
-
-        Raises:
-            TrackerError: a name is unknown, or a file is malformed.
-        """
+        """Load the files that the options name; TrackerError for unknown names and malformed files."""
         model = load_object(options.object)
         rig, given = None, options.calibration
         if given:

@@ -88,14 +88,13 @@ def track(
 
 
 def run(job: Job, progress: Progress | None = None) -> Tracked:
-    """Track a recording and write its file of poses, whole or not at all.
+    """Track a recording and write its file of poses, whole or not at all; errors as for `track`.
 
     An existing file that is undamaged and has the same fingerprint is reused instead.
-
-    Raises:
-        LogError, TrackerError, OSError: see `track`.
     """
-    _refuse_overwriting(job)
+    files = recording_files(job.log) if job.output.is_file() and job.log.exists() else []
+    if any(job.output.samefile(path) for path in files):
+        raise LogError(f"output {job.output}: that is the recording, expected another file")
     with claimed(job.output):
         kept = _kept(job)
         if kept is not None:
@@ -105,13 +104,6 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
         tracked = _tracked(job, progress)
         write_poses(job.output, tracked.poses)
         return tracked
-
-
-def _refuse_overwriting(job: Job) -> None:
-    """Raise LogError if the output is one of the recording's own files."""
-    files = recording_files(job.log) if job.output.is_file() and job.log.exists() else []
-    if any(job.output.samefile(path) for path in files):
-        raise LogError(f"output {job.output}: that is the recording, expected another file")
 
 
 def chosen(log: Log, job: Job) -> tuple[int, int]:
@@ -176,10 +168,9 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
 
 
 def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Observation]]:
-    """Yield each frame with the tracker's result; the tracker is reset at the start of each episode.
+    """Yield each frame with the tracker's result; LogError if it is damaged or does not fit the tracker.
 
-    Raises:
-        LogError: a frame is damaged or does not fit the tracker.
+    The tracker is reset at the start of each episode.
     """
     episode = -1
     for frame in log:
