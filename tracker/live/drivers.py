@@ -15,7 +15,7 @@ import numpy as np
 from tracker.checks import optional
 from tracker.errors import LiveError, LogError
 from tracker.live.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, GrabFailed, Settings
-from tracker.logs.films import check_container
+from tracker.logs.pictures import check_container
 
 KEPT = (
     "DeviceSerialNumber", "PixelFormat", "ExposureTime", "ExposureAuto", "Gain", "GainAuto", "Gamma",

@@ -16,11 +16,10 @@ from tracker.checks import naming
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files import read_bounded, told_as, told_of, whole_file
-from tracker.logs.films import FilmPicture
 from tracker.logs.frame import LogFrame, checked_stamp
 from tracker.logs.layout import CAMERA, RECORDING_FILE, Picture, find_layout
 from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, check_sides, rig_beside
-from tracker.logs.pictures import decode, head_of
+from tracker.logs.pictures import FilmPicture, decode, head_of
 
 TRUTH_FILE = "ground_truth.json"
 """File that `python -m synthetic dataset` writes beside the pictures; timestamps are read from it."""

@@ -40,8 +40,7 @@ from tracker.errors import LogError, shown
 from tracker.files import read_bounded, told_of
 from tracker.files.toml import read_toml
 from tracker.geometry.camera import may_be_name
-from tracker.logs import films
-from tracker.logs.films import FilmFile, FilmPicture
+from tracker.logs.pictures import FILM_SUFFIXES, FilmFile, FilmPicture
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 """File name suffixes of pictures."""
@@ -181,7 +180,7 @@ def _of_frames(folders: Iterable[Path]) -> _Streams:
 
 def _films(root: Path) -> _Streams:
     """Return the films in a folder: those named after cameras if there are any, else all."""
-    found = {file.stem: file for file in sorted(_visible(root)) if file.suffix.lower() in films.SUFFIXES}
+    found = {file.stem: file for file in sorted(_visible(root)) if file.suffix.lower() in FILM_SUFFIXES}
     named = {name: file for name, file in found.items() if CAMERA.fullmatch(name)}
     return {name: _film(file) for name, file in (named or found).items()}
 
@@ -265,7 +264,7 @@ def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[st
             f"{path}: {camera}: found no file that fits {pattern!r:.60}, expected pictures or a film"
         )
     first = next(iter(found.values()))
-    if first.suffix.lower() not in films.SUFFIXES:
+    if first.suffix.lower() not in FILM_SUFFIXES:
         return {key: found[key] for key in sorted(found, key=_natural)}
     if len(found) > 1:
         raise LogError(f"{path.parent}: {camera}: found {len(found)} films, expected one of each camera")

@@ -13,11 +13,11 @@ from tracker.checks import path_of
 from tracker.errors import CalibrationError, LogError
 from tracker.files import on_error, open_regular, told_of
 from tracker.geometry.camera import Camera
-from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
 from tracker.logs.folder import TRUTH_FILE, FolderSource
 from tracker.logs.layout import RECORDING_FILE, STAMPS_FILE, check_rate
 from tracker.logs.layout import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.log import Log, Source
+from tracker.logs.pictures import FILM_SUFFIXES
 
 DEFAULT_RATE = 10.0
 """Frame rate of the platform's cameras [Hz]."""
