@@ -21,7 +21,7 @@ from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.poses.file import read_poses
 from tracker.recordings import Job, Options, Recipe
-from tracker.recordings.recipe import fingerprint
+from tracker.recordings.track import fingerprint
 from tracker.summaries.summary import COLUMNS
 
 COUNT = 5

@@ -24,7 +24,7 @@ from tracker.logs.hdf5_writer import write_hdf5
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options, run, track
-from tracker.recordings.recipe import fingerprint
+from tracker.recordings.track import fingerprint
 from tracker.summaries.summary import summary
 
 FRAMES = 100

@@ -19,7 +19,7 @@ from tracker.objects.model import load_object
 from tracker.pose.result import CameraUse, PoseEstimate
 from tracker.poses.poses import Poses
 from tracker.recordings import Tracked, run
-from tracker.recordings.recipe import Job, Options, Recipe
+from tracker.recordings.track import Job, Options, Recipe
 from tracker.summaries import remarks, summary
 
 FRAMES = 20

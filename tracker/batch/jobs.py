@@ -22,7 +22,7 @@ from tracker.batch.run import Batch, Task, agreed, is_whole, make_result, read_a
 from tracker.batch.workers import ONE_THREAD, alone, here
 from tracker.errors import LogError, TrackerError
 from tracker.files import write_whole
-from tracker.recordings.recipe import Recipe
+from tracker.recordings.track import Recipe
 
 Scheduler = Literal["htcondor", "slurm"]
 

@@ -19,8 +19,7 @@ from tracker.batch import results
 from tracker.batch.workers import Engine
 from tracker.errors import LogError, TrackerError, reason
 from tracker.files import claimed, lock_of, read_bounded, write_whole
-from tracker.recordings.recipe import Job, Options, Recipe, code, fingerprint
-from tracker.recordings.track import Tracked, run
+from tracker.recordings.track import Job, Options, Recipe, Tracked, code, fingerprint, run
 from tracker.summaries.remarks import remark_on_recording
 from tracker.summaries.summary import goal_file, row, summary
 

@@ -41,7 +41,7 @@ from tracker.objects.model import CuboidModel
 from tracker.poses.columns import MeasuredColumns, PoseColumns
 from tracker.poses.file import read_poses
 from tracker.poses.poses import Poses, package
-from tracker.recordings.recipe import Options, Recipe
+from tracker.recordings.track import Options, Recipe
 from tracker.summaries.against_stored import Compared, differences
 
 

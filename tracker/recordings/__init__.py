@@ -5,7 +5,6 @@ each other, so processes and machines can work on different ones. Each recording
 fingerprint of what it was made from: a complete, matching file is reused.
 """
 
-from tracker.recordings.recipe import Job, Options, Reading, Recipe
-from tracker.recordings.track import Tracked, run, track
+from tracker.recordings.track import Job, Options, Reading, Recipe, Tracked, run, track
 
 __all__ = ["Job", "Options", "Reading", "Recipe", "Tracked", "run", "track"]

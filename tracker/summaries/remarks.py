@@ -30,8 +30,7 @@ from tracker.objects.model import CuboidModel, object_names
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.poses import Poses
-from tracker.recordings.recipe import Job
-from tracker.recordings.track import chosen, rig_for
+from tracker.recordings.track import Job, chosen, rig_for
 from tracker.summaries.summary import camera_shares, to_look_at
 
 SURE, UNSURE = 0.9, 0.75  # confidence at and above which images fit the cameras, and below which they do not
