@@ -2,6 +2,7 @@ import dataclasses
 import os
 import shutil
 import time
+import zlib
 
 import h5py
 import numpy as np
@@ -10,12 +11,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.helpers import LENSES, make_camera
-from tests.helpers.pose_logs import assert_same, make_about, random_poses
+from tests.helpers.pose_logs import arrays_of, assert_same, make_about, random_poses
+from tests.helpers.reading import attribute, edit, made, put, without
 from tracker.calibration.rig import CameraRig
-from tracker.errors import LogError
+from tracker.errors import LogError, TrackerError
 from tracker.geometry.arena import Arena
-from tracker.poses.file import FORMAT, GROUPS, read_poses, write_poses
-from tracker.poses.poses import KINDS
+from tracker.poses.columns import FilteredColumns, MeasuredColumns
+from tracker.poses.file import FORMAT, GROUPS, MAX_FRAMES, read_poses, write_poses
+from tracker.poses.poses import KINDS, concatenate
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "poses.h5"
+
+
+@pytest.fixture
+def written(path, rng):
+    """A file of five frames that have all poses but those of frame 2."""
+    poses = random_poses(rng, 5, share=1)
+    gap = random_poses(rng, 1, share=0, first=2)
+    write_poses(path, concatenate([poses[:2], gap, poses[3:]]))
+    return path
 
 
 @given(
@@ -160,3 +177,183 @@ def test_neither_the_time_nor_when_python_forgets_what_it_wrote_shows(rng, tmp_p
     monkeypatch.setattr(h5py.Group, "create_dataset", keeping)
     write_poses(tmp_path / "two.h5", poses)
     assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+
+
+def log_of_the_platform(file):
+    file.attrs.pop("format")
+    file.attrs["magic"] = 0x3CDA7A00
+
+
+def of_another_file(file):
+    layout = h5py.VirtualLayout((5,), float)
+    layout[:] = h5py.VirtualSource("other.h5", "stamps", (5,))
+    del file["timestamps"]
+    file.create_virtual_dataset("timestamps", layout)
+
+
+def as_a_link_to_a_group(file):
+    file.move("object_pose", "really")
+    file["object_pose"] = h5py.SoftLink("/really")
+
+
+def unpacking_to_more(sums):
+    def change(file):
+        del file["timestamps"]
+        options = {"chunks": (5,), "compression": "gzip", "fletcher32": sums}
+        field = file.create_dataset("timestamps", (5,), float, **options)
+        field.id.write_direct_chunk((0,), zlib.compress(bytes(50_000_000), 9) + 4 * sums * b"x")
+
+    return change
+
+
+CAMERA = "camera_info/camera60"
+BREAKS = [
+    (log_of_the_platform, "found a log of the platform"),
+    (attribute("format"), "format: found no such attribute, expected texts"),
+    (attribute("format", 3), "format: found int64"),
+    (attribute("format", np.bytes_(b"poses")), "format: found 'poses'"),
+    (attribute("source", np.bytes_(b"\xff")), "cannot be read.*utf-8"),
+    (attribute("format_version", 2), "format_version: found 2, expected 1"),
+    (attribute("format_version", "1"), "format_version: found object of shape .*expected whole"),
+    (attribute("source"), "source: found no such attribute"),
+    (attribute("object", np.zeros(3)), "object: found float64 .*expected texts"),
+    (without("frame"), "/frame: found nothing, expected a dataset"),
+    (put("frame", 5), r"/frame: found shape \(\), expected \(n,\)"),
+    (put("frame", np.arange(5.0)), r"/frame: found float64 of shape \(5,\), expected whole"),
+    (put("frame", np.arange(4)), r"/timestamps: found float64 of shape \(5,\), .*\(4,\)"),
+    (made("frame", (10**12,), np.int64, chunks=(1000,)), "/frame: found shape .*with n up to 2000000"),
+    (
+        made("frame", (MAX_FRAMES,), np.int64, chunks=(1000,), compression="gzip"),
+        f"/frame: found 0 bytes stored, .*for {8 * MAX_FRAMES}",
+    ),
+    (edit("frame", 3, 0), "/frame: row 3: found 0"),
+    (edit("timestamps", 2, np.nan), "/timestamps: row 2: found nan"),
+    (put("timestamps", np.zeros((5, 3))), r"/timestamps: found float64 of shape \(5, 3\)"),
+    (edit("status", 1, 9), "/status: found code 9, expected codes below 2"),
+    (attribute("names", at="status"), "/status: names: found no such"),
+    (attribute("names", "lost", at="status"), r"/status: names: found object of shape \(\)"),
+    (attribute("names", np.arange(2), at="status"), "/status: names: found int64"),
+    (edit("cameras", (1, 2), 9), "/cameras: found code 9, expected codes below"),
+    (put("cameras", np.zeros((5, 2), np.uint8)), r"/cameras: found uint8 of shape \(5, 2\), .*\(5, 3\)"),
+    (put("cameras", np.zeros((5, 3))), r"/cameras: found float64 of shape \(5, 3\)"),
+    (attribute("names", at="cameras"), "/cameras: names: found no such"),
+    (without("object_pose"), "/object_pose/has_pose: found nothing"),
+    (without("filtered_object_pose/velocity"), "filtered_object_pose/velocity: found nothing"),
+    (without("recorded_object_pose/position"), "/recorded_object_pose/position: found nothing"),
+    (put("object_pose/has_pose", np.ones(5)), "/object_pose/has_pose: found float64"),
+    (put("object_pose/position", np.array([b"a"] * 5)), r"/object_pose/position: found \|S1"),
+    (edit("object_pose/position", (1, 0), np.inf), "/object_pose/position: row 1: found inf"),
+    (edit("filtered_object_pose/confidence", 0, -0.1), "/filtered_object_pose/confidence: row 0: found -0.1"),
+    (without("camera_names"), "/camera_names: found nothing"),
+    (put("camera_names", np.arange(3)), "/camera_names: found int64"),
+    (put("camera_names", np.array([b"a"])), "/camera_info/a: found none, expected a group"),
+    (without(f"{CAMERA}/camera_matrix"), f"/{CAMERA}/camera_matrix: found nothing"),
+    (edit(f"{CAMERA}/camera_matrix", (0, 0), -1), "camera60: camera_matrix: found focal lengths -1"),
+    (attribute("image_width", at=CAMERA), f"/{CAMERA}: image_width: found no such"),
+    # What other files hold is never read.
+    (put("timestamps", h5py.ExternalLink("other.h5", "/stamps")), "/timestamps: found a link"),
+    (put("timestamps", h5py.SoftLink("/object_pose/confidence")), "/timestamps: found a link"),
+    (made("timestamps", (5,), float, external=[("other.h5", 0, 40)]), "/timestamps: found data outside"),
+    (of_another_file, "/timestamps: found data outside"),
+    (as_a_link_to_a_group, "/object_pose/has_pose: found a link"),
+    # Nor what would fill the memory.
+    (unpacking_to_more(False), "/timestamps: .*unpacks to"),
+    (unpacking_to_more(True), "/timestamps: .*unpacks to"),
+    (attribute("source", np.bytes_(b"x" * (2 << 20))), "source: found .*expected at most 1048576 bytes"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BREAKS)
+def test_what_cannot_be_is_refused_with_file_and_dataset(written, change, message):
+    with h5py.File(written.parent / "other.h5", "w") as other:
+        other["stamps"] = np.arange(5.0)
+    with h5py.File(written, "r+", libver=("v110", "v110")) as file:
+        change(file)
+    with pytest.raises(LogError, match=rf"poses\.h5: .*{message}"):
+        read_poses(written)
+
+
+def test_what_is_no_hdf5_and_what_is_no_file_is_refused(path, tmp_path):
+    for content in (b"", b"text", b"\x89HDF\r\n\x1a\n", b"\x89HDF\r\n\x1a\n" + bytes(3000)):
+        path.write_bytes(content)
+        with pytest.raises(LogError, match=r"poses\.h5: cannot be read"):
+            read_poses(path)
+    for path in (tmp_path / "none.h5", tmp_path):
+        with pytest.raises(LogError, match=r"found (no such file|a folder), expected a file of poses"):
+            read_poses(path)
+    with pytest.raises(LogError, match="found a null byte in it, expected a path"):
+        read_poses(str(tmp_path / "nul\0.h5"))
+
+
+def test_a_damaged_byte_is_refused_or_changes_nothing(written, tmp_path):
+    """There are checksums wherever something is written; the rest is unused space."""
+    before, content = arrays_of(read_poses(written)), written.read_bytes()
+    rng = np.random.default_rng(1)
+    damaged = tmp_path / "damaged.h5"
+    refused = 0
+    for place in rng.integers(0, len(content), 60):
+        broken = bytearray(content)
+        broken[place] ^= 1 << rng.integers(8)
+        damaged.write_bytes(bytes(broken))
+        try:
+            after = arrays_of(read_poses(damaged))
+        except TrackerError:
+            refused += 1
+        else:
+            for name, array in before.items():
+                assert np.array_equal(array, after[name], equal_nan=array.dtype.kind == "f"), (place, name)
+    assert refused > 40
+
+
+def good(rng) -> dict[str, np.ndarray]:
+    """Valid columns of three filtered poses, the last frame without one."""
+    columns = FilteredColumns.joined([random_poses(rng, 2, share=1).filtered, FilteredColumns.nothing(1)])
+    return {name: array.copy() for name, array in columns.arrays().items()}
+
+
+INDEFINITE, ASYMMETRIC = np.eye(6), np.eye(6)
+INDEFINITE[0, 1] = INDEFINITE[1, 0] = 1.01
+ASYMMETRIC[0, 1] = 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "value", "message"),
+    [
+        ("position", (1, 2), np.nan, "row 1: found .* nan, expected finite"),
+        ("position", 2, 0.0, "row 2: found 0 0 0, expected NaN"),
+        ("orientation", 1, 0.0, "row 1: found 0 0 0 0, expected a quat"),
+        ("orientation", 0, 0.4, "row 0: .*length 1"),
+        ("confidence", 0, 1.001, "row 0: found 1.001, expected a prob"),
+        ("confidence", 0, np.nan, "row 0: found nan, expected finite"),
+        ("covariance", 1, ASYMMETRIC, "row 1: .*expected a symmetric"),
+        ("covariance", 1, INDEFINITE, "row 1: .*positive semi-definite"),
+        ("covariance", 0, 1e-12 * INDEFINITE, "row 0: .*positive semi-definite"),
+        ("covariance", 0, 1e12 * INDEFINITE, "row 0: .*positive semi-definite"),
+        ("covariance", (0, 0, 0), -1e-12, "row 0: .*not negative"),
+        ("velocity", (0, 0), np.inf, "row 0: found inf"),
+        ("velocity_covariance", 1, INDEFINITE, "row 1: .*positive semi-definite"),
+    ],
+)
+def test_impossible_rows_are_refused(rng, name, rows, value, message):
+    arrays = good(rng)
+    for scale in (1e-12, 1.0, 1e12):
+        FilteredColumns(**{**arrays, "covariance": scale * arrays["covariance"]})
+    arrays[name][rows] = value
+    with pytest.raises(LogError, match=f"{name}: {message}"):
+        FilteredColumns(**arrays)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("position", np.zeros((3, 2)), r"position: found shape \(3, 2\), .* \(3, 3\)"),
+        ("position", "text", "position: found 'text', expected numbers"),
+        ("covariance", np.zeros((2, 6, 6)), r"covariance: found shape \(2, 6, 6\)"),
+        ("has_pose", np.ones(3), "has_pose: found float64"),
+        ("has_pose", np.ones((3, 1), bool), r"has_pose: found bool of shape \(3, 1\)"),
+    ],
+)
+def test_columns_of_another_shape_or_type_are_refused(rng, name, value, message):
+    columns = {key: good(rng)[key] for key in ("has_pose", *MeasuredColumns.ROW_SHAPES)}
+    with pytest.raises(LogError, match=message):
+        MeasuredColumns(**columns | {name: value})

@@ -47,11 +47,7 @@ reads, the length of the value (-1 if there is none) and, unless it exceeds the 
 
 
 class LmdbFile:
-    """An LMDB file without named databases, open for reading.
-
-    Raises:
-        LogError: the file is truncated or not a database, or a package is missing.
-    """
+    """An LMDB file without named databases, open for reading; LogError if it is damaged or none."""
 
     def __init__(self, path: Path) -> None:
         for package in ("lmdb", "numcodecs"):  # fail here, not at the first value
@@ -252,9 +248,7 @@ class StoredArray:
         data = self._store.get(f"{self._name}/{key}", _MAX_JSON)
         if data is None:
             return None
-        value = None
         with suppress(ValueError, RecursionError):
-            value = json.loads(data)
-        if not isinstance(value, dict):
-            raise LogError(f"{self._where}/{key}: found no JSON object")
-        return value
+            if isinstance(value := json.loads(data), dict):
+                return value
+        raise LogError(f"{self._where}/{key}: found no JSON object")

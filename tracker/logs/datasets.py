@@ -18,7 +18,7 @@ from tracker.errors import LogError
 from tracker.files import on_error
 from tracker.files.stores import LmdbFile, StoredArray
 from tracker.logs.frame import MAX_DISTANCE, LogFrame
-from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, check_same_size, default_names
+from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Source, check_same_size, default_names
 from tracker.logs.opening import STORE_FILE
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
 
@@ -27,8 +27,6 @@ CAMERA_RATE = 10.0
 
 CONTROL_RATE = 50.0
 """Rate of the policy's control steps [Hz], the rows of `obs_to_image_index`."""
-
-_MAX_CAMERAS = 16
 
 TASKS = {97: "push", 139: "lift"}
 """Task by the length of an observation: a goal is a position (3) in push, and keypoints (24) in lift."""
@@ -60,9 +58,9 @@ class DatasetSource(Source):
         if not self._images.ragged:
             raise LogError(f"{self.path}: images: found numbers, expected encoded pictures")
         cameras = self._images.attributes.get("n_cameras", 3)
-        if not isinstance(cameras, int) or not 1 <= cameras <= _MAX_CAMERAS:
+        if not isinstance(cameras, int) or not 1 <= cameras <= MAX_CAMERAS:
             found = f"n_cameras: found {str(cameras)[:60]}"
-            raise LogError(f"{self.path}: images: {found}, expected 1 to {_MAX_CAMERAS}")
+            raise LogError(f"{self.path}: images: {found}, expected 1 to {MAX_CAMERAS}")
         packing = self._images.attributes.get("compression", "image")
         if packing != "image":
             raise LogError(f"{self.path}: images: compression: found {str(packing)[:60]}, expected 'image'")

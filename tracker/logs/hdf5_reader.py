@@ -29,7 +29,7 @@ from tracker.errors import LogError
 from tracker.files import hdf5, on_error, open_regular, told_of
 from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
 from tracker.logs.frame import LogFrame, recorded_frame
-from tracker.logs.log import MAX_SIDE, MIN_SIDE, Settings, Source, default_names
+from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
 
 POSE = {"position": 3, "orientation": 4, "confidence": 1}
@@ -41,8 +41,6 @@ VERSIONS = (1, 2)
 FLUSHED = "frames_flushed"
 """Attribute of a log of this project that is still being written, or whose writer was killed: the number of
 frames that were completely flushed. Later frames are ignored."""
-
-MAX_CAMERAS = 16
 
 _MAX_SETTINGS = 1 << 16  # bytes per camera
 _MAX_NAME = 400  # bytes: 100 letters
@@ -163,8 +161,7 @@ class Hdf5Source(Source):
 
     def _open(self, recover: bool) -> None:
         self._check_head()
-        field = find(self._file, "images", "")
-        if field is None:
+        if (field := find(self._file, "images", "")) is None:
             raise LogError("images is missing, expected a camera log")
         self._images = images = StoredImages(field)
         sizes = {"num_cameras": images.cameras, "image_width": images.columns, "image_height": images.rows}
@@ -176,8 +173,7 @@ class Hdf5Source(Source):
         self.camera_names = default_names(images.cameras)
         if (names := find(self._file, "camera_names", "")) is not None:
             self.camera_names = read_names(names, images.cameras, self.path)
-        stamps = self._rows("timestamps", images.cameras)
-        if stamps is None:
+        if (stamps := self._rows("timestamps", images.cameras)) is None:
             raise LogError("timestamps is missing, expected a camera log")
         self._camera_stamps = stamps
         self._frame_stamps = self._rows("sensor_data_timestamps", 1)
@@ -239,8 +235,7 @@ class Hdf5Source(Source):
 
     def _rows(self, name: str, width: int) -> FloatArray | None:
         """Return (n, width) numbers of the frames, or None if there is no such field."""
-        field = find(self._file, name, "")
-        if field is None:
+        if (field := find(self._file, name, "")) is None:
             return None
         shape = field.shape or ()
         if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):

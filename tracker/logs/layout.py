@@ -40,6 +40,7 @@ from tracker.errors import LogError, shown
 from tracker.files import read_bounded, told_of
 from tracker.files.toml import read_toml
 from tracker.geometry.camera import may_be_name
+from tracker.logs.log import MAX_CAMERAS
 from tracker.logs.pictures import FILM_SUFFIXES, FilmFile, FilmPicture
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -49,7 +50,6 @@ RECORDING_FILE, STAMPS_FILE = "recording.toml", "stamps.csv"
 """Files in a folder that describe its recording."""
 
 _MAX_STAMPS = 100_000_000  # bytes
-_MAX_CAMERAS = 16
 _MAX_RATE = 1e6
 
 _FIRST, _LAST = 10**9, 41 * 10**8  # the years 2001 to 2099 [s since the epoch]
@@ -221,8 +221,8 @@ def _of_stated(root: Path, rate: float) -> Layout:
     path = root / RECORDING_FILE
     values = read_toml(path, LogError, ("cameras", "rate"))
     patterns = values.get("cameras")
-    if not isinstance(patterns, dict) or not 0 < len(patterns) <= _MAX_CAMERAS:
-        raise LogError(f"{path}: cameras: expected a table of 1 to {_MAX_CAMERAS} patterns by cameras' names")
+    if not isinstance(patterns, dict) or not 0 < len(patterns) <= MAX_CAMERAS:
+        raise LogError(f"{path}: cameras: expected a table of 1 to {MAX_CAMERAS} patterns by cameras' names")
     rate = check_rate(values.get("rate", rate), f"{path}: rate")
     stamps = _stamps(root / STAMPS_FILE, len(patterns))
     counted = stamps is not None or "rate" in values

@@ -26,6 +26,9 @@ def default_names(count: int) -> tuple[str, ...]:
 MIN_SIDE, MAX_SIDE = 8, 4096
 """Smallest and largest valid width and height of an image [px]."""
 
+MAX_CAMERAS = 16
+"""Largest valid number of cameras of a recording."""
+
 
 def check_sides(width: int, height: int, where: str = "") -> None:
     """Raise LogError, which begins with `where`, for images of an invalid size."""
@@ -98,12 +101,9 @@ class Source(ABC):
 
 
 def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
-    """Load the calibration in the folder; None if there is none.
+    """Load the calibration in the folder; None if there is none, TrackerError if it is faulty or incomplete.
 
     Files are camera60.yml or camera_calib_60.yml for each camera, camera_left.yml or left.yml for `left`.
-
-    Raises:
-        TrackerError: a file is malformed or belongs to another camera, or only some cameras have one.
     """
     files: dict[str, Path] = {}
     for name in names:
@@ -113,8 +113,7 @@ def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
             files[name] = found[0]
     if not files:
         return None
-    missing = [name for name in names if name not in files]
-    if missing:
+    if missing := [name for name in names if name not in files]:
         there = ", ".join(file.name for file in files.values())
         raise LogError(
             f"{folder}: found {there}, but no calibration of {', '.join(missing)}; "
@@ -267,9 +266,8 @@ class Log:
         """The faults found so far in a log opened with `recover`, on one line; None if there are none."""
         if not self._faults:
             return None
-        first = self._faults[min(self._faults)]
-        more = len(self._faults) - 1
-        return first if not more else f"{first} (and {more} more of this recording)"
+        first, more = self._faults[min(self._faults)], len(self._faults) - 1
+        return f"{first} (and {more} more of this recording)" if more else first
 
     def close(self) -> None:
         """Close the files, for all parts of the log, too."""

@@ -38,9 +38,8 @@ class PosesBuilder:
     def append(self, index: int, timestamp: float, answer: Observation, recorded: Any = None) -> None:
         """Add a frame: its number and time [s], the tracker's result, and the recording's own pose or None.
 
-        Raises:
-            LogError: the time is not in seconds, a pose lacks a column or has one of the wrong shape, or the
-                result has a different number of cameras than the rig.
+        LogError: the time is not in seconds, a pose lacks a column or has one of the wrong shape, or the
+        result has a different number of cameras than the rig.
         """
         stamp = one_stamp(timestamp, f"frame {index}: timestamp", LogError)
         rig, uses = self._about.rig, [_text(use) for use in answer.cameras]

@@ -257,8 +257,7 @@ class Poses:
 def concatenate(parts: Sequence[Poses]) -> Poses:
     """Join the poses of consecutive parts of a recording; `source` lists all different sources.
 
-    Raises:
-        LogError: there is no part, frame numbers do not increase, or objects or cameras differ.
+    LogError: there is no part, frame numbers do not increase, or objects or cameras differ.
     """
     if not parts:
         raise LogError("parts: found none, expected at least one")
