@@ -1,10 +1,10 @@
 import contextlib
 import errno
 import os
-import signal
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -22,19 +22,7 @@ from tracker.files.stores import LmdbFile
 from tracker.logs.native import NativeSource
 from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
 
-
-@pytest.fixture(autouse=True)
-def soon():
-    """A read that waits fails after five seconds."""
-
-    def late(*_: object) -> None:
-        raise TimeoutError("a read waits for ever")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(5)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+pytestmark = pytest.mark.timeout(5)  # a read that waits fails soon
 
 
 @pytest.mark.parametrize("read", [open_regular, lambda path: read_bounded(path, 100)])
@@ -233,21 +221,15 @@ def test_the_claim_of_a_killed_process_is_void(tmp_path):
 
 
 def test_of_many_that_claim_and_free_a_file_one_has_it_at_a_time(tmp_path):
-    held, most, lock = 0, 0, threading.Lock()
+    alone, held = threading.Lock(), []
 
-    def work() -> None:
-        nonlocal held, most
+    def work(_: int) -> None:
         for _ in range(100):
             with contextlib.suppress(BlockingIOError), claimed(tmp_path / "a.txt"):
-                with lock:
-                    held += 1
-                    most = max(most, held)
-                with lock:
-                    held -= 1
+                held.append(alone.acquire(blocking=False))
+                alone.release()
 
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert most == 1
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(work, range(4)))
+    assert held
+    assert all(held)
