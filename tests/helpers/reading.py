@@ -1,8 +1,9 @@
 """What reading a recording takes and gives, and files of HDF5 changed in place."""
 
+import contextlib
 import re
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,14 @@ from tracker.logs import LogFrame
 Change = Callable[[h5py.File], object]
 
 
-def peak_of_reading(path: Path, frames: int) -> int:
-    """Most memory [bytes] that is in use while all frames of a recording are read."""
+@contextlib.contextmanager
+def peak_memory() -> Iterator[list[int]]:
+    """Gives a list that has the most memory [bytes] that was in use once the block has ended."""
+    used: list[int] = []
     tracemalloc.start()
-    with tracker.open_log(path) as log:
-        assert sum(1 for _ in log) == frames
-    used = tracemalloc.get_traced_memory()[1]
+    yield used
+    used.append(tracemalloc.get_traced_memory()[1])
     tracemalloc.stop()
-    return used
 
 
 def frames_of(path: Path, **options: Any) -> list[LogFrame]:

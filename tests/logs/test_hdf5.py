@@ -1,5 +1,4 @@
 import itertools
-import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 import tracker
 from tests.helpers import make_rig
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5
-from tests.helpers.reading import attribute, made, put, recovered, without
+from tests.helpers.reading import attribute, frames_of, made, peak_memory, put, recovered, without
 from tests.logs.test_native import SAMPLES as NATIVE
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
@@ -159,11 +158,9 @@ def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(tmp_path,
         del file[name]
         field = file.create_dataset(name, shape, dtype, chunks=shape, compression="gzip")
         field.id.write_direct_chunk((0,) * len(shape), zlib.compress(bytes(50_000_000), 9))
-    tracemalloc.start()
-    with pytest.raises(LogError, match=f"{name}.*unpacks to"), tracker.open_log(path) as log:
-        list(log)
-    assert tracemalloc.get_traced_memory()[1] < 5_000_000
-    tracemalloc.stop()
+    with peak_memory() as used, pytest.raises(LogError, match=f"{name}.*unpacks to"):
+        frames_of(path)
+    assert used[0] < 5_000_000
 
 
 @pytest.mark.parametrize("recover", [False, True])

@@ -1,3 +1,5 @@
+import gzip
+import struct
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -7,7 +9,8 @@ import pytest
 
 import tracker
 from tests.helpers import ROOT, run_python
-from tests.helpers.log_writers import make_content, write_hdf5, write_native, write_store
+from tests.helpers.log_writers import make_content, native_bytes, write_hdf5, write_native, write_store
+from tests.helpers.reading import peak_memory
 
 COUNT = 24
 
@@ -24,10 +27,10 @@ def hdf5(path: Path) -> Path:
     return write_hdf5(path, make_content(COUNT), chunk=4)
 
 
-def store(path: Path) -> Path:
+def store(path: Path, content=None, **options: int) -> Path:
     for module in ("lmdb", "numcodecs"):
         pytest.importorskip(module, reason=f"datasets: no module {module}")
-    return write_store(path, make_content(COUNT))
+    return write_store(path, content or make_content(COUNT), **options)
 
 
 def film(path: Path) -> Path:
@@ -77,3 +80,39 @@ def test_forked_processes_read_right_images_or_none(write, shared, tmp_path):
     done = run_python(["-c", FORKED, write(tmp_path / "log")], ROOT)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == ("True set()\n" if shared else "False {'in this one'}\n")
+
+
+def long_native(path: Path, count: int) -> Path:
+    record = native_bytes(make_content(1, size=120))[12:]
+    with gzip.open(path, "wb", 1) if path.suffix == ".gz" else path.open("wb") as file:
+        file.write(struct.pack("<IQ", 1, count))
+        file.writelines([record] * count)  # stamps may repeat but not go back
+    return path
+
+
+def long_hdf5(path: Path, count: int) -> Path:
+    return write_hdf5(path, make_content(count, size=120))
+
+
+def long_store(path: Path, count: int) -> Path:
+    return store(path, make_content(2, size=140), length=3 * count, map_size=1 << 27)
+
+
+@pytest.mark.parametrize(
+    ("write", "suffix", "few", "many"),
+    [
+        (long_native, ".dat", 40, 600),
+        (long_native, ".gz", 40, 300),
+        (long_hdf5, ".h5", 20, 120),
+        (long_store, ".zarr", 20, 200),
+    ],
+)
+def test_memory_does_not_grow_with_the_length(write, suffix, few, many, tmp_path):
+    def peak(count: int) -> int:
+        path = write(tmp_path / f"{count}{suffix}", count)
+        with peak_memory() as used, tracker.open_log(path) as log:
+            assert sum(1 for _ in log) == count
+        return used[0]
+
+    peak(2)
+    assert peak(many) < 1.2 * peak(few)

@@ -2,7 +2,6 @@ import contextlib
 import dataclasses
 import os
 import struct
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import tracker
 from tests.helpers.full_disk import no_file_longer_than
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import assert_same, random_poses
+from tests.helpers.reading import frames_of, peak_memory
 from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, write_log
 from tracker.batch.run import Batch, run_batch
 from tracker.batch.tables import state
@@ -46,8 +46,7 @@ def expected(log, tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def test_every_frame_is_there_once_as_a_loop_of_ones_own_has_it(log, expected, tmp_path):
     (tmp_path / "poses.h5").write_bytes(expected)
     poses, mine = read_poses(tmp_path / "poses.h5"), NoiseTracker()
-    with tracker.open_log(log) as opened:
-        frames = list(opened)
+    frames = frames_of(log)
     assert poses.index.tolist() == list(range(FRAMES))
     assert poses.timestamp.tolist() == [frame.timestamp for frame in frames]
     assert poses.recorded is not None
@@ -232,11 +231,9 @@ def test_memory_ends_where_an_episode_starts(log, tmp_path, monkeypatch):
 def test_memory_does_not_grow_with_the_recording(tmp_path):
     def peak(count: int) -> int:
         job = make_job(write_log(tmp_path / f"{count}", count), tmp_path / f"{count}.h5")
-        tracemalloc.start()
-        run(job)
-        used = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return used
+        with peak_memory() as used:
+            run(job)
+        return used[0]
 
     peak(2)
     # A frame's images are 8 kB in colour, its poses 1 kB.
