@@ -182,13 +182,11 @@ class StoredArray:
 
     def _numbers(self, key: str, dtype: np.dtype[Any]) -> Array:
         """Return a tile in its shape."""
-        what, size = f"{self._where}: block {key}", math.prod(self._tile)
-        data = self._stored(key, size * dtype.itemsize)
+        what, size, each = f"{self._where}: block {key}", math.prod(self._tile), dtype.itemsize
+        data = self._stored(key, size * each)
         if data is not None:
-            if len(data) != size * dtype.itemsize:
-                raise LogError(
-                    f"{what}: found {len(data)} bytes, expected {size} numbers of {dtype.itemsize}"
-                )
+            if len(data) != size * each:
+                raise LogError(f"{what}: found {len(data)} bytes, expected {size} numbers of {each}")
             return np.frombuffer(data, dtype).reshape(self._tile, order=self._order)
         if self._fill is None:
             raise LogError(f"{what} is missing")

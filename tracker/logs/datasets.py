@@ -54,24 +54,27 @@ class DatasetSource(Source):
             self._open()
 
     def _open(self) -> None:
-        self._images = StoredArray(self.store, "images", str(self.path))
-        if not self._images.ragged:
-            raise LogError(f"{self.path}: images: found numbers, expected encoded pictures")
-        cameras = self._images.attributes.get("n_cameras", 3)
+        self._images = images = StoredArray(self.store, "images", str(self.path))
+        where, attributes = f"{self.path}: images", images.attributes
+        if not images.ragged:
+            raise LogError(f"{where}: found numbers, expected encoded pictures")
+        cameras = attributes.get("n_cameras", 3)
         if not isinstance(cameras, int) or not 1 <= cameras <= MAX_CAMERAS:
-            found = f"n_cameras: found {str(cameras)[:60]}"
-            raise LogError(f"{self.path}: images: {found}, expected 1 to {MAX_CAMERAS}")
-        packing = self._images.attributes.get("compression", "image")
+            raise LogError(f"{where}: n_cameras: found {str(cameras)[:60]}, expected 1 to {MAX_CAMERAS}")
+        packing = attributes.get("compression", "image")
         if packing != "image":
-            raise LogError(f"{self.path}: images: compression: found {str(packing)[:60]}, expected 'image'")
-        self._reordered = bool(self._images.attributes.get("reorder_pixels", False))
+            raise LogError(f"{where}: compression: found {str(packing)[:60]}, expected 'image'")
+        self._reordered = bool(attributes.get("reorder_pixels", False))
         self.camera_names = default_names(cameras)
-        self.image_sizes = (self._image_size(),) * cameras
-        self.count, left = divmod(len(self._images), cameras)
+        shape = attributes.get("image_shape")
+        sides = shape if isinstance(shape, list) else []
+        valid = [isinstance(side, int) and MIN_SIDE <= side <= MAX_SIDE for side in sides]
+        if valid != [True, True]:
+            raise LogError(f"{where}: image_shape: found {str(shape)[:60]}, expected rows and columns")
+        self.image_sizes = ((sides[1], sides[0]),) * cameras
+        self.count, left = divmod(len(images), cameras)
         if left:
-            raise LogError(
-                f"{self.path}: images: found {len(self._images)}, expected a multiple of {cameras} cameras"
-            )
+            raise LogError(f"{where}: found {len(images)}, expected a multiple of {cameras} cameras")
         steps = self._first_steps(cameras)
         if steps is None:
             self._stamps: FloatArray = np.arange(self.count) / CAMERA_RATE
@@ -102,16 +105,6 @@ class DatasetSource(Source):
                 return np.ascontiguousarray(picture[:, :, :3])
             return from_bayer(from_quadrants(picture) if self._reordered else picture)
 
-    def _image_size(self) -> tuple[int, int]:
-        shape = self._images.attributes.get("image_shape")
-        if isinstance(shape, list) and len(shape) == 2 and all(isinstance(side, int) for side in shape):
-            rows, columns = shape
-            if MIN_SIDE <= rows <= MAX_SIDE and MIN_SIDE <= columns <= MAX_SIDE:
-                return columns, rows
-        raise LogError(
-            f"{self.path}: images: image_shape: found {str(shape)[:60]}, expected rows and columns"
-        )
-
     def _first_steps(self, cameras: int) -> FloatArray | None:
         """Return (count,) the first control step that saw each frame; None if that is not stored.
 
@@ -120,18 +113,15 @@ class DatasetSource(Source):
         shown = StoredArray.find(self.store, "obs_to_image_index", str(self.path))
         if shown is None:
             return None
-        images = shown.numbers()
+        images, where = shown.numbers(), f"{self.path}: obs_to_image_index"
         if images.dtype.kind not in "iu":
-            raise LogError(f"{self.path}: obs_to_image_index: found {images.dtype}, expected whole numbers")
+            raise LogError(f"{where}: found {images.dtype}, expected whole numbers")
         images = images.astype(np.int64)
-        before = np.concatenate([[0], images[:-1]])
-        bad = (images < before) | (images >= len(self._images))
+        before, last = np.concatenate([[0], images[:-1]]), len(self._images) - 1
+        bad = (images < before) | (images > last)
         if bad.any():
             k = int(np.argmax(bad))
-            raise LogError(
-                f"{self.path}: obs_to_image_index: step {k}: found {images[k]}, "
-                f"expected {before[k]} to {len(self._images) - 1}"
-            )
+            raise LogError(f"{where}: step {k}: found {images[k]}, expected {before[k]} to {last}")
         if not len(images):
             return None
         seen, at = np.unique(images // cameras, return_index=True)
@@ -139,7 +129,7 @@ class DatasetSource(Source):
         period = CONTROL_RATE / CAMERA_RATE
         result: FloatArray = np.interp(numbers, seen, at)
         result += period * np.minimum(numbers - seen[0], 0) + period * np.maximum(numbers - seen[-1], 0)
-        return result - min(0.0, float(result[0]) if len(result) else 0.0)
+        return result - min(0.0, float(result[0]))
 
 
 class Episode(NamedTuple):

@@ -51,13 +51,11 @@ class FolderSource(Source):
         """See Source."""
         files = zip(self._layout.files[index], self.image_sizes, strict=True)
         images = tuple(None if file is None else _picture(file, size) for file, size in files)
-        stamps = self._stamps[index].copy()
+        stamps, where = self._stamps[index].copy(), self.where(index)
         if np.isnan(stamps).all():
             name = self._layout.names[index]
-            raise LogError(
-                f"{self.where(index)}: {name} is missing in {TRUTH_FILE}, expected its stamp there"
-            )
-        stamp = checked_stamp(float(np.nanmean(stamps)), what=self.where(index))
+            raise LogError(f"{where}: {name} is missing in {TRUTH_FILE}, expected its stamp there")
+        stamp = checked_stamp(float(np.nanmean(stamps)), what=where)
         return LogFrame(index, stamp, stamps, images, None, None)
 
     def rig(self) -> CameraRig | None:

@@ -238,31 +238,26 @@ def _of_stated(root: Path, rate: float) -> Layout:
     layout = _of_streams(streams, rate)
     if stamps is None:
         return layout
-    if len(stamps) != len(layout.names):
-        raise LogError(
-            f"{root}: {STAMPS_FILE}: found {len(stamps)} lines, expected one for each of "
-            f"{len(layout.names)} frames"
-        )
+    if len(stamps) != (count := len(layout.names)):
+        found = f"found {len(stamps)} lines, expected one for each of {count} frames"
+        raise LogError(f"{root}: {STAMPS_FILE}: {found}")
     return dataclasses.replace(layout, stamps=np.where(np.isnan(layout.stamps), np.nan, stamps))
 
 
 def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[str, Picture]:
     """Return a camera's pictures by the text in place of the pattern's `*`, or those of its film."""
+    what, given = f"{path}: {camera}", f"{pattern!r:.60}"
     if not isinstance(pattern, str) or not pattern or "\0" in pattern:
-        raise LogError(f"{path}: {camera}: found {pattern!r:.60}, expected a pattern such as 'left/*.png'")
+        raise LogError(f"{what}: found {given}, expected a pattern such as 'left/*.png'")
     parts = Path(pattern).parts
     if Path(pattern).is_absolute() or ".." in parts or "**" in parts:
-        raise LogError(
-            f"{path}: {camera}: found {pattern!r:.60}, expected one inside of the folder, without **"
-        )
+        raise LogError(f"{what}: found {given}, expected one inside of the folder, without **")
     shape = re.compile("([^/]*)".join(map(re.escape, "/".join(parts).split("*"))))
     files = (file for file in sorted(path.parent.glob(pattern)) if file.is_file())
     matches = ((shape.fullmatch(file.relative_to(path.parent).as_posix()), file) for file in files)
     found = _by_name((("_".join(match.groups()), file) for match, file in matches if match), "moment")
     if not found:
-        raise LogError(
-            f"{path}: {camera}: found no file that fits {pattern!r:.60}, expected pictures or a film"
-        )
+        raise LogError(f"{what}: found no file that fits {given}, expected pictures or a film")
     first = next(iter(found.values()))
     if first.suffix.lower() not in FILM_SUFFIXES:
         return {key: found[key] for key in sorted(found, key=_natural)}

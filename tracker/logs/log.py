@@ -115,10 +115,8 @@ def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
         return None
     if missing := [name for name in names if name not in files]:
         there = ", ".join(file.name for file in files.values())
-        raise LogError(
-            f"{folder}: found {there}, but no calibration of {', '.join(missing)}; "
-            f"expected {missing[0]}.yml, too"
-        )
+        lacking = f"no calibration of {', '.join(missing)}; expected {missing[0]}.yml, too"
+        raise LogError(f"{folder}: found {there}, but {lacking}")
     rig = CameraRig.load(list(files.values()))
     for (name, file), camera in zip(files.items(), rig, strict=True):
         if camera.name != name:

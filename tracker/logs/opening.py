@@ -145,25 +145,21 @@ def fitted_to(
     Raises:
         CalibrationError: there is no calibration, or its cameras or image sizes differ.
     """
+    where, names = os.fspath(path), log.camera_names
     if rig is None:
         rig = log.rig
         if rig is None:
-            raise CalibrationError(
-                f"{os.fspath(path)}: found no calibration in or beside it, expected --calibration, the "
-                "folder with a file of each camera, like camera60.yml"
-            )
+            expected = "--calibration, the folder with a file of each camera, like camera60.yml"
+            raise CalibrationError(f"{where}: found no calibration in or beside it, expected {expected}")
         if correct_halved_principal_point:
             cameras = tuple(camera.with_halved_principal_point_corrected() for camera in rig)
             rig = dataclasses.replace(rig, cameras=cameras)
-    where, names = os.fspath(path), log.camera_names
     known = set(rig.names) & set(names)
     if len(rig) != len(names) or (known and set(rig.names) != set(names)):
         lacking = [name for name in names if name not in rig.names] if known else []
         valid = f"that of {', '.join(lacking)}, too" if lacking else "the same cameras"
-        raise CalibrationError(
-            f"{where}: found images of {', '.join(names)}, but a calibration of {', '.join(rig.names)}; "
-            f"expected {valid}"
-        )
+        found = f"images of {', '.join(names)}, but a calibration of {', '.join(rig.names)}"
+        raise CalibrationError(f"{where}: found {found}; expected {valid}")
     ordered = [rig[rig.names.index(name)] for name in names] if known else list(rig)
     for number, size in enumerate(log.image_sizes):
         if any(size):  # otherwise no picture of the camera is readable, and reading them reports why
@@ -179,16 +175,10 @@ def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool
     width, height = size
     if (camera.width, camera.height) == size:
         return camera
-    found = (
-        f"{where}: found images of {width}×{height} px, but {camera.name} is calibrated for "
-        f"{camera.width}×{camera.height}"
-    )
+    remedy = "; where they are the same images scaled, --resize-calibration fits it"
     if abs(width * camera.height / camera.width - height) >= 1:
-        raise CalibrationError(
-            f"{found}, which is of another shape: expected whole images, or a calibration of what they show"
-        )
-    if not resize:
-        raise CalibrationError(
-            f"{found}; where they are the same images scaled, --resize-calibration fits it"
-        )
-    return camera.resized(width, height)
+        remedy = ", which is of another shape: expected whole images, or a calibration of what they show"
+    elif resize:
+        return camera.resized(width, height)
+    known = f"{camera.name} is calibrated for {camera.width}×{camera.height}"
+    raise CalibrationError(f"{where}: found images of {width}×{height} px, but {known}{remedy}")

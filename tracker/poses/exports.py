@@ -20,8 +20,6 @@ from tracker.poses.poses import Kind, Poses, package
 BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 """Header of a file of BOP results."""
 
-_MM = 1000.0
-
 
 def write_csv(
     path: str | os.PathLike[str],
@@ -98,13 +96,12 @@ def write_bop(
     columns = poses.columns(kind)
     found = columns.take(columns.has_pose)
     if np.isnan(found.confidence).any():
-        raise LogError(
-            f"{os.fspath(path)}: found {kind} poses without a confidence, expected a score for each"
-        )
+        what = f"found {kind} poses without a confidence"
+        raise LogError(f"{os.fspath(path)}: {what}, expected a score for each")
     rotation, translation = camera_from_object(found, camera)
     images, scores = poses.index[columns.has_pose].tolist(), found.confidence.tolist()
     rows = (
-        [scene_id, image, object_id, score, _spaced(r), _spaced(_MM * t), -1]
+        [scene_id, image, object_id, score, _spaced(r), _spaced(1000.0 * t), -1]
         for image, score, r, t in zip(images, scores, rotation, translation, strict=True)
     )
     with told_as(LogError, path):

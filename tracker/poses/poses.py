@@ -85,9 +85,8 @@ class About:
             value = getattr(self, name)
             # Python represents bytes of file names that are not UTF-8 as lone surrogates.
             if not isinstance(value, str) or re.search("[\0\ud800-\udfff]", value):
-                raise LogError(
-                    f"{name}: found {ascii(value)[:80]}, expected Unicode text without null characters"
-                )
+                found = f"{name}: found {ascii(value)[:80]}"
+                raise LogError(f"{found}, expected Unicode text without null characters")
 
     def agrees_with(self, other: About) -> bool:
         """Whether object and cameras are bitwise the same."""
