@@ -162,21 +162,13 @@ class Hdf5LogWriter:
         self._count += 1
 
     def flush(self) -> None:
-        """Write all frames so far to the operating system.
-
-        Raises:
-            LogError: they cannot be written.
-        """
+        """Write all frames so far to the operating system; LogError if that fails."""
         with uninterrupted():
             self._flush(self._count)
             self._check_disk()
 
     def close(self) -> None:
-        """Finish the file.
-
-        Raises:
-            LogError: it cannot be written.
-        """
+        """Finish the file; LogError if it cannot be written."""
         with uninterrupted():
             if self._file:
                 del self._file.attrs[FLUSHED]

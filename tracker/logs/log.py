@@ -231,21 +231,14 @@ class Log:
     def rig(self) -> CameraRig | None:
         """The cameras' calibration from the recording or from files beside it; None if there is none.
 
-        It is not scaled: the images may have another size.
-
-        Raises:
-            TrackerError: the calibration is malformed.
+        It is not scaled: the images may have another size. TrackerError: it is malformed.
         """
         self._refuse_closed()
         return self._source.rig()
 
     @property
     def settings(self) -> dict[str, Settings]:
-        """Recorded camera settings (exposure, gain, white balance …) by camera name.
-
-        Raises:
-            LogError: they are malformed.
-        """
+        """Recorded settings (exposure, gain …) by camera name; LogError if they are malformed."""
         self._refuse_closed()
         return self._source.settings()
 

@@ -139,11 +139,7 @@ def paired(log: Log, robot_log: RobotLog | str | os.PathLike[str]) -> Iterator[P
 
 
 def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
-    """Read `robot_data.dat` or `.csv` of the platform, gzipped or not.
-
-    Raises:
-        LogError: there is no such file, or it is damaged or too long.
-    """
+    """Read the platform's `robot_data.dat` or `.csv`, also gzipped; LogError if it is damaged or too long."""
     where = path_of(path, "path of a robot log", LogError)
     with told_of(where), naming(where, LogError, LogError, EOFError, zlib.error), open_regular(where) as raw:
         packed = raw.read(2) == b"\x1f\x8b"

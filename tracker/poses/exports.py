@@ -52,10 +52,7 @@ def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered
     """Write a trajectory in the format of the TUM RGB-D benchmark, whole or not at all.
 
     A line is `timestamp tx ty tz qx qy qz qw` [s, m], the object in the world; frames without a pose have no
-    line. `kind` selects the poses.
-
-    Raises:
-        LogError: the recording has no poses of that kind, or the file cannot be written.
+    line. LogError: the recording has no poses of that `kind`, or the file cannot be written.
     """
     _check(poses)
     columns = poses.columns(kind)
@@ -115,11 +112,9 @@ def write_parquet(
     keypoints_of: CuboidModel | None = None,
     more: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write the columns of the CSV file as Parquet, whole or not at all; NaN becomes null. See `write_csv`.
+    """Write the columns of the CSV file as Parquet, whole or not at all; NaN becomes null.
 
-    Raises:
-        LogError: the file cannot be written.
-        TrackerError: the package pyarrow is missing.
+    Arguments and errors are those of `write_csv`; TrackerError: the package pyarrow is missing.
     """
     columns = _table(poses, keypoints_of, more)
     pa, pq = package("pyarrow"), package("pyarrow.parquet")

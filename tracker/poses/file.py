@@ -136,11 +136,7 @@ _MAX_CAMERAS = 1000
 
 
 def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
-    """Write a file, whole or not at all; `read_poses` returns the same bits.
-
-    Raises:
-        LogError: the file cannot be written.
-    """
+    """Write a file, whole or not at all, LogError if that fails; `read_poses` returns the same bits."""
     of_kind(poses, Poses, "poses", LogError, "tracker.track(...).poses")
     with naming(path, LogError, LogError, UnicodeEncodeError):
         content = _content(poses)

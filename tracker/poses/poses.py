@@ -207,10 +207,7 @@ class Poses:
         }
 
     def to_dataframe(self, keypoints_of: CuboidModel | None = None) -> Any:
-        """Return a pandas DataFrame, one row per frame, with the columns of `table`; see docs/poses.md.
-
-        TrackerError: the package pandas is missing.
-        """
+        """Return a pandas DataFrame with the columns of `table`; TrackerError if pandas is missing."""
         return package("pandas").DataFrame(self.table(keypoints_of)).set_index("frame")
 
     def to_xarray(self, keypoints_of: CuboidModel | None = None) -> Any:
