@@ -9,6 +9,7 @@ import pytest
 import tracker
 from tests.helpers import LENSES, ROOT, run_python
 from tests.helpers.log_writers import CAMERAS, make_content
+from tests.helpers.reading import frames_of
 from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
@@ -30,11 +31,13 @@ def write(path, content, rig, **options):
 def test_what_is_written_is_read(tmp_path, count):
     rig = tracker.CameraRig(tuple(dataclasses.replace(one, distortion=LENSES[count]) for one in tiny_rig()))
     content = make_content(25)
+    content.poses[5] = (40.0, -3.0, 0.03, 0.0, 0.0, 0.0, 1.0, 0.5)  # far from the world's origin
     path = write(tmp_path / "log.h5", content, rig, frame_rate=10.0)
     with tracker.open_log(path) as log:
         assert log.format == "HDF5 camera log, version 2.1, with poses"
         assert_same(log, content, poses=1)
         assert (np.array(log[7].raw) == content.raw[7]).all()
+        assert log[5].recorded_pose.position.tolist() == [40.0, -3.0, 0.03]
         for one, other in zip(log.rig, rig, strict=True):
             assert one.name == other.name
             assert (one.matrix == other.matrix).all()
@@ -94,8 +97,7 @@ def test_a_colour_image_keeps_what_the_mosaic_measures(rng, tmp_path):
     assert (from_bayer(to_bayer(even)) == even).all()
     with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:
         writer.append([image, None, even], 3.5)
-    with tracker.open_log(tmp_path / "log.h5") as log:
-        frame = log[0]
+    (frame,) = frames_of(tmp_path / "log.h5")
     assert (frame.raw[0] == to_bayer(image)).all()
     assert not frame.images[1].any()
     assert (frame.images[2] == even).all()
@@ -104,19 +106,17 @@ def test_a_colour_image_keeps_what_the_mosaic_measures(rng, tmp_path):
     assert frame.recorded_pose is None
 
 
-def test_a_pose_far_from_the_worlds_origin_comes_back(tmp_path):
-    content = make_content(1)
-    content.poses[0] = (40.0, -3.0, 0.03, 0.0, 0.0, 0.0, 1.0, 0.5)
-    with tracker.open_log(write(tmp_path / "log.h5", content, tiny_rig())) as log:
-        assert log[0].recorded_pose.position.tolist() == [40.0, -3.0, 0.03]
-
-
-KILLED = """
-import os, sys
+BEGIN = """
+import os, resource, signal, sys
 from tests.helpers.log_writers import make_content
 from tests.helpers.recording_stubs import tiny_rig
+from tracker.errors import LogError
+from tracker.logs import hdf5_writer
 from tracker.logs.hdf5_writer import Hdf5LogWriter
-content, writer = make_content(25), Hdf5LogWriter(sys.argv[1], tiny_rig(), flush_every=10)
+content = make_content(25)
+"""
+KILLED = BEGIN + """
+writer = Hdf5LogWriter(sys.argv[1], tiny_rig(), flush_every=10)
 for raw, stamp in zip(content.raw, content.stamps):
     writer.append(list(raw), stamp)
 os._exit(1)
@@ -126,8 +126,7 @@ os._exit(1)
 def test_what_was_flushed_survives_the_process(tmp_path):
     assert run_python(["-c", KILLED, tmp_path / "log.h5"], ROOT).returncode == 1
     content = make_content(25)
-    with tracker.open_log(tmp_path / "log.h5", recover=True) as log:
-        frames = list(log)
+    frames = frames_of(tmp_path / "log.h5", recover=True)
     assert len(frames) >= 20
     for frame in frames[:20]:
         assert (np.array(frame.raw) == content.raw[frame.index]).all()
@@ -212,13 +211,9 @@ def test_all_that_a_log_of_the_platform_has_is_there_in_its_type_and_shape(real,
     assert len(compared) == 4 + 3 * 3 + 4
 
 
-FULL = """
-import resource, sys
-from tests.helpers.log_writers import make_content
-from tests.helpers.recording_stubs import tiny_rig
-from tracker.errors import LogError
-from tracker.logs.hdf5_writer import Hdf5LogWriter
-content = make_content(25)
+FULL = (
+    BEGIN
+    + """
 for size in sys.argv[2:]:
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), -1))  # no file may be longer
     done = 0
@@ -230,6 +225,7 @@ for size in sys.argv[2:]:
     except LogError as error:
         print(size, done, error)
 """
+)
 
 
 def test_a_full_disk_is_reported_and_what_was_flushed_before_stays(tmp_path):
@@ -242,36 +238,33 @@ def test_a_full_disk_is_reported_and_what_was_flushed_before_stays(tmp_path):
         assert answer == "there.h5: cannot be written: File too large"
         flushed.append(int(done) - int(done) % 5)
         if flushed[-1]:
-            with tracker.open_log(tmp_path / f"{size}.h5", recover=True) as log:
-                assert [frame.index for frame in log] == list(range(flushed[-1]))
+            frames = frames_of(tmp_path / f"{size}.h5", recover=True)
+            assert [frame.index for frame in frames] == list(range(flushed[-1]))
     assert flushed[:2] == [0, 0]
     assert flushed[-1] >= 10
 
 
-INTERRUPTED = """
-import os, signal, sys
-from tests.helpers.log_writers import make_content
-from tests.helpers.recording_stubs import tiny_rig
-from tracker.logs import hdf5_writer
-
+INTERRUPTED = (
+    BEGIN
+    + """
 class Asked(hdf5_writer.Disk):
     def write(self, data):
         if len(writer) == 3:
             os.kill(os.getpid(), number)
         return super().write(data)
 
-content = make_content(5)
 hdf5_writer.Disk = Asked
 for number in map(int, sys.argv[2:]):
     signal.signal(number, signal.default_int_handler)
     writer = ()
     try:
-        with hdf5_writer.Hdf5LogWriter(f"{sys.argv[1]}/{number}.h5", tiny_rig(), flush_every=1) as writer:
+        with Hdf5LogWriter(f"{sys.argv[1]}/{number}.h5", tiny_rig(), flush_every=1) as writer:
             for raw, stamp in zip(content.raw, content.stamps):
                 writer.append(list(raw), stamp)
     except KeyboardInterrupt:
         print(len(writer))
 """
+)
 
 
 def test_an_interrupt_waits_until_a_frame_is_written(tmp_path):
@@ -280,5 +273,4 @@ def test_an_interrupt_waits_until_a_frame_is_written(tmp_path):
     result = run_python(["-c", INTERRUPTED, tmp_path, *numbers])
     assert (result.stdout, result.stderr, result.returncode) == ("4\n4\n4\n", "", 0)
     for number in numbers:
-        with tracker.open_log(tmp_path / f"{number}.h5") as log:
-            assert len(list(log)) == 4
+        assert len(frames_of(tmp_path / f"{number}.h5")) == 4
