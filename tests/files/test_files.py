@@ -128,7 +128,7 @@ def test_content_arrives_with_the_permissions_of_any_other_file_and_nothing_else
     assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain.txt").stat().st_mode
 
 
-def test_what_was_there_stays_if_writing_fails(tmp_path, monkeypatch):
+def test_what_was_there_stays_if_writing_fails_and_the_file_is_named(tmp_path, monkeypatch):
     path = tmp_path / "a.txt"
     write_whole(path, "old")
 
@@ -140,9 +140,6 @@ def test_what_was_there_stays_if_writing_fails(tmp_path, monkeypatch):
         write_whole(path, "new")
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["a.txt"]
-
-
-def test_errors_name_the_file_that_was_asked_for(tmp_path):
     with pytest.raises(FileNotFoundError) as raised:
         write_whole(tmp_path / "no" / "a.txt", "x")
     assert raised.value.filename == str(tmp_path / "no" / "a.txt")

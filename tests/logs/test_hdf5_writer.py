@@ -115,12 +115,15 @@ from tracker.logs import hdf5_writer
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 content = make_content(25)
 """
-KILLED = BEGIN + """
+KILLED = (
+    BEGIN
+    + """
 writer = Hdf5LogWriter(sys.argv[1], tiny_rig(), flush_every=10)
 for raw, stamp in zip(content.raw, content.stamps):
     writer.append(list(raw), stamp)
 os._exit(1)
 """
+)
 
 
 def test_what_was_flushed_survives_the_process(tmp_path):

@@ -172,11 +172,9 @@ def text(file: Any, key: str) -> str:
 
 def text_of(path: str | os.PathLike[str], key: str) -> str | None:
     """Return the text in an attribute of a file; None if there is none, or the file is damaged or no HDF5."""
-    try:
-        with open_file(path) as file:
-            return text(file, key)
-    except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
-        return None  # the function that opens the file later reports what is wrong
+    with contextlib.suppress(LogError), faults_as_log_errors(""), open_file(path) as file:
+        return text(file, key)
+    return None  # the function that opens the file later reports what is wrong
 
 
 def encoded(texts: str | list[str]) -> Array:

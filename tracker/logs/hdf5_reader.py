@@ -36,7 +36,6 @@ POSE = {"position": 3, "orientation": 4, "confidence": 1}
 """Fields of a pose and their lengths."""
 
 MAGIC = 0x3CDA7A00
-VERSIONS = (1, 2)
 
 FLUSHED = "frames_flushed"
 """Attribute of a log of this project that is still being written, or whose writer was killed: the number of
@@ -257,6 +256,6 @@ class Hdf5Source(Source):
             found = "none" if magic is None else f"{magic:#x}"
             raise LogError(f"magic: found {found}, expected {MAGIC:#x} of a camera log in HDF5")
         version, minor = self._attribute("format_version"), self._attribute("format_version_minor")
-        if version not in VERSIONS:
+        if version not in (1, 2):
             raise LogError(f"format_version: found {version}, expected 1 or 2")
         self.format = f"HDF5 camera log, version {version}.{minor or 0}"

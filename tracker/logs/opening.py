@@ -75,7 +75,7 @@ def calibration_files(path: Path) -> list[Path]:
     folders = [path.parent]
     if path.is_dir():
         folders = [path] if _existing(path, JOB_LOGS) else [path, path.parent]
-    return [Path(file) for folder in folders for file in _calibration_in(folder, folder.stat().st_mtime_ns)]
+    return [file for folder in folders for file in _calibration_in(folder, folder.stat().st_mtime_ns)]
 
 
 def _existing(folder: Path, names: Iterable[str]) -> list[Path]:
@@ -87,10 +87,10 @@ def _refuse(error: OSError) -> None:
 
 
 @functools.lru_cache(maxsize=64)
-def _calibration_in(folder: Path, _: int) -> list[str]:
+def _calibration_in(folder: Path, _: int) -> list[Path]:
     """Return the calibration files in a folder, cached by its modification time: recordings share it."""
-    names = sorted(entry.name for entry in os.scandir(folder))
-    return [os.path.join(folder, n) for n in names if n == "arena.toml" or n.endswith((".yml", ".yaml"))]
+    names = sorted(os.listdir(folder))
+    return [folder / name for name in names if name == "arena.toml" or name.endswith((".yml", ".yaml"))]
 
 
 def _source(path: Path, recover: bool, rate: float) -> Source:
