@@ -14,8 +14,7 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.result import CameraUse
 from tracker.poses.columns import FilteredColumns, MeasuredColumns
 from tracker.poses.poses import Kind, Poses, compare
-from tracker.recordings.track import Job
-from tracker.recordings.track import Tracked, unicode_text
+from tracker.recordings.track import Job, Tracked, unicode_text
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
 TOLERABLE = {
