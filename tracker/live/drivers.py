@@ -23,16 +23,10 @@ KEPT = (
 )  # fmt: skip
 """Features reported for every camera that has them; so are the white balance ratios of the colours."""
 
-_RATIOS = ("Red", "Green", "Blue")
-_AS_THEY_ARE, _TURNED = slice(None), slice(None, None, -1)
-_COLORS = {
-    "BayerRG8": None,
-    "BGR8Packed": _AS_THEY_ARE,
-    "BGR8": _AS_THEY_ARE,
-    "RGB8Packed": _TURNED,
-    "RGB8": _TURNED,
-}
-"""Supported pixel formats, with the slice that reorders their channels to BGR; None: raw pixels."""
+_FORMATS = {"BayerRG8": None, "BGR8Packed": 1, "BGR8": 1, "RGB8Packed": -1, "RGB8": -1}
+"""Supported pixel formats, with the step by which their channels are BGR; None: raw pixels."""
+
+_TRIGGER = ("TriggerSelector", "FrameStart"), ("TriggerMode", "On"), ("TriggerSource", "Software")
 
 
 class PylonCamera:
@@ -49,9 +43,8 @@ class PylonCamera:
     triggered = True
 
     def __init__(self, serial: str, settings: Settings | None = None) -> None:
-        pylon = _pylon()
-        self._pylon, self.serial = pylon, serial
-        self._names = tuple(settings or {})
+        pylon, settings = _pylon(), settings or {}
+        self._pylon, self.serial, self._names = pylon, serial, tuple(settings)
         info = pylon.DeviceInfo()
         info.SetSerialNumber(serial)
         try:
@@ -60,24 +53,20 @@ class PylonCamera:
         except Exception as error:
             raise self._fault("cannot be opened", error) from error
         try:
-            for name, value in (settings or {}).items():
+            for name, value in (*settings.items(), *_TRIGGER):
                 self._set(name, value)
-            self._set("TriggerSelector", "FrameStart")
-            self._set("TriggerMode", "On")
-            self._set("TriggerSource", "Software")
             self.format = str(self._camera.PixelFormat.Value)
-            if self.format not in _COLORS:
+            if self.format not in _FORMATS:
                 raise CameraUnfit(
                     f"pylon: {serial}: found the PixelFormat {self.format}, expected one of "
-                    f"{', '.join(_COLORS)}: give it in the settings"
+                    f"{', '.join(_FORMATS)}: give it in the settings"
                 )
             self._exposure = float(self._camera.ExposureTime.Value) * 1e-6
             self._camera.StartGrabbing(pylon.GrabStrategy_LatestImageOnly)
-        except LiveError:
-            self._camera.Close()
-            raise
         except Exception as error:
             self._camera.Close()
+            if isinstance(error, LiveError):
+                raise
             raise self._fault("cannot be made ready", error) from error
 
     def grab(self, timeout: float) -> Grabbed:
@@ -90,18 +79,18 @@ class PylonCamera:
             result = self._camera.RetrieveResult(wait, pylon.TimeoutHandling_ThrowException)
         except pylon.TimeoutException as error:
             if self._camera.IsCameraDeviceRemoved():
-                raise self._lost(error) from error
+                raise self._fault("is lost", error, CameraLost) from error
             raise GrabFailed(f"pylon: {self.serial}: no picture within {timeout:g} s") from error
         except Exception as error:
-            raise self._lost(error) from error
+            raise self._fault("is lost", error, CameraLost) from error
         try:
             if not result.GrabSucceeded():
                 raise GrabFailed(f"pylon: {self.serial}: {result.GetErrorDescription()}")
             array = np.array(result.Array, dtype=np.uint8)
         finally:
             result.Release()
-        order = _COLORS[self.format]
-        return Grabbed(array if order is None else np.ascontiguousarray(array[:, :, order]), stamp)
+        step = _FORMATS[self.format]
+        return Grabbed(array if step is None else np.ascontiguousarray(array[:, :, ::step]), stamp)
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """See `LiveCamera`; the values of KEPT and of all features that were set, by GenICam name."""
@@ -109,7 +98,7 @@ class PylonCamera:
         for name in dict.fromkeys((*KEPT, *self._names)):
             with contextlib.suppress(Exception):  # the feature is missing or not readable
                 found[name] = getattr(self._camera, name).Value
-        for color in _RATIOS:
+        for color in ("Red", "Green", "Blue"):
             with contextlib.suppress(Exception):
                 self._camera.BalanceRatioSelector.Value = color
                 found[f"BalanceRatio[{color}]"] = self._camera.BalanceRatio.Value
@@ -125,20 +114,17 @@ class PylonCamera:
             feature.Value = value
             found = feature.Value
         except Exception as error:
-            what = f"does not take {name} = {value!r}"
-            if self._camera.IsCameraDeviceRemoved():
-                raise self._fault(what, error) from error
-            raise CameraUnfit(str(self._fault(what, error))) from error
+            kind = LiveError if self._camera.IsCameraDeviceRemoved() else CameraUnfit
+            raise self._fault(f"does not take {name} = {value!r}", error, kind) from error
         # Cameras round times and gains to their own steps.
         near = isinstance(value, float) and abs(found - value) <= 0.02 * abs(value) + 1e-3
         if found != value and not near:
             raise CameraUnfit(f"pylon: {self.serial}: {name}: found {found!r} after setting {value!r}")
 
-    def _fault(self, what: str, error: Exception) -> LiveError:
-        return LiveError(f"pylon: {self.serial} {what}: {_told(error)}")
-
-    def _lost(self, error: Exception) -> CameraLost:
-        return CameraLost(f"pylon: {self.serial} is lost: {_told(error)}")
+    def _fault(self, what: str, error: Exception, kind: type[LiveError] = LiveError) -> LiveError:
+        # Of pylon's message only the first line, without locations in its code.
+        told = str(error).splitlines()[0].split(" : ")[0] if str(error) else type(error).__name__
+        return kind(f"pylon: {self.serial} {what}: {told}")
 
 
 def pylon_serials(names: Sequence[str]) -> list[str]:
@@ -164,11 +150,6 @@ def _pylon() -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return optional("pypylon.pylon", "pylon", "pylon", LiveError)
-
-
-def _told(error: Exception) -> str:
-    """Return the first line of pylon's message, without locations in its code."""
-    return str(error).splitlines()[0].split(" : ")[0] if str(error) else type(error).__name__
 
 
 _KEPT = {
@@ -200,7 +181,7 @@ class OpenCvCamera:
                 check_container(Path(what))  # a playlist would open what it names
             except LogError as error:
                 raise LiveError(f"opencv: {error}") from error
-        self._capture = cv2.VideoCapture(int(what)) if what.isdigit() else cv2.VideoCapture(what)
+        self._capture = cv2.VideoCapture(int(what) if what.isdigit() else what)
         if not self._capture.isOpened():
             raise LiveError(f"opencv: {what} cannot be opened")
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # only the newest counts
