@@ -14,20 +14,11 @@ from tracker.conventions import Image
 from tracker.live.moment import ImageSet, ImageSource, SourceEnded
 from tracker.summaries.remarks import PictureLook
 
-MOST_MISSING = 0.01
-"""Largest share of missing images."""
-
-MOST_SKEW = 0.02
-"""Largest age of a camera's image relative to the latest in its set [s]; the platform's reach 0.01."""
-
-MOST_AGE = 0.1
-"""Largest age of the latest image of a set when it is delivered [s]."""
-
-MOST_FROZEN = 0.02
-"""Largest share of images that are bit-identical to the previous image."""
-
-LOOK_EVERY = 0.5
-"""Interval between measurements of brightness, clipping and blur [s], which take longer than a frame."""
+MOST_MISSING = 0.01  # largest share of missing images
+MOST_FROZEN = 0.02  # largest share of images that are bit-identical to the previous image
+MOST_SKEW = 0.02  # largest age of an image relative to the latest in its set [s]; the platform's reach 0.01
+MOST_AGE = 0.1  # largest age of the latest image of a set when it is delivered [s]
+LOOK_EVERY = 0.5  # interval between looks at images [s], which take longer than a frame
 
 
 @dataclass
@@ -82,8 +73,8 @@ class CameraLooks:
         if missing > MOST_MISSING * total:
             ((why, count),) = self.missing.most_common(1)
             found.append(f"{missing} of {total} pictures are missing; {count} ×: {why}")
+        expected = "{}x{}".format(*self.size)
         for (width, height), count in self.other_sizes.items():
-            expected = f"{self.size[0]}x{self.size[1]}"
             found.append(f"{count} pictures have {width}x{height} px, but the calibration is of {expected}")
         if not self.pictures:
             return found
@@ -115,9 +106,8 @@ class SetLooks:
         self.sets += 1
         if any(image is not None for image in taken.images):
             self.ages.append(taken.age)
-        for camera, image, fault, stamp in zip(
-            self.cameras, taken.images, taken.faults, taken.stamps, strict=True
-        ):
+        columns = self.cameras, taken.images, taken.faults, taken.stamps
+        for camera, image, fault, stamp in zip(*columns, strict=True):
             camera.see(image, fault, taken.timestamp - stamp)
 
     def faults(self) -> list[str]:

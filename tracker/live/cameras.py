@@ -18,21 +18,12 @@ from tracker.live.moment import ImageSet, SourceEnded
 from tracker.logs.log import Settings as Settings
 from tracker.logs.pictures import from_bayer
 
-RATE = 10.0
-"""Sets of images per second [Hz], as on the platform."""
+RATE = 10.0  # sets of images per second [Hz], as on the platform
+LOOK_AGAIN = 1.0  # interval between attempts to reopen a lost camera [s]
+OPENING = 5.0  # how long the first set waits for cameras that are being opened [s]
+OPENING_LONG = 20.0  # likewise if no camera is open yet, but an attempt to open one is still running [s]
 
-LOOK_AGAIN = 1.0
-"""Interval between attempts to reopen a lost camera [s]."""
-
-OPENING = 5.0
-"""How long the first set waits for cameras that are being opened [s]."""
-
-OPENING_LONG = 20.0
-"""How long to wait if no camera is open yet, but an attempt to open one is still running [s]."""
-
-_GRAB = 1.0
-"""Longest time that a camera may take for an image [s]; the set is delivered without it long before."""
-
+_GRAB = 1.0  # longest time that a camera may take for an image [s]; sets are delivered without it long before
 _UNTRIED = "not opened yet"
 
 
@@ -82,17 +73,13 @@ class LiveCamera(Protocol):
 class _Slot:
     """State that a camera's thread shares with the others."""
 
-    answered: int = 0
-    """Number of the newest requested set that the camera has answered."""
-    picture: Grabbed | None = None
-    """Its image; None: it failed, for the reason in `fault`."""
+    answered: int = 0  # number of the newest requested set that the camera has answered
+    picture: Grabbed | None = None  # its image; None: it failed, for the reason in `fault`
     fault: str | None = _UNTRIED
-    there: bool = False
-    """Whether the camera is open."""
+    there: bool = False  # whether the camera is open
     final: LiveError | None = None
     """Why the whole source ends: the camera's film is over, or it was unusable when first opened."""
-    settings: Settings | None = None
-    """Settings when it was last opened; None: it never was."""
+    settings: Settings | None = None  # when it was last opened; None: it never was
 
 
 class CameraSet:
@@ -121,8 +108,8 @@ class CameraSet:
         self._sizes, self._period = list(sizes), 1 / rate
         self._changed = threading.Condition()
         self._slots = [_Slot() for _ in openers]
-        self._asked, self._deadline, self._closing = 0, 0.0, threading.Event()
-        self._waiting = False
+        self._asked, self._deadline, self._waiting = 0, 0.0, False
+        self._closing = threading.Event()
         self._tick = time.monotonic()
         self._begun_by = self._tick + OPENING
         self._threads = [
@@ -158,10 +145,7 @@ class CameraSet:
                 if slot.final is not None:
                     raise slot.final
             pictures = [slot.picture if slot.answered == self._asked else None for slot in self._slots]
-            faults = tuple(
-                None if picture is not None else slot.fault or "no picture in time"
-                for picture, slot in zip(pictures, self._slots, strict=True)
-            )
+            faults = [slot.fault or "no picture in time" for slot in self._slots]
         return self._image_set(pictures, faults)
 
     @property
@@ -195,25 +179,24 @@ class CameraSet:
 
     def _complete(self) -> bool:
         """Return whether all cameras have answered, except lost ones and those hanging for over two sets."""
-        answered = [slot.answered == self._asked for slot in self._slots]
-        if not any(answered):
+        late = [self._asked - slot.answered for slot in self._slots]
+        if all(late):
             return not any(slot.there for slot in self._slots)  # if all are late, wait
-        hangs = [slot.answered < self._asked - 2 for slot in self._slots]
-        gone = [not slot.there for slot in self._slots]
-        return all(any(state) for state in zip(answered, gone, hangs, strict=True))
+        return not any(slot.there and 0 < sets <= 2 for sets, slot in zip(late, self._slots, strict=True))
 
-    def _image_set(self, pictures: Sequence[Grabbed | None], faults: tuple[str | None, ...]) -> ImageSet:
+    def _image_set(self, pictures: Sequence[Grabbed | None], faults: Sequence[str]) -> ImageSet:
         now = time.time()
-        images = tuple(
-            None if one is None else _developed(one.image, size)
-            for one, size in zip(pictures, self._sizes, strict=True)
-        )
+        pixels = tuple(None if one is None else one.image for one in pictures)
         stamps = tuple(now if one is None else one.stamp for one in pictures)
-        taken = [one.stamp for one in pictures if one is not None]
-        raw = None
-        if taken and all(one is None or one.image.ndim == 2 for one in pictures):
-            raw = tuple(None if one is None else one.image for one in pictures)
-        return ImageSet(images, stamps, faults, raw, age=max(0.0, now - max(taken, default=now)))
+        missing = tuple(why if one is None else None for one, why in zip(pixels, faults, strict=True))
+        images = tuple(
+            None if one is None else _developed(one, size)
+            for one, size in zip(pixels, self._sizes, strict=True)
+        )
+        taken = [one for one in pictures if one is not None]
+        is_raw = taken and all(one.image.ndim == 2 for one in taken)
+        age = max(0.0, now - max((one.stamp for one in taken), default=now))
+        return ImageSet(images, stamps, missing, pixels if is_raw else None, age)
 
     def _run(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> None:
         while not (slot.final or self._closing.is_set()):

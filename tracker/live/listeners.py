@@ -17,12 +17,9 @@ from tracker.logs.log import Settings
 from tracker.objects.model import CuboidModel
 from tracker.viz.rerun_viewer import open_scene
 
-WAITING = 30
-"""Number of image sets that may wait for the disk: three seconds at 10 Hz."""
-
+WAITING = 30  # number of image sets that may wait for the disk: three seconds at 10 Hz
 FLUSH = 0.7
-"""Interval at which recorded data is flushed to the operating system [s]; including the flush itself and the
-wait for the next set, this makes a second."""
+"""Interval between flushes to the disk [s]; with the flush and the wait for the next set, it is a second."""
 
 
 class Listener:
@@ -35,10 +32,8 @@ class Listener:
         self._changed = threading.Condition()
         self._waiting: deque[Moment] = deque(maxlen=waiting)
         self._closing = False
-        self.left_out = 0
-        """Number of moments dropped."""
-        self.fault: str | None = None
-        """Why the listener stopped early; None if it did not."""
+        self.left_out = 0  # number of moments dropped
+        self.fault: str | None = None  # why the listener stopped early; None if it did not
         name = f"tracker.{type(self).__name__}"
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -106,24 +101,23 @@ class Recorder(Listener):
             raise LiveError(f"record {path}: there is such a file, expected a new one")
         if not path.parent.is_dir():
             raise LiveError(f"record {path}: there is no folder {path.parent}")
-        if len({(camera.width, camera.height) for camera in rig}) > 1:
+        self._size, *others = {(camera.width, camera.height) for camera in rig}
+        if others:
             found = ", ".join(f"{camera.name} {camera.width}×{camera.height}" for camera in rig)
             raise LiveError(f"record {path}: found {found} px, expected cameras of one size")
         self.path, self._rig, self._settings = path, rig, settings
         self._writer: Hdf5LogWriter | None = None
-        self._flushed = time.monotonic()
-        self.recorded = 0
+        self._flushed, self.recorded = time.monotonic(), 0
         super().__init__(WAITING)
 
     def _take_in(self, moment: Moment) -> None:
         taken = moment.taken
         pictures = taken.raw or taken.images
         if self._writer is None:
-            sizes = [one.shape[1::-1] for one in pictures if one is not None]
-            if not sizes:
+            size = next((one.shape[1::-1] for one in pictures if one is not None), None)
+            if size is None:
                 return  # the size of the images is not known yet
-            one_size = sizes[0] == (self._rig[0].width, self._rig[0].height)
-            rig = self._rig if one_size else self._rig.resized(*sizes[0])
+            rig = self._rig if size == self._size else self._rig.resized(*size)
             settings = () if self._settings is None else self._settings()
             self._writer = Hdf5LogWriter(self.path, rig, poses=True, flush_every=0, settings=settings)
         self._writer.append(pictures, moment.timestamp, taken.stamps, moment.object_pose)

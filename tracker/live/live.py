@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracker.checks import is_whole
+from tracker.checks import described, is_whole
 from tracker.errors import LiveError, shown
 from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults
 from tracker.live.sources import FORMS, open_source
@@ -19,17 +19,11 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.result import MotionEstimate
 from tracker.warm_up import load
 
-HISTORY = 256
-"""Number of moments kept: 25 s at 10 Hz. Only the newest keeps its images."""
+HISTORY = 256  # number of moments kept: 25 s at 10 Hz; only the newest keeps its images
+STAMPS_APART = 1.0  # from a camera's timestamp to the others' [s]; an image beyond it is dropped
+CLOSING = 5.0  # how long `close` waits for a source that does not return [s]
 
-STAMPS_APART = 1.0
-"""Largest difference of a camera's timestamp from the others' [s]; beyond it the image is dropped."""
-
-_PATIENCE = 0.1
-"""How long the thread waits before it checks whether to end [s]."""
-
-CLOSING = 5.0
-"""How long `close` waits for a source that does not return [s]."""
+_PATIENCE = 0.1  # how long the thread waits before it checks whether to end [s]
 
 
 def check_arguments(tracker: object, history: object) -> None:
@@ -77,18 +71,15 @@ class Live:
                 f"source: found {type(source).__name__}, expected one as those of tracker.live, Replay of "
                 f"a recording among them, or {FORMS}"
             )
-        self._source = source
-        self._tracker = tracker
-        self._listeners = list(listeners)
+        self._source, self._tracker, self._listeners = source, tracker, list(listeners)
         self._changed = threading.Condition()
         self._moments: deque[tuple[Moment, Callable[[float], MotionEstimate | None]]] = deque(maxlen=history)
         self._faults: deque[str] = deque(maxlen=100)
         self._error: BaseException | None = None
         self._stopping, self._running, self._working = threading.Event(), True, False
-        self._count = 0
+        self._count, self._jump_count = 0, 0
         self._fault_counts = dict.fromkeys(tracker.rig.names, 0)
-        self._jump_count = 0
-        self._last: float | None = None
+        self._last: float | None = None  # timestamp of the last set [s], which came at `_begun`
         self._begun = 0.0
         self._thread = threading.Thread(target=self._run, name="tracker.live", daemon=True)
         self._thread.start()
@@ -271,7 +262,7 @@ class Live:
                 continue
             shape = camera.height, camera.width, 3
             if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-                fault = f"found {image.dtype} of shape {image.shape}, expected uint8 of {shape}"
+                fault = f"found {described(image)}, expected uint8 of {shape}"
             elif image.shape != shape:
                 found = f"{image.shape[1]}x{image.shape[0]}"
                 fault = f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"
@@ -289,8 +280,7 @@ class Live:
     def _usual_stamp(self, taken: ImageSet) -> float:
         """Return the median timestamp; if there are only two, the one closer to the last set's."""
         given = [t for image, t in zip(taken.images, taken.stamps, strict=True) if image is not None]
-        if len(given) == 2 and self._last is not None:
-            last = self._last
+        if len(given) == 2 and (last := self._last) is not None:
             return min(given, key=lambda stamp: abs(stamp - last))
         return float(np.median(given or taken.stamps))
 

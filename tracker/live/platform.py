@@ -30,10 +30,8 @@ from tracker.logs.pictures import from_bayer
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import PoseEstimate
 
-HISTORY = 30
-"""Number of observations kept, with their images: three seconds at 10 Hz."""
-
-_PATIENCE = 0.1
+HISTORY = 30  # number of observations kept, with their images: three seconds at 10 Hz
+_PATIENCE = 0.1  # how long is waited before it is checked whether the source has ended [s]
 
 
 class CameraObservation(NamedTuple):
@@ -196,10 +194,8 @@ class LogReader:
     """A recording, read wholly into memory; for long ones, `tracker.open_log` holds one frame at a time."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.data: list[CameraObjectObservation] = []
-        """All observations, with the poses of the recorder."""
-        self.timestamps: list[float] = []
-        """Timestamps of the observations [ms]."""
+        self.data: list[CameraObjectObservation] = []  # with the poses of the recorder
+        self.timestamps: list[float] = []  # of the observations [ms]
         self.read_file(path)
 
     def read_file(self, path: str | os.PathLike[str]) -> None:

@@ -19,8 +19,7 @@ from tracker.errors import LiveError
 from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
 
-VERSION = 3
-"""Version of the message; increased when a field is removed or changes its meaning, not when one is added."""
+VERSION = 3  # of the message; increased when a field is removed or changes its meaning, not when one is added
 
 _FORMS = "tcp://127.0.0.1:PORT, ipc://PATH"
 _ADDRESS = re.compile(r"tcp://(?P<host>.+):(?P<port>\d{1,5}|\*)|(ipc|inproc)://.+")
@@ -34,7 +33,7 @@ def message_of(moment: Moment) -> bytes:
     as in Moment. The counts tell subscribers about sets that they never fetched.
     """
     pose = moment.filtered_object_pose
-    content: dict[str, Any] = {
+    content = {
         "version": VERSION,
         "sequence": moment.sequence,
         "timestamp": moment.timestamp,
@@ -75,13 +74,11 @@ class ZmqPublisher:
                 f"publish {address}: other machines could connect to it; expected {_FORMS}, or public=True "
                 "(--public)"
             )
-        zmq = optional("zmq", "live", f"publish {address}", LiveError)
+        self._zmq = zmq = optional("zmq", "live", f"publish {address}", LiveError)
         _refuse_file(address)
-        self._zmq = zmq
         self._socket: Any = zmq.Context.instance().socket(zmq.PUB)
-        self._socket.setsockopt(zmq.CONFLATE, 1)
-        self._socket.setsockopt(zmq.LINGER, 0)
-        self._socket.setsockopt(zmq.IPV6, "[" in address)
+        for option, value in ((zmq.CONFLATE, 1), (zmq.LINGER, 0), (zmq.IPV6, "[" in address)):
+            self._socket.setsockopt(option, value)
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:
@@ -89,8 +86,7 @@ class ZmqPublisher:
             raise LiveError(f"publish {address}: {error}") from error
         self.address: str = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
         """Address for subscribers, with the port that was chosen for `*`."""
-        self.fault: str | None = None
-        """As for `LcmPublisher`; always None, since only messages that were never fetched are dropped."""
+        self.fault: str | None = None  # always: only messages that were never fetched are dropped
 
     def __call__(self, moment: Moment) -> None:
         """Publish a moment."""
@@ -116,9 +112,7 @@ def _refuse_file(address: str) -> None:
         raise LiveError(f"publish {address}: found something other than a socket there, expected a new path")
 
 
-FINGERPRINT = 0x2D41F07A9260F694
-"""LCM's hash of the type, derived from names, types and dimensions of its fields; every message begins with
-it."""
+FINGERPRINT = 0x2D41F07A9260F694  # LCM's hash of the type's fields, with which every message begins
 
 POSITIONS = ("qw", "qx", "qy", "qz", "x", "y", "z")
 VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
@@ -134,9 +128,7 @@ _LCM_FORMS = (
     "lcm://, udpm://ADDRESS:PORT?ttl=0 with a group from 224.0.0.0 on and a ttl up to 255, or file://PATH"
 )
 _NEW = "?mode=w"
-_LCM_PORT = 7667
-_HEADER = 28
-"""Size of the header of each event in a log, before channel and message [bytes]."""
+_HEADER = 28  # size of the header of each event in a log, before channel and message [bytes]
 _ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
 
 
@@ -200,8 +192,7 @@ class LcmPublisher:
     def __init__(
         self, address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
     ) -> None:
-        self.address = _url(address, public)
-        """The address in LCM's form."""
+        self.address = _url(address, public)  # in LCM's form
         self._name, self._body = model.name, body_of(model, body)
         self.channel = f"{self._body.upper()}_STATE"
         self._unsent, self._refused = 0, ""
@@ -212,11 +203,8 @@ class LcmPublisher:
         try:
             self._lcm: Any = lcm.LCM(self.address)
         except RuntimeError as error:
-            route = f"; without a network it needs a route: {_ROUTE}"
-            raise LiveError(
-                f"publish {address}: LCM cannot be set up for {self.address}"
-                + ("" if self.address.startswith("file:") else route)
-            ) from error
+            route = "" if self._log else f"; without a network it needs a route: {_ROUTE}"
+            raise LiveError(f"publish {address}: LCM cannot be set up for {self.address}{route}") from error
 
     def __call__(self, moment: Moment) -> None:
         """Publish a moment."""
@@ -265,7 +253,7 @@ def _url(address: str, public: bool) -> str:
         return f"file://{rest}{_NEW}"
     try:
         found = urlsplit(address)
-        group, port = IPv4Address(found.hostname or ""), _LCM_PORT if found.port is None else found.port
+        group, port = IPv4Address(found.hostname or ""), 7667 if found.port is None else found.port
         options = parse_qsl(found.query, strict_parsing=bool(found.query))
         # The receive buffer's size does not matter to a sender.
         given = {key: int(value) for key, value in options if key != "recv_buf_size"}

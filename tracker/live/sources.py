@@ -7,7 +7,7 @@ import functools
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,8 +29,13 @@ from tracker.pipeline import ObjectTracker
 if TYPE_CHECKING:
     from synthetic.frames import Frame, FrameMaker
 
-_PAUSE = 0.1
-"""Pause between two episodes [s], whose timestamps are unrelated."""
+_PAUSE = 0.1  # between two episodes [s], whose timestamps are unrelated
+
+
+def _came(due: float, until: float) -> bool:
+    """Wait for a time, at most until another [s]; return whether it came."""
+    time.sleep(max(0.0, min(due, until) - time.time()))
+    return due <= until
 
 
 class Replay:
@@ -61,8 +66,7 @@ class Replay:
         """See `ImageSource`."""
         until = time.time() + timeout
         due, found = self._coming()
-        time.sleep(max(0.0, min(due, until) - time.time()))
-        if due > until:
+        if not _came(due, until):
             return None
         fresh, self._ahead = found.fresh, None
         with contextlib.suppress(TrackerError):  # an error in the next frame does not affect this one
@@ -104,11 +108,8 @@ class Replay:
         yield SourceEnded("recording: it has ended")
 
 
-FRAMES = 40
-"""Length of the simulated film [frames]: four seconds; rendering takes some tenths of a second per frame."""
-
-_PERIOD = 0.1
-"""Time between frames of the film [s]."""
+FRAMES = 40  # in the simulated film: four seconds; rendering one takes some tenths of a second
+_PERIOD = 0.1  # time between frames of the film [s]
 
 
 class Simulation:
@@ -131,9 +132,8 @@ class Simulation:
         self._maker = _maker(object_name, seed, frames)
         self._undrawn: Iterator[Frame] = self._maker.chunk(0)
         self._sets: list[tuple[Image | None, ...]] = []
-        self._drawn = False
+        self._drawn, self._start, self._number = False, float("nan"), -1
         self.rig: CameraRig = self._maker.rig
-        self._start, self._number = float("nan"), -1
 
     def draw(self, seconds: float = float("inf")) -> bool:
         """Render frames of the film for at most `seconds` [s]; return whether all are rendered."""
@@ -155,9 +155,7 @@ class Simulation:
             return None
         if self._number < 0:
             self._start = time.time()
-        due = self._start + (self._number + 1) * _PERIOD
-        time.sleep(max(0.0, min(due, until) - time.time()))
-        if due > until:
+        if not _came(self._start + (self._number + 1) * _PERIOD, until):
             return None
         self._number = int((time.time() - self._start) / _PERIOD)
         stamp = self._start + self._number * _PERIOD
@@ -176,9 +174,8 @@ def _maker(object_name: str, seed: int, frames: int) -> FrameMaker:
         raise LiveError(f"simulation: found no generator: {install('synthetic')}")
     from synthetic.frames import FrameMaker, FrameOptions
 
-    return FrameMaker(
-        FrameOptions(object_name, seed, quality="fast", sequence=True, dropped=0.0, length=frames)
-    )
+    options = FrameOptions(object_name, seed, quality="fast", sequence=True, dropped=0.0, length=frames)
+    return FrameMaker(options)
 
 
 class Pushed:
@@ -256,13 +253,13 @@ def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Image
             [[*camera.matrix.ravel(), *camera.camera_from_world.ravel()] for camera in rig]
             for rig in (simulation.rig, tracker.rig)
         )
-        if len(own) != len(its) or not np.allclose(own, its):
-            simulation.close()
-            raise LiveError(
-                "simulation: found a tracker of other cameras; expected a tracker.live.Simulation in "
-                "place of the word, and a tracker of its rig"
-            )
-        return simulation
+        if len(own) == len(its) and np.allclose(own, its):
+            return simulation
+        simulation.close()
+        raise LiveError(
+            "simulation: found a tracker of other cameras; expected a tracker.live.Simulation in place of "
+            "the word, and a tracker of its rig"
+        )
     return Replay(text)
 
 
@@ -292,31 +289,26 @@ def open_cameras(
         chosen = settings_of(settings, which)
         openers = [functools.partial(PylonCamera, serial, chosen[serial]) for serial in which]
     elif kind == "opencv" and settings is None:
-        openers = [
-            functools.partial(OpenCvCamera, one, size) for one, size in zip(which, sizes, strict=False)
-        ]
+        openers = [functools.partial(OpenCvCamera, *one) for one in zip(which, sizes, strict=False)]
     else:
         found = f"settings for {kind}" if kind == "opencv" else repr(source)
         raise LiveError(f"source: found {found}, expected {FORMS}")
     if len(which) != len(rig):
-        raise LiveError(
-            f"source {source}: found {len(which)} cameras, expected one for each of {', '.join(rig.names)}"
-        )
+        names = ", ".join(rig.names)
+        raise LiveError(f"source {source}: found {len(which)} cameras, expected one for each of {names}")
     return CameraSet(openers, sizes, rate=rate)
 
 
-def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str, Any]]:
+def settings_of(path: Path | None, serials: list[str]) -> dict[str, dict[str, Any]]:
     """Return each camera's settings from a TOML file; LiveError if it is malformed."""
     values = {} if path is None else read_toml(path, LiveError, what="settings")
     tables = {name: values.pop(name) for name in sorted(values) if isinstance(values[name], dict)}
     for serial in tables:
         if serial not in serials:
             raise LiveError(f"settings {path}: found [{serial}], expected one of {', '.join(serials)}")
-    chosen: dict[str, Mapping[str, Any]]
     chosen = {serial: {**values, **tables.get(serial, {})} for serial in serials}
     for name, value in (item for one in chosen.values() for item in one.items()):
         if not isinstance(value, (str, int, float, bool)):
-            raise LiveError(
-                f"settings {path}: {name}: found {value!r}, expected a text, number, true or false"
-            )
+            valid = "a text, number, true or false"
+            raise LiveError(f"settings {path}: {name}: found {value!r}, expected {valid}")
     return chosen

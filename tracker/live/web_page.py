@@ -28,12 +28,8 @@ from tracker.pipeline import ObjectTracker
 from tracker.summaries.remarks import MOST_BLUR, PictureLook
 from tracker.viz.overlays import overlay
 
-SPAN = 10.0
-"""Time window for rates, skews and missing images [s]."""
-
-LATENCIES = 600
-"""Number of latencies whose percentiles are shown: a minute at 10 Hz."""
-
+SPAN = 10.0  # time window for rates, skews and missing images [s]
+LATENCIES = 600  # number of latencies whose percentiles are shown: a minute at 10 Hz
 PERCENTILES = (50, 90, 99, 100)
 
 LIMITS = {
@@ -44,8 +40,7 @@ LIMITS = {
     "blur": (0.0, MOST_BLUR),
     **{key: QUANTITIES[key].limits for key in ("residual", "disagreement")},
 }
-"""Range of good values, in the units of `WebPageState.message`; the same as for `--check` and the health of a
-recording."""
+"""Good values, in the units of `WebPageState.message`, as for `--check` and the health of a recording."""
 
 
 class WebPageState:
@@ -125,34 +120,28 @@ class WebPageState:
         }
         beyond = [key for key, (low, high) in LIMITS.items() if values[key] < low or values[key] > high]
         name, uses = self._names[c], moment.cameras
-        faults = ((when, its[name]) for when, _, its in reversed(self._seen) if name in its)
-        when, last = next(faults, (None, None))
+        past = ((self._seen[-1][0] - when, its[name]) for when, _, its in reversed(self._seen) if name in its)
+        age, last = next(past, (None, None))
         return {
             "name": name,
             "use": uses[c].value if uses else None,
             "fault": moment.faults.get(name),
             "last_fault": last,
-            "last_fault_age": None if when is None else self._seen[-1][0] - when,
+            "last_fault_age": age,
             **{key: value if math.isfinite(value) else None for key, value in values.items()},
             "beyond": beyond,
         }
 
 
-LOOK_EVERY = 1.0
-"""Interval between measurements of brightness, clipping, blur, residual and disagreement [s]."""
-
-WATCHED = 5.0
-"""How long a page counts as open after its last request [s]; without an open page nothing is measured."""
+LOOK_EVERY = 1.0  # interval between measurements of the images [s]
+WATCHED = 5.0  # how long a page counts as open after its last request [s]; without one nothing is measured
+CONNECTIONS = 16  # each takes a thread and a file handle, which cameras and disk need, too
 
 _HOST = "127.0.0.1"
 _JPEG_QUALITY = 85
 _POLL = 0.1  # interval at which the server checks whether to end [s]
 _LONGEST = 1.0  # longest wait for a message [s]
 _TIMEOUT = 10.0  # for a browser that does not read its response [s]
-_REFUSED = b"this page is for this machine only"
-
-CONNECTIONS = 16
-"""Largest number of connections; each takes a thread and a file handle, which cameras and disk need, too."""
 
 
 class WebPage(Listener):
@@ -172,8 +161,7 @@ class WebPage(Listener):
         self._message = b""
         self._picture = -1, b""
         self._asked = self._looked = -math.inf
-        self.faults: Callable[[], Sequence[str]] = tuple
-        """Returns the faults to show; set by the caller."""
+        self.faults: Callable[[], Sequence[str]] = tuple  # returns those to show; set by the caller
         try:
             self._server = _Server((_HOST, port), type("Handler", (_Handler,), {"page": self}))
         except (OSError, OverflowError) as error:
@@ -257,7 +245,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer with the page, the newest message or the newest image."""
         if not self._is_own():
-            self._answer(403, "text/html", _REFUSED)
+            self._answer(403, "text/html", b"this page is for this machine only")
         elif self.path == "/":
             self._answer(200, "text/html", files("tracker.live").joinpath("web_page.html").read_bytes())
         elif self.path.startswith("/message"):
