@@ -6,7 +6,6 @@ import base64
 import os
 from collections.abc import Sequence
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,9 +21,7 @@ from tracker.viz.plots import figure, png, rgb
 GOOD: paint.Color = (120, 200, 110)
 BAD: paint.Color = (80, 110, 245)
 
-_SIDE, _HEAD = 420, 76
-"""Size of a camera's panel and height of the text above it [px]."""
-
+_SIDE, _HEAD = 420, 76  # size of a camera's panel and height of the text above it [px]
 _SHOWN = 4.0  # range of a panel [limits]
 _WIDTH = 1080  # width of the picture of residuals [px]
 _STRIP = 40  # height of the line of text below [px]
@@ -121,16 +118,15 @@ def write_health(path: str | os.PathLike[str], health: Health, title: str) -> No
     Raises:
         TrackerError: the optional package `matplotlib` is missing, or the file cannot be written.
     """
-    write_whole(Path(path), page(health, title).encode())
+    write_whole(path, page(health, title))
 
 
 def page(health: Health, title: str) -> str:
     """Return the page as HTML."""
-    complaints, missing = health.complaints(), health.missing()
+    missing = health.missing()
     parts = [f"<h1>{escape(title)}</h1>"]
-    if complaints:
-        lines = "".join(f'<li class="bad">{escape(line)}</li>' for line in complaints)
-        parts.append(f"<ul>{lines}</ul>")
+    if lines := [f'<li class="bad">{escape(line)}</li>' for line in health.complaints()]:
+        parts.append(f"<ul>{''.join(lines)}</ul>")
     else:
         what = "What was measured" if missing else "Everything"
         parts.append(f'<p class="good">{what} is within its limits in most frames.</p>')
@@ -146,9 +142,8 @@ def page(health: Health, title: str) -> str:
 
 def _table(health: Health) -> str:
     """Return a table of medians, red if the limits are exceeded too often."""
-    rows = [
-        "<tr><th></th>" + "".join(f"<th>{escape(name)}</th>" for name in health.cameras) + "<th></th></tr>"
-    ]
+    names = "".join(f"<th>{escape(name)}</th>" for name in health.cameras)
+    rows = [f"<tr><th></th>{names}<th></th></tr>"]
     for key, quantity in QUANTITIES.items():
         cells = []
         for column, share in zip(health.values[key].T, health.beyond(key), strict=True):
@@ -166,15 +161,13 @@ def _readable(value: float, digits: int = 1) -> str:
 
 def _section(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
     low, high = map(_readable, quantity.limits)
-    heading = f"<h2>{escape(quantity.title)}</h2>"
+    title, unit, advice = map(escape, (quantity.title, quantity.unit, quantity.advice))
     if not np.isfinite(values).any():
-        return f'{heading}<p class="limit">not measured</p>'
+        return f'<h2>{title}</h2><p class="limit">not measured</p>'
     picture = base64.b64encode(_plot(quantity, time, values, names)).decode()
-    limit = f"limits: {low} to {high} {escape(quantity.unit)}; if beyond: {escape(quantity.advice)}"
-    return (
-        f'{heading}<p class="limit">{limit}</p>'
-        f'<div><img alt="{escape(quantity.title)}" src="data:image/png;base64,{picture}"></div>'
-    )
+    limit = f'<p class="limit">limits: {low} to {high} {unit}; if beyond: {advice}</p>'
+    image = f'<div><img alt="{title}" src="data:image/png;base64,{picture}"></div>'
+    return f"<h2>{title}</h2>{limit}{image}"
 
 
 def _plot(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple[str, ...]) -> bytes:

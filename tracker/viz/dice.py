@@ -102,9 +102,8 @@ def _outlines(mask: Array, width: int, height: int) -> list[FloatArray]:
     # Blurring and simplifying the lines hides the steps of the mask's pixels.
     smooth = cv2.GaussianBlur(scaled, (0, 0), 0.5 * pixel)
     loops, _ = cv2.findContours((smooth > 0.5).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    simple = [cv2.approxPolyDP(loop, 0.6 * pixel, True) for loop in loops]
-    closed = [np.concatenate([loop, loop[:1]])[:, 0] for loop in simple]
-    return [(loop + 0.5) / _FINE - 0.5 for loop in closed]
+    simple = [cv2.approxPolyDP(loop, 0.6 * pixel, True)[:, 0] for loop in loops]
+    return [(np.concatenate([loop, loop[:1]]) + 0.5) / _FINE - 0.5 for loop in simple]
 
 
 def _caption(
@@ -137,15 +136,13 @@ def _caption(
 
 DIE: paint.Color = (255, 150, 70)
 
-_SCALE = 38 / DIE_WIDTH
-"""Scale [px/m]; cells are a whole number of pixels wide, so that all grid lines are equally sharp."""
+_SCALE = 38 / DIE_WIDTH  # [px/m]; cells are whole pixels wide, so that all grid lines are equally sharp
 _BORDER = 26  # around the arena [px]
 _LABELS = 48  # space for the axes, left of and below the border [px]
 _FLOOR: paint.Color = (50, 43, 40)
 _TICKS_M = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 _TEXT_SIZE = 11.0
-_FAR = 10 * ARENA_RADIUS
-"""Limit, outside the picture, to which coordinates are clipped so that pixels do not overflow [m]."""
+_FAR = 10 * ARENA_RADIUS  # to which coordinates are clipped so that pixels do not overflow [m]
 _HIGHER = 1e-3  # places at least this far above the floor are marked with their height [m]
 
 _SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * DIE_WIDTH / 2
@@ -202,12 +199,10 @@ def goal_picture(
 
 def _ways(places: FloatArray, dice: FloatArray, pairs: Iterable[tuple[int, int]]) -> list[FloatArray]:
     """Return lines (2, 2) [px] from dice to places."""
-    lines = []
+    lines, valid = [], f"less than {len(places)} and {len(dice)}"
     for place, die in pairs:
         if not (0 <= place < len(places) and 0 <= die < len(dice)):
-            raise TaskError(
-                f"pairs: found place {place} and die {die}, expected less than {len(places)} and {len(dice)}"
-            )
+            raise TaskError(f"pairs: found place {place} and die {die}, expected {valid}")
         lines.append(_pixels(np.stack([dice[die], places[place]])))
     return lines
 
@@ -225,8 +220,7 @@ def _draw_arena(picture: Image) -> None:
     paint.fill(picture, border, _FLOOR, 1.0)
     paint.stroke(picture, [_square(cell) for cell in cells()], paint.FAINT, 1.0, 0.3)
     paint.stroke(picture, [border], paint.FAINT, 1.6)
-    bottom, left = _SIDE, _LABELS
-    marks = []
+    bottom, left, marks = _SIDE, _LABELS, []
     for value, (x, y) in zip(_TICKS_M, _pixels(np.stack([_TICKS_M, _TICKS_M], axis=1)), strict=True):
         marks += [np.array([(x, bottom - 6.0), (x, bottom)]), np.array([(left, y), (left + 6.0, y)])]
         _write(picture, f"{value:g}", (x, bottom + 20), paint.FAINT, align=0.5)

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Formats of `write_image`."""
 
-MIN_RATE, MAX_RATE = 0.5, 60.0
-"""Slowest and fastest frame rate of a recording's film [frames per second]."""
-
+_SLOWEST, _FASTEST = 0.5, 60.0  # frame rates of a recording's film [frames per second]
 _LOOK = 100  # number of frames from which the rate is estimated
 
 
@@ -83,10 +81,8 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
             if count == 0:
                 stream.height, stream.width = height, width
             if not height * width or (height, width) != (stream.height, stream.width):
-                valid = "pictures of one size, of 2×2 px or more"
-                raise ImageError(
-                    f"film {target}: picture {count}: found {described_input(picture)}, expected {valid}"
-                )
+                found, valid = described_input(picture), "pictures of one size, of 2×2 px or more"
+                raise ImageError(f"film {target}: picture {count}: found {found}, expected {valid}")
             frame = av.VideoFrame.from_ndarray(picture[:height, :width].copy(), format="bgr24")
             film.mux(stream.encode(frame))
             count += 1
@@ -121,4 +117,4 @@ def film_rate(stamps: npt.ArrayLike) -> float:
     """Return the frame rate of a film whose frames have timestamps (n,) [s]; repeated ones do not count."""
     steps = np.diff(stamps)
     steps = steps[steps > 0]
-    return float(np.clip(1 / np.median(steps), MIN_RATE, MAX_RATE)) if len(steps) else 10.0
+    return float(np.clip(1 / np.median(steps), _SLOWEST, _FASTEST)) if len(steps) else 10.0

@@ -21,9 +21,7 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate
 from tracker.viz import paint
 
-MIN_HEIGHT = 400
-"""Smallest height of an image [px]; smaller images are enlarged by the smallest sufficient integer factor."""
-
+MIN_HEIGHT = 400  # smallest height of a panel [px]; smaller images are enlarged by the least integer factor
 GAP = 6  # between panels [px]
 
 _NAME_SIZE = 14.0
@@ -40,13 +38,10 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
     height = max(camera.height * -(-MIN_HEIGHT // camera.height) for camera in rig)
     parts: list[Image] = []
     for index, (image, camera) in enumerate(zip(images, rig, strict=True)):
-        if parts:
-            parts.append(paint.canvas(GAP, height))
         size = (max(1, round(camera.width * height / camera.height)), height)
         panel = paint.canvas(*size, _EMPTY)
         if image is None:
-            middle = size[0] / 2, height / 2
-            paint.put_text(panel, "no image", middle, paint.FAINT, size=18, align=0.5)
+            paint.put_text(panel, "no image", (size[0] / 2, height / 2), paint.FAINT, size=18, align=0.5)
         else:
             cv2.resize(image, size, panel, interpolation=cv2.INTER_CUBIC)
             draw(index, panel, camera.resized(*size))
@@ -55,8 +50,8 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
         paint.fill(panel, corners, paint.BACKGROUND, 0.6)
         at = 24, (12 + bottom + _NAME_SIZE) / 2
         paint.put_text(panel, camera.name, at, paint.BRIGHT, size=_NAME_SIZE)
-        parts.append(panel)
-    return np.concatenate(parts, axis=1)
+        parts += [paint.canvas(GAP, height), panel]
+    return np.concatenate(parts[1:], axis=1)
 
 
 GOOD: paint.Color = (120, 200, 110)
@@ -66,19 +61,16 @@ DOUBTFUL: paint.Color = (80, 170, 245)
 _MARGIN, _LINE, _SPACE, _COLUMN = 24, 28, 50, 17
 """Spacing around the strip, and between lines, blocks, and columns of a block [px]; scaled with the strip."""
 _SIZES = (10.0, 12.0, 12.0)  # heights of the digits in a block's lines [px]
-_WIDTH, _MOST = 1000, 1.5
-"""Width of a strip above which its text is enlarged [px], and the largest factor."""
+_WIDTH, _MOST = 1000, 1.5  # width of a strip above which its text is enlarged [px], and the largest factor
 
 
 class Block(NamedTuple):
-    """A small table of three lines."""
+    """A small table of three lines: headings, values, and notes in a colour."""
 
     headings: list[str]
     values: list[str]
     notes: list[str]
-    """Remarks on the values."""
     color: paint.Color = paint.FAINT
-    """Colour of the notes."""
 
 
 def footer(width: int, blocks: Iterable[Block]) -> Image:
@@ -204,8 +196,7 @@ def edges_in_view(
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return distorted lines (N, 2) [px] of the edges that a camera sees, and of those the object hides."""
     seen, corners = _seen(view, model, pose)
-    visible: list[FloatArray] = []
-    hidden: list[FloatArray] = []
+    visible, hidden = list[FloatArray](), list[FloatArray]()
     for a, b, f, g in cuboid.EDGES:
         parts = _finite_parts(_project_line(view, corners[a], corners[b]))
         (visible if seen[f] or seen[g] else hidden).extend(parts)

@@ -26,8 +26,7 @@ WHITE: Color = (255, 255, 255)
 BLACK: Color = (0, 0, 0)
 
 _FINE = 4  # oversampling: shapes are drawn on a grid this much finer, then averaged
-
-_SHIFT = 4
+_SHIFT = 4  # bits of their coordinates after the point
 
 # Pillow's built-in font has no umlauts.
 _FONT = Path(__file__).parent / "fonts" / "DejaVuSansCondensed.ttf"
@@ -42,14 +41,31 @@ def canvas(width: int, height: int, color: Color = BACKGROUND) -> Image:
 
 def fill(image: Image, polygon: FloatArray, color: Sequence[int], opacity: float) -> None:
     """Blend a polygon (N, 2) [px] into the image."""
-    _draw(image, [polygon], color, None, opacity)
+    stroke(image, [polygon], color, None, opacity)
 
 
 def stroke(
-    image: Image, lines: Sequence[FloatArray], color: Sequence[int], width: float, opacity: float = 1.0
+    image: Image, lines: Sequence[FloatArray], color: Sequence[int], width: float | None, opacity: float = 1.0
 ) -> None:
-    """Blend open lines (N, 2) [px] of a given width [px] into the image at once: crossings are not darker."""
-    _draw(image, lines, color, width, opacity)
+    """Blend open lines (N, 2) [px] of a given width [px] into the image at once: crossings are not darker.
+
+    If `width` is None, they are the borders of filled polygons.
+    """
+    if not lines:
+        return
+    points, margin = np.concatenate(lines), width or 1.0
+    low = np.maximum(np.floor(points.min(axis=0) - margin - 1), 0).astype(int)
+    high = np.minimum(np.ceil(points.max(axis=0) + margin + 2), image.shape[1::-1]).astype(int)
+    if (low >= high).any():
+        return
+    part = image[low[1] : high[1], low[0] : high[0]]
+    mask = np.zeros((part.shape[0] * _FINE, part.shape[1] * _FINE), np.uint8)
+    fine = [np.rint(((line - low + 0.5) * _FINE - 0.5) * 2**_SHIFT).astype(np.int32) for line in lines]
+    if width is None:
+        cv2.fillPoly(mask, fine, 255, cv2.LINE_8, _SHIFT)
+    else:
+        cv2.polylines(mask, fine, False, 255, max(1, round(width * _FINE)), cv2.LINE_8, _SHIFT)
+    blend(part, cv2.resize(mask, part.shape[1::-1], interpolation=cv2.INTER_AREA), color, opacity)
 
 
 def circle(center: FloatArray, radius: float) -> FloatArray:
@@ -64,13 +80,7 @@ def text_width(text: str, size: float) -> float:
 
 
 def put_text(
-    image: Image,
-    text: str,
-    at: tuple[float, float],
-    color: Color,
-    *,
-    size: float,
-    align: float = 0.0,
+    image: Image, text: str, at: tuple[float, float], color: Color, *, size: float, align: float = 0.0
 ) -> None:
     """Write a line of text; `at` [px] is the left (align 0) … right (align 1) end of its baseline."""
     left, base = round(at[0] - align * text_width(text, size)), round(at[1])
@@ -89,27 +99,6 @@ def put_text(
 def _font(size: float) -> ImageFont.FreeTypeFont:
     # The basic layout is in every Pillow, and gives the same result everywhere.
     return ImageFont.truetype(str(_FONT), _EM * size, layout_engine=ImageFont.Layout.BASIC)
-
-
-def _draw(
-    image: Image, shapes: Sequence[FloatArray], color: Sequence[int], width: float | None, opacity: float
-) -> None:
-    """Blend lines of a given width, or filled polygons if it is None, drawn on a finer grid."""
-    if not shapes:
-        return
-    points, margin = np.concatenate(shapes), width or 1.0
-    low = np.maximum(np.floor(points.min(axis=0) - margin - 1), 0).astype(int)
-    high = np.minimum(np.ceil(points.max(axis=0) + margin + 2), image.shape[1::-1]).astype(int)
-    if (low >= high).any():
-        return
-    part = image[low[1] : high[1], low[0] : high[0]]
-    mask = np.zeros((part.shape[0] * _FINE, part.shape[1] * _FINE), np.uint8)
-    fine = [np.rint(((s - low + 0.5) * _FINE - 0.5) * 2**_SHIFT).astype(np.int32) for s in shapes]
-    if width is None:
-        cv2.fillPoly(mask, fine, 255, cv2.LINE_8, _SHIFT)
-    else:
-        cv2.polylines(mask, fine, False, 255, max(1, round(width * _FINE)), cv2.LINE_8, _SHIFT)
-    blend(part, cv2.resize(mask, part.shape[1::-1], interpolation=cv2.INTER_AREA), color, opacity)
 
 
 def blend(image: Image, coverage: Array, color: Sequence[int], opacity: float) -> None:

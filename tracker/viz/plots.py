@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _GRID: paint.Color = (58, 51, 47)
 
 
-def rgb(color: paint.Color) -> tuple[float, float, float]:
+def rgb(color: Sequence[int]) -> tuple[float, float, float]:
     """Return red, green and blue from 0 to 1."""
     blue, green, red = color
     return red / 255, green / 255, blue / 255
@@ -83,9 +83,6 @@ def png(drawn: Figure) -> bytes:
     return content.getvalue()
 
 
-_DOTS = 500  # largest number of pixels drawn per colour
-
-
 def write_colors_plot(
     path: str | os.PathLike[str],
     counts: Array,
@@ -115,14 +112,12 @@ def write_colors_plot(
 
 def _draw_confusion(axis: Any, counts: Array) -> None:
     """Draw the share of each true colour's pixels by found label."""
-    order = [*range(1, len(COLOR_NAMES)), 0]
     names = [*COLOR_NAMES[1:], "none"]
     sums = counts.sum(axis=1, keepdims=True)
-    shares = (counts / np.maximum(sums, 1))[np.ix_(order, order)]
+    shares = np.roll(counts / np.maximum(sums, 1), -1, axis=(0, 1))  # "none", the first label, comes last
     axis.grid(False)
     axis.imshow(np.sqrt(shares), cmap="magma", vmin=0, vmax=1, aspect="auto")
-    for row, column in np.ndindex(shares.shape):
-        share = shares[row, column]
+    for (row, column), share in np.ndenumerate(shares):
         if share > 0:
             color = paint.BACKGROUND if share > 0.5 else paint.BRIGHT
             text = f"{100 * share:.0f}" if share >= 0.01 else "<1"
@@ -136,17 +131,14 @@ def _draw_confusion(axis: Any, counts: Array) -> None:
 def _draw_colors(axis: Any, pixels: Mapping[int, Array], better: Mapping[int, FloatArray]) -> None:
     """Draw the colours' chromaticities relative to that of the light."""
     for label, some in pixels.items():
-        blue, green, red = DISPLAY_COLORS_BGR[label].tolist()
-        color = rgb((blue, green, red))
-        axis.plot(*_chroma(some[:: len(some) // _DOTS + 1]), ".", markersize=3, alpha=0.35, color=color)
-        axis.plot(
-            *_chroma(np.median(some, axis=0)[None]), "o", markersize=9, color=color, label=COLOR_NAMES[label]
-        )
+        color, few = rgb(DISPLAY_COLORS_BGR[label].tolist()), some[:: len(some) // 500 + 1]
+        axis.plot(*_chroma(few), ".", markersize=3, alpha=0.35, color=color)
+        middle = np.median(some, axis=0, keepdims=True)
+        axis.plot(*_chroma(middle), "o", markersize=9, color=color, label=COLOR_NAMES[label])
         axis.plot(*_chroma(better[label][None]), "o", markersize=12, fillstyle="none", color=color)
-    axis.plot(0, 0, "+", markersize=14, color=rgb(paint.BRIGHT))
-    axis.annotate(
-        "light, grey", (0, 0), (6, 6), textcoords="offset points", color=rgb(paint.BRIGHT), fontsize=9
-    )
+    bright = rgb(paint.BRIGHT)
+    axis.plot(0, 0, "+", markersize=14, color=bright)
+    axis.annotate("light, grey", (0, 0), (6, 6), textcoords="offset points", color=bright, fontsize=9)
     axis.set_xlabel("log red / green  (rings: a better set)")
     axis.set_ylabel("log blue / green")
 
@@ -178,8 +170,7 @@ STATUS_COLORS: dict[str, paint.Color] = {
 """Colours of the status strip, the same in all plots."""
 
 _LABEL_X = -0.065  # left of the longest tick label, so that the labels of all panels are aligned
-_LEAST_SHARE = 0.003
-"""Smallest share of the strip's width that a run of frames gets, so that single frames are visible."""
+_LEAST_SHARE = 0.003  # of the strip's width for a run of frames, so that single frames are visible
 _LEAST = 2.0  # smallest range of an axis that is fitted to its values
 _FEW = 250  # largest number of frames at which dots have their full size
 
@@ -235,12 +226,9 @@ class Series(NamedTuple):
 
     label: str
     color: paint.Color
-    values: Array
-    """Values (3, n) drawn as line, dots and circles."""
-    band: FloatArray
-    """Lower and upper ends (2, n) of a band around the line, which may be very wide."""
-    limits: tuple[float, float]
-    """Limits of the axis."""
+    values: Array  # (3, n) drawn as line, dots and circles
+    band: FloatArray  # lower and upper ends (2, n) of a band around the line, which may be very wide
+    limits: tuple[float, float]  # of the axis
 
 
 def series_of(poses: Poses) -> list[Series]:

@@ -36,9 +36,7 @@ from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.viz.overlays import edges_in_view
 
 SIGMAS = 2.0  # half axes of the ellipsoid, in standard deviations
-
-TIME, FRAME = "time", "frame"
-"""Timelines: seconds since the first frame shown, and the frame's number in the recording."""
+TIME, FRAME = "time", "frame"  # timelines: seconds since the first frame shown, its number in the recording
 
 KINDS = {"measured": (30, 136, 229), "filtered": (225, 100, 0)}
 """Colour (red, green, blue) of each kind of pose, visible on dark and light backgrounds.
@@ -51,8 +49,6 @@ _FACE_ALPHA = 190  # the ellipsoid inside must show through
 _JPEG_QUALITY = 90
 _PLANE_DISTANCE = 0.12  # distance of the images from their camera in the 3D view [m]
 _BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS}
-
-_TABLE = ("health", "table")
 
 FLUSH_SECONDS = 30.0  # longest wait for a writer, which may never answer after a failure [s]
 _FLUSH_FRAMES = 100  # number of frames between flushes, so that the queue does not grow
@@ -122,7 +118,7 @@ class Scene:
         for key, column in values.items():
             for camera, value in zip(self._rig, column.tolist(), strict=True):
                 self._put(("health", key, camera.name), _scalar(value))
-        self._put(_TABLE, _scalar(float("nan") if health is None else health.height))
+        self._put(("health", "table"), _scalar(float("nan") if health is None else health.height))
 
     def _show_pose(self, kind: str, pose: PoseEstimate | None) -> None:
         """Show everything about a pose; if there is none, clear the last one."""
@@ -154,8 +150,7 @@ class Scene:
 
     def _set_up(self) -> None:
         self._log(("world",), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        turn = np.linspace(0, 2 * np.pi, 121)
-        arena = self._rig.arena
+        turn, arena = np.linspace(0, 2 * np.pi, 121), self._rig.arena
         circle = arena.radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
         circle += (*arena.center, arena.ground)
         line = rr.LineStrips3D([circle], colors=[(130, 130, 130)], radii=[6e-4])
@@ -187,34 +182,25 @@ class Scene:
 
 def layout(rig: CameraRig) -> rrb.Blueprint:
     """Return the viewer's layout: 3D view, cameras, curves, status."""
-    so_far = rrb.VisibleTimeRanges(
-        timeline=TIME, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
-    )
+    begin, now = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
+    so_far = rrb.VisibleTimeRanges(timeline=TIME, start=begin, end=now)
     pieces: Any = {f"world/trajectory/{kind}": so_far for kind in KINDS}
     space = rrb.Spatial3DView(origin="world", name="arena", overrides=pieces)
-    views = [
-        rrb.Spatial2DView(origin=rr.new_entity_path(list(_image_path(camera)[:-1])), name=camera.name)
-        for camera in rig
-    ]
+    paths = [rr.new_entity_path(list(_image_path(camera)[:-1])) for camera in rig]
+    views = [rrb.Spatial2DView(origin=path, name=name) for path, name in zip(paths, rig.names, strict=True)]
     curves = [
         rrb.TimeSeriesView(origin=path, name=name)
         for path, name in (("confidence", "confidence"), ("std_mm", "std [mm]"), ("std_deg", "std [°]"))
     ]
     health = [
         rrb.TimeSeriesView(origin=rr.new_entity_path(["health", key]), name=f"{key} [{quantity.unit}]")
-        for key, quantity in QUANTITIES.items()
+        for key, quantity in {**QUANTITIES, "table": HEIGHT}.items()
     ]
-    health.append(rrb.TimeSeriesView(origin=rr.new_entity_path(list(_TABLE)), name=f"table [{HEIGHT.unit}]"))
     status = rrb.TextLogView(origin="status", name="status")
     left = rrb.Vertical(space, rrb.Horizontal(*views), row_shares=[2, 1])
-    right = rrb.Vertical(
-        rrb.Tabs(rrb.Vertical(*curves, name="poses"), rrb.Vertical(*health, name="rig")),
-        status,
-        row_shares=[4, 1],
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[2, 1]), rrb.TimePanel(timeline=TIME), collapse_panels=True
-    )
+    tabs = rrb.Tabs(rrb.Vertical(*curves, name="poses"), rrb.Vertical(*health, name="rig"))
+    both = rrb.Horizontal(left, rrb.Vertical(tabs, status, row_shares=[4, 1]), column_shares=[2, 1])
+    return rrb.Blueprint(both, rrb.TimePanel(timeline=TIME), collapse_panels=True)
 
 
 def _scalar(value: float) -> Any:
@@ -228,8 +214,8 @@ def _image_path(camera: Camera) -> tuple[str, ...]:
 
 def _pinhole(camera: Camera) -> tuple[Any, Any]:
     """Return a camera's pose and lens, with x to the right, y down and z forward as in OpenCV."""
-    world_from_camera = camera.world_from_camera
-    place = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
+    pose = camera.world_from_camera
+    place = rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
     matrix = camera.matrix.copy()
     matrix[:2, 2] += 0.5  # in Rerun, whole numbers are the corners of pixels
     lens = rr.Pinhole(

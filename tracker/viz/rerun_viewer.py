@@ -26,16 +26,11 @@ if TYPE_CHECKING:
 
     from tracker.viz.rerun_scene import Scene
 
-APPLICATION = "trifinger-object-tracker"
-"""Name under which the viewer remembers the arrangement of its windows."""
-
-HOST = "127.0.0.1"
-"""Address of the viewer, with a free port: Rerun's default port may belong to another user's viewer."""
+APPLICATION = "trifinger-object-tracker"  # by which the viewer remembers the arrangement of its windows
+HOST = "127.0.0.1"  # with a free port: Rerun's default port may belong to another user's viewer
 
 _STARTING = 30.0  # longest time that the viewer may take to listen [s]
-
-_SETTLING = 0.5
-"""How long the viewer is watched after that [s]: without a screen it first listens, then exits."""
+_SETTLING = 0.5  # how long it is watched after that [s]: without a screen it first listens, then exits
 
 _open: list[subprocess.Popen[bytes]] = []
 """Viewers that were started; Python warns about a running process whose object is deleted."""
@@ -60,9 +55,8 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
         ImageError: the suffix differs, or the file cannot be written.
         TrackerError: the optional package `rerun-sdk` is missing, or the viewer cannot be opened.
     """
-    target = None if path is None else Path(path)
-    if target is not None:
-        check_suffix(target, (".rrd",), "view", ImageError)
+    if path is not None:
+        check_suffix(Path(path), (".rrd",), "view", ImageError)
     require_rerun()
     # Errors are raised, so Rerun need not print them on stderr as well.
     with environment({"RUST_LOG": os.environ.get("RUST_LOG", "off")}):
@@ -71,8 +65,8 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
         from tracker.viz.rerun_scene import FLUSH_SECONDS, Scene, layout
 
     stream = rr.RecordingStream(APPLICATION)
-    if target is not None:
-        with _file(stream, target, layout(rig)):
+    if path is not None:
+        with _file(stream, Path(path), layout(rig)):
             yield Scene(stream, rig, model)
         return
     try:
@@ -134,12 +128,10 @@ def start_viewer() -> str:
         port = one.getsockname()[1]
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as output:
         try:
+            nothing = subprocess.DEVNULL
+            # In a session of its own, since Ctrl-C must not end the viewer.
             process = subprocess.Popen(
-                _command(port),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=output,
-                start_new_session=True,  # Ctrl-C must not end the viewer
+                _command(port), stdin=nothing, stdout=nothing, stderr=output, start_new_session=True
             )
         except OSError as error:
             raise TrackerError(f"the viewer cannot be opened: {error}") from error
@@ -161,8 +153,6 @@ def start_viewer() -> str:
 
 
 def _answers(port: int) -> bool:
-    try:
-        socket.create_connection((HOST, port), timeout=1.0).close()
-    except OSError:
-        return False
-    return True
+    with socket.socket() as one:
+        one.settimeout(1.0)
+        return one.connect_ex((HOST, port)) == 0
