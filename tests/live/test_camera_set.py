@@ -1,7 +1,9 @@
-import contextlib
 import itertools
 import threading
 import time
+from contextlib import closing
+from functools import partial
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -25,11 +27,8 @@ class Scripted:
     triggered = True
 
     def __init__(self, *acts, then=IMAGE):
-        self.acts, self.then, self.opened, self.closed = list(acts), then, 0, 0
-
-    def open(self):
-        self.opened += 1
-        return self
+        self.acts, self.then, self.closed = list(acts), then, 0
+        self.open = Mock(return_value=self)
 
     def grab(self, timeout):
         act = self.acts.pop(0) if self.acts else self.then
@@ -40,22 +39,16 @@ class Scripted:
         return Grabbed(act, time.time())
 
     def settings(self):
-        return {"Gain": float(self.opened)}
+        return {"Gain": float(self.open.call_count)}
 
     def close(self):
         self.closed += 1
 
 
-def refusing(error):
-    def refuse():
-        raise error
-
-    return refuse
-
-
 def cameras_of(*openers, rate=10.0, size=SIZE):
     """A source of these cameras, or of what opens them."""
-    return CameraSet([getattr(one, "open", one) for one in openers], [size] * len(openers), rate=rate)
+    openers = [one.open if isinstance(one, Scripted) else one for one in openers]
+    return CameraSet(openers, [size] * len(openers), rate=rate)
 
 
 def sets(source, enough):
@@ -72,25 +65,30 @@ def sets(source, enough):
 
 def first(enough, *cameras, **more):
     """The first sets of cameras, which are closed then."""
-    with contextlib.closing(cameras_of(*cameras, **more)) as whole:
+    with closing(cameras_of(*cameras, **more)) as whole:
         return sets(whole, enough)
 
 
+def well_after(fault):
+    """Whether the last camera gives images again, after it had a fault."""
+    return lambda found: found[-1].images[-1] is not None and any(one.faults[-1] == fault for one in found)
+
+
 @pytest.fixture
-def quick(monkeypatch):
-    """Sets how long is waited for cameras, in seconds."""
+def times(monkeypatch):
+    """Sets how long is waited for cameras [s]; a lost one is looked for soon."""
 
     def set_times(**seconds):
         for name, value in seconds.items():
-            monkeypatch.setattr(f"tracker.live.cameras.{name.upper()}", value)
+            monkeypatch.setattr(f"tracker.live.cameras.{name}", value)
 
-    set_times(look_again=0.03)
+    set_times(LOOK_AGAIN=0.03)
     return set_times
 
 
 def test_a_set_has_a_picture_of_each_camera():
     one, two = Scripted(then=IMAGE), Scripted(then=IMAGE + 1)
-    with contextlib.closing(cameras_of(one, two)) as source:
+    with closing(cameras_of(one, two)) as source:
         given = sets(source, 3)
         assert source.settings == ({"Gain": 1.0}, {"Gain": 1.0})
     for shot in given[1:]:
@@ -99,7 +97,7 @@ def test_a_set_has_a_picture_of_each_camera():
         assert max(abs(shot.timestamp - stamp) for stamp in shot.stamps) < 1
     stamps = [shot.timestamp for shot in given]
     assert all(later > earlier for earlier, later in itertools.pairwise(stamps))
-    assert (one.opened, one.closed) == (1, 1)
+    assert (one.open.call_count, one.closed) == (1, 1)
 
 
 def test_a_picture_that_fails_is_missing_in_its_set_only():
@@ -108,72 +106,54 @@ def test_a_picture_that_fails_is_missing_in_its_set_only():
     missing = [shot for shot in given if shot.images[1] is None]
     assert [shot.faults for shot in missing] == [(None, "buffer torn")]
     assert all(shot.images[0] is not None for shot in given)
-    assert bad.opened == 1
+    bad.open.assert_called_once()
 
 
-def test_a_camera_that_is_lost_is_opened_again(quick):
-    lost, absent = Scripted(IMAGE, CameraLost("unplugged")), refusing(LiveError("not there"))
-    tries = [lost.open, absent, absent, lost.open]
-    given = first(
-        lambda found: found[-1].images[1] is not None and any(one.faults[1] == "not there" for one in found),
-        *(Scripted(), lambda: tries.pop(0)()),
-    )
-    assert not tries
+def test_a_camera_that_is_lost_is_opened_again(times):
+    lost, absent = Scripted(IMAGE, CameraLost("unplugged")), LiveError("not there")
+    opener = Mock(side_effect=[lost, absent, absent, lost])
+    given = first(well_after("not there"), Scripted(), opener)
+    assert opener.call_count == 4
     assert lost.closed == 2
     assert all(shot.images[0] is not None for shot in given[2:])
 
 
-def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_once_could(quick):
-    refuse = refusing(CameraUnfit("does not take Gain = 99"))
+def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_once_could(times):
+    unfit = CameraUnfit("does not take Gain = 99")
     with pytest.raises(CameraUnfit, match="Gain"):
-        first(10_000, Scripted(), refuse)
-    openers = iter([Scripted(IMAGE, CameraLost("unplugged")).open, refuse, Scripted().open])
-    given = first(
-        lambda found: (
-            found[-1].images[0] is not None and any("does not take" in str(s.faults) for s in found)
-        ),
-        lambda: next(openers)(),
-    )
+        first(10_000, Scripted(), Mock(side_effect=unfit))
+    lost = Scripted(IMAGE, CameraLost("unplugged"))
+    given = first(well_after(str(unfit)), Mock(side_effect=[lost, unfit, Scripted()]))
     assert given[-1].faults == (None,)
 
 
 @pytest.mark.parametrize(
-    ("count", "seconds", "found"),
+    ("names", "answered", "found"),
     [
-        (2, 0.0, "2 could be opened: camera 0: not there; camera 1: not there"),
-        (1, 0.5, "1 .*: not opened yet"),
+        ("ab", True, "2 could be opened: camera a: not there; camera b: not there"),
+        ("a", False, "1 .*: not opened yet"),
     ],
 )
 def test_cameras_of_which_none_can_be_opened_in_time_are_an_error_that_names_them(
-    count, seconds, found, quick
+    names, answered, found, times
 ):
-    quick(opening=0.1, opening_long=0.3)
+    times(OPENING=0.1, OPENING_LONG=0.3)
     go_on = threading.Event()
 
-    def opener(number):
-        def refuse():
-            go_on.wait(60 if seconds else 0)
-            raise LiveError(f"camera {number}: not there")
+    def refuse(name):
+        assert answered or go_on.wait(60)
+        raise LiveError(f"camera {name}: not there")
 
-        return refuse
-
-    source = cameras_of(*map(opener, range(count)))
-    with pytest.raises(LiveError, match=f"not one of {found}"):
-        sets(source, 20)
-    go_on.set()
-    source.close()
+    with closing(cameras_of(*(partial(refuse, name) for name in names))) as source:
+        with pytest.raises(LiveError, match=f"not one of {found}"):
+            sets(source, 20)
+        go_on.set()
 
 
-def test_a_camera_that_takes_long_to_open_is_waited_for(quick):
-    quick(opening=0.1)
-
-    def open_slowly():
-        time.sleep(0.6)
-        return Scripted()
-
-    given = first(
-        lambda found: found[-1].images[1] is not None, refusing(LiveError("not there")), open_slowly
-    )
+def test_a_camera_that_takes_long_to_open_is_waited_for(times):
+    times(OPENING=0.1)
+    absent, slow = Mock(side_effect=LiveError("not there")), lambda: time.sleep(0.6) or Scripted()
+    given = first(lambda found: found[-1].images[1] is not None, absent, slow)
     assert given[-1].faults == ("not there", None)
 
 
@@ -192,7 +172,7 @@ def test_closing_waits_once_for_all_cameras_that_hang(monkeypatch):
 def test_a_camera_that_hangs_does_not_hold_up_the_others():
     go_on = threading.Event()
     hang = Scripted(IMAGE, lambda: go_on.wait(20) and IMAGE)
-    with contextlib.closing(cameras_of(Scripted(), hang)) as source:
+    with closing(cameras_of(Scripted(), hang)) as source:
         given = sets(source, 6)
         assert all(shot.images[0] is not None for shot in given)
         assert given[-1].images[1] is None
@@ -227,7 +207,7 @@ def test_pictures_of_twice_the_size_are_halved():
 def until_the_end(source):
     """All sets of a source that ends."""
     given = []
-    with pytest.raises(CameraEnded), contextlib.closing(source):
+    with pytest.raises(CameraEnded), closing(source):
         sets(source, lambda found: given.append(found[-1]))
     return given
 
@@ -238,7 +218,7 @@ def test_a_film_that_ends_ends_the_source():
 
 
 def test_sets_come_at_their_rate_and_a_timeout_before_them():
-    with contextlib.closing(cameras_of(Scripted(), rate=2.0)) as source:
+    with closing(cameras_of(Scripted(), rate=2.0)) as source:
         assert source.next(0.3) is not None
         start = time.monotonic()
         assert source.next(0.05) is None
@@ -273,21 +253,11 @@ def test_films_are_read_by_opencv_picture_by_picture(tmp_path):
 
 
 def test_a_camera_by_its_number_is_asked_for_pictures_of_the_calibrations_size(monkeypatch):
-    asked = {}
-
-    class Capture:
-        def __init__(self, number):
-            self.number = number
-
-        def isOpened(self):
-            return True
-
-        def set(self, name, value):
-            asked[self.number, name] = value
-
-    monkeypatch.setattr(drivers.cv2, "VideoCapture", Capture)
-    drivers.OpenCvCamera("2", (1280, 720))
-    assert asked[2, cv2.CAP_PROP_FRAME_WIDTH] == 1280
-    assert asked[2, cv2.CAP_PROP_FRAME_HEIGHT] == 720
-    drivers.OpenCvCamera("rtsp://somewhere", (1280, 720))
-    assert ("rtsp://somewhere", cv2.CAP_PROP_FRAME_WIDTH) not in asked
+    opened = {2: Mock(), "rtsp://somewhere": Mock()}
+    monkeypatch.setattr(drivers.cv2, "VideoCapture", opened.get)
+    for what in ("2", "rtsp://somewhere"):
+        drivers.OpenCvCamera(what, (1280, 720))
+    numbered, other = (dict(call.args for call in one.set.call_args_list) for one in opened.values())
+    size = {cv2.CAP_PROP_FRAME_WIDTH: 1280, cv2.CAP_PROP_FRAME_HEIGHT: 720}
+    assert size.items() <= numbered.items()
+    assert not size.keys() & other.keys()
