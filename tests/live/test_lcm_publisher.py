@@ -4,7 +4,7 @@ import re
 import socket
 import subprocess
 import sys
-from types import SimpleNamespace
+from unittest.mock import Mock
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -16,8 +16,7 @@ from tests.helpers import ROOT
 from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
-from tracker.live import publishers as lcm_publisher
-from tracker.live.publishers import DEFAULT, LcmPublisher, body_of, lcm_message_of
+from tracker.live.publishers import DEFAULT, LcmPublisher, _url, body_of, lcm_message_of
 
 if importlib.util.find_spec("lcm") is None:
     lack("lcm", "no module lcm")
@@ -48,6 +47,12 @@ def decoded(tmp_path_factory):
     sys.modules.pop("dairlib")
 
 
+@pytest.fixture
+def file(tmp_path):
+    """The address of a log."""
+    return f"file://{tmp_path / 'poses.lcm'}"
+
+
 def content_of(one, body="cube"):
     return lcm_message_of(one, "cube_v2", body)
 
@@ -63,29 +68,27 @@ def test_a_message_has_the_pose_with_w_first_and_the_rotation_before_the_centre(
     w, *xyz = found.position[:4]
     assert np.allclose(Rotation.from_quat([*xyz, w]).as_matrix(), pose.rotation, atol=1e-12)
     assert found.velocity == (3, 4, 5, 0, 1, 2)
+    assert content_of(moment(0)) is None  # where the object is lost
 
 
-def test_where_the_object_is_lost_there_is_no_message():
-    assert content_of(moment(0)) is None
-
-
-def test_bodies_are_called_after_their_shape_or_as_given(decoded):
+def test_bodies_and_their_channels_are_called_after_their_shape_or_as_given(decoded, file):
     assert [body_of(CUBE), body_of(CUBOID), body_of(CUBOID, "box_2")] == ["cube", "cuboid", "box_2"]
     assert decoded(content_of(moment(0, pose=estimate()), "box_2")).velocity_names[0] == "box_2_wx"
+    assert LcmPublisher(file, CUBE, body="box_2").channel == "BOX_2_STATE"
     for name in ("", "2box", "a b", "käse", "a" * 41):
         with pytest.raises(LiveError, match="body: found"):
             body_of(CUBE, name)
 
 
-def test_what_is_missing_is_named_with_its_extra(tmp_path, monkeypatch):
+def test_what_is_missing_is_named_with_its_extra(file, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "lcm", None)
     with pytest.raises(LiveError, match=r"pip install .*\[lcm\]"):
-        LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
+        LcmPublisher(file, CUBE)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_log_has_a_message_of_each_pose_and_none_of_a_lost_object(decoded, tmp_path):
-    publisher = LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
+def test_a_log_has_a_message_of_each_pose_and_none_of_a_lost_object(decoded, file, tmp_path):
+    publisher = LcmPublisher(file, CUBE)
     poses = [estimate(0.01 * n) for n in range(5)]
     for number, pose in enumerate(poses):
         publisher(moment(number, pose=pose))
@@ -107,11 +110,13 @@ def group():
         return f"udpm://239.255.76.68:{one.getsockname()[1]}?ttl=0"
 
 
-def test_a_subscriber_gets_what_is_published(group, decoded):
+def test_a_subscriber_gets_what_is_published_and_nothing_else_listens(group, decoded):
     try:
-        receiver = lcm.LCM(group)
         publisher = LcmPublisher(group, CUBOID)
-        received = []
+        publisher(moment(0, pose=estimate()))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+            one.bind(("", urlsplit(group).port))  # nobody else has it
+        receiver, received = lcm.LCM(group), []
         receiver.subscribe("CUBOID_STATE", lambda *arguments: received.append(arguments))
     except (RuntimeError, LiveError) as error:
         lack("multicast", str(error))
@@ -123,32 +128,17 @@ def test_a_subscriber_gets_what_is_published(group, decoded):
     publisher.close()
 
 
-def test_nothing_listens_where_poses_are_published(group):
-    try:
-        publisher = LcmPublisher(group, CUBE)
-        publisher(moment(0, pose=estimate()))
-    except LiveError as error:
-        lack("multicast", str(error))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("", urlsplit(group).port))  # nobody else has it
-    publisher.close()
-
-
-def test_a_log_that_cannot_be_written_is_reported_without_words_on_networks(monkeypatch, tmp_path):
-    def refuse(_):
-        raise RuntimeError
-
-    monkeypatch.setattr("lcm.LCM", refuse)
+def test_a_log_that_cannot_be_written_is_reported_without_words_on_networks(monkeypatch, file):
+    monkeypatch.setattr("lcm.LCM", Mock(side_effect=RuntimeError))
     with pytest.raises(LiveError, match=r"cannot be set up for file://[^;]*$"):
-        LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
+        LcmPublisher(file, CUBE)
     with pytest.raises(LiveError, match="ip route add"):
         LcmPublisher(DEFAULT, CUBE)
 
 
 def test_a_log_that_is_written_whole_is_no_fault_and_one_that_lacks_something_is(tmp_path):
-    whole = LcmPublisher(f"file://{tmp_path / 'whole.lcm'}", CUBE)
-    full = LcmPublisher(f"file://{tmp_path / 'full.lcm'}", CUBE)
-    full._lcm = SimpleNamespace(publish=lambda *_: None)  # LCM tells nothing of a disk that is full
+    whole, full, few = (LcmPublisher(f"file://{tmp_path / name}", CUBE) for name in ("whole", "full", "few"))
+    full._lcm = few._lcm = Mock()  # LCM tells nothing of a disk that is full
     for number in range(100):
         whole(moment(number, pose=estimate()))
         full(moment(number, pose=estimate()))
@@ -156,38 +146,28 @@ def test_a_log_that_is_written_whole_is_no_fault_and_one_that_lacks_something_is
     assert re.search(r"the log lacks \d+ bytes, is the disk full", full.fault)
     whole.close()
     assert whole.fault is None
-    few = LcmPublisher(f"file://{tmp_path / 'few.lcm'}", CUBE)
-    few._lcm = full._lcm
     few(moment(0, pose=estimate()))
     few.close()
     assert "the log lacks" in few.fault
 
 
-def test_the_channel_is_called_after_the_body(tmp_path):
-    assert LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE, body="box_2").channel == "BOX_2_STATE"
-
-
-def test_a_network_that_is_gone_ends_nothing(tmp_path):
-    def publish(*_):
-        raise OSError("Network is unreachable")
-
-    publisher = LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
-    publisher._lcm = SimpleNamespace(publish=publish)
+def test_a_network_that_is_gone_ends_nothing(file):
+    publisher = LcmPublisher(file, CUBE)
+    publisher._lcm = Mock(**{"publish.side_effect": OSError("Network is unreachable")})
     for number in range(3):
         publisher(moment(number, pose=estimate()))
     assert publisher.fault.endswith("3 messages were not sent; last: Network is unreachable")
 
 
 def test_lcm_gets_the_address_that_was_checked(monkeypatch):
-    url = lcm_publisher._url
     monkeypatch.delenv("LCM_DEFAULT_URL", raising=False)
-    assert url("lcm://", False) == "udpm://239.255.76.67:7667?ttl=0"
-    assert url("udpm://239.1.2.3?recv_buf_size=99", False) == "udpm://239.1.2.3:7667?ttl=0"
-    assert url("udpm://239.1.2.3:7000?ttl=2", True) == "udpm://239.1.2.3:7000?ttl=2"
+    assert _url("lcm://", False) == "udpm://239.255.76.67:7667?ttl=0"
+    assert _url("udpm://239.1.2.3?recv_buf_size=99", False) == "udpm://239.1.2.3:7667?ttl=0"
+    assert _url("udpm://239.1.2.3:7000?ttl=2", True) == "udpm://239.1.2.3:7000?ttl=2"
     monkeypatch.setenv("LCM_DEFAULT_URL", "udpm://239.255.76.67:7667?ttl=1")
-    assert url("lcm://", True).endswith("ttl=1")
+    assert _url("lcm://", True).endswith("ttl=1")
     with pytest.raises(LiveError, match="other machines could receive it"):
-        url("lcm://", False)
+        _url("lcm://", False)
     monkeypatch.setenv("LCM_DEFAULT_URL", "lcm://")
     with pytest.raises(LiveError, match="LCM_DEFAULT_URL: found lcm://"):
-        url("lcm://", False)
+        _url("lcm://", False)
