@@ -2,33 +2,27 @@ import re
 import threading
 import time
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 import tracker
+from tests.helpers import make_rig
 from tests.helpers.filmed import RIG, shots
+from tests.helpers.log_writers import make_content, write_native
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Live, Pushed, SourceEnded
 from tracker.live.moment import camera_faults
 from tracker.pose.result import CameraUse, Status
 
 SHAPE = (4, 6, 3)
-CAMERAS = [SimpleNamespace(name=f"camera{n}", height=4, width=6) for n in range(3)]
-
-
-class Cameras(list):
-    """As much of a rig as is asked for."""
-
-    @property
-    def names(self):
-        return tuple(camera.name for camera in self)
 
 
 class MeanTracker:
     """Answers with the mean of each image; remembers the last stamp, as the forecast."""
 
-    rig = Cameras(CAMERAS)
+    rig = make_rig(6, 4)
 
     def __init__(self):
         self.last, self.resets, self.seen = None, 0, []
@@ -71,7 +65,7 @@ class Given:
 
 
 def images(value):
-    return tuple(np.full(SHAPE, value, np.uint8) for _ in CAMERAS)
+    return tuple(np.full((3, *SHAPE), value, np.uint8))
 
 
 def shot(value, stamp, **options):
@@ -85,12 +79,12 @@ def drain(live):
     live.close()
 
 
-def received(*given, **options):
-    moments, mean, source = [], MeanTracker(), Given(*given, **options)
-    with Live(source, mean, listeners=[moments.append]) as live:
+def received(*given, finder=None, **options):
+    moments, finder, source = [], finder or MeanTracker(), Given(*given, **options)
+    with Live(source, finder, listeners=[moments.append]) as live:
         drain(live)
     assert source.closed == 1
-    return live, mean, moments
+    return live, finder, moments
 
 
 def test_every_set_is_answered_in_order_and_the_latest_stays():
@@ -165,7 +159,7 @@ def test_each_moment_tells_in_how_many_sets_a_camera_failed_until_then():
     whole, gone = images(0), (images(0)[0], None, images(0)[0])
     _, _, moments = received(*(ImageSet(gone if n % 2 else whole, (float(n),) * 3) for n in range(5)))
     counts = [dict(one.fault_counts) for one in moments]
-    assert counts == [{"camera0": 0, "camera1": n, "camera2": 0} for n in (0, 1, 1, 2, 2)]
+    assert counts == [{"camera60": 0, "camera180": n, "camera300": 0} for n in (0, 1, 1, 2, 2)]
 
 
 def test_a_picture_that_cannot_be_used_is_reported_with_its_camera():
@@ -189,10 +183,10 @@ def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
     live, mean, moments = received(*(ImageSet(given, one) for one in stamps))
     assert mean.seen[1] == (1, None, *mean.seen[0][2:])
     assert [one.timestamp for one in moments] == [1.0, 1.1, 1.2]
-    assert "camera1: its stamp is" in live.faults[0]
+    assert "camera180: its stamp is" in live.faults[0]
     assert moments[1].taken.faults[1] is not None
-    absent = {} if cameras == 3 else {"camera2": "no_image"}
-    assert moments[1].faults == {"camera1": f"its stamp is {off:+.3f} s from the others'", **absent}
+    absent = {} if cameras == 3 else {"camera300": "no_image"}
+    assert moments[1].faults == {"camera180": f"its stamp is {off:+.3f} s from the others'", **absent}
 
 
 def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_other():
@@ -201,15 +195,15 @@ def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_oth
     live, mean, (one,) = received(ImageSet(given, (1.0,) * 3, raw=raw))
     assert mean.seen == [(0.0, None, None)]
     assert [found is None for found in one.taken.raw] == [False, True, True]
-    assert "camera1: found 2x2 px, expected 6x4 as it is calibrated" in live.faults
-    assert any(fault.startswith("camera2: found float64") for fault in live.faults)
+    assert "camera180: found 2x2 px, expected 6x4 as it is calibrated" in live.faults
+    assert any(fault.startswith("camera300: found float64") for fault in live.faults)
 
 
 @pytest.mark.parametrize(
     ("second", "error", "words"),
     [
         (None, LiveError("camera60: gone for good"), "camera60: gone for good"),
-        (ImageSet(images(0)[:2], (2.0,) * 2), None, "2 images, expected one for each of camera0, .*camera2"),
+        (ImageSet(images(0)[:2], (2.0,) * 2), None, "2 images, expected one for each of camera60, .*camera3"),
     ],
 )
 def test_a_source_that_breaks_says_so_to_those_who_wait(second, error, words):
@@ -238,24 +232,16 @@ def test_a_source_that_asks_to_end_reaches_the_caller_as_it_is(asked):
 
 
 def test_a_listener_that_raises_is_not_called_again_and_harms_nobody():
-    calls, others = [], []
-
-    def broken(moment):
-        calls.append(moment)
-        raise RuntimeError("disk full")
-
-    with Live(Given(shot(1, 1.0), shot(2, 2.0)), MeanTracker(), listeners=[broken, others.append]) as live:
+    broken, other = Mock(side_effect=RuntimeError("disk full")), Mock()
+    with Live(Given(shot(1, 1.0), shot(2, 2.0)), MeanTracker(), listeners=[broken, other]) as live:
         drain(live)
-    assert len(calls) == 1
-    assert len(others) == 2
+    assert (broken.call_count, other.call_count) == (1, 2)
     assert "disk full" in live.faults[0]
 
 
 def test_a_source_can_be_named(tmp_path):
-    from tests.helpers.log_writers import make_content, write_native
-
     path, mean = write_native(tmp_path / "camera_data.dat", make_content(3, size=24)), MeanTracker()
-    mean.rig = Cameras(SimpleNamespace(name=one.name, height=24, width=24) for one in CAMERAS)
+    mean.rig = make_rig(24, 24)
     with Live(path, mean) as live:
         drain(live)
     assert live.error is None
@@ -275,15 +261,9 @@ def test_closing_ends_a_thread_that_waits_for_images():
 
 
 def test_a_source_that_does_not_return_is_left_and_reported(monkeypatch):
-    monkeypatch.setattr("tracker.live.live.CLOSING", 0.2, raising=False)
-    go_on, moments = threading.Event(), []
-
-    class Blocking(Given):
-        def next(self, timeout):
-            go_on.wait(30)
-            return shot(1, 1.0)
-
-    source = Blocking()
+    monkeypatch.setattr("tracker.live.live.CLOSING", 0.2)
+    go_on, source, moments = threading.Event(), Given(), []
+    source.next = lambda _: go_on.wait(30) and shot(1, 1.0)
     live = Live(source, MeanTracker(), listeners=[moments.append])
     start = time.monotonic()
     live.close()
@@ -306,11 +286,8 @@ def test_live_poses_are_those_of_the_tracker():
     ]
     alone = tracker.ObjectTracker(model, RIG)
     expected = [alone.update(images, 0.1 * n) for n, images in enumerate(sets)]
-    moments = []
-    source = Given(*(ImageSet(tuple(images), (0.1 * n,) * 3) for n, images in enumerate(sets)))
-    with Live(source, tracker.ObjectTracker(model, RIG), listeners=[moments.append]) as live:
-        drain(live)
-    assert len(moments) == 4
+    given = (ImageSet(tuple(images), (0.1 * n,) * 3) for n, images in enumerate(sets))
+    live, _, moments = received(*given, finder=tracker.ObjectTracker(model, RIG))
     for moment, other in zip(moments, expected, strict=True):
         assert moment.status == other.status
         for name in ("object_pose", "filtered_object_pose"):
@@ -338,9 +315,9 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
 
 def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):
     monkeypatch.setattr("tracker.live.live.STAMPS_APART", float("inf"))
-    image = np.zeros(SHAPE, np.uint8)
+    image, *_ = images(0)
     small = (ImageSet((image, image[:2], image), (float(n),) * 3) for n in range(120))
     live, _, _ = received(shot(0, 0.0), shot(0, -1.0), *small)
-    assert len(live.faults) == 2
-    assert "went back" in live.faults[0]
-    assert live.faults[1].startswith("camera1: found 6x2 px")
+    back, found = live.faults
+    assert "went back" in back
+    assert found.startswith("camera180: found 6x2 px")
