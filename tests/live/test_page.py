@@ -1,5 +1,6 @@
 import contextlib
 import http.client
+import itertools
 import json
 import shutil
 import socket
@@ -32,21 +33,23 @@ def page():
     one.close()
 
 
-def connection(page):
-    return http.client.HTTPConnection("127.0.0.1", page.port, timeout=60)
+@contextlib.contextmanager
+def asking(page, path, **headers):
+    """A connection on which a request was made."""
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=60)) as asked:
+        asked.request("GET", path, headers=headers)
+        yield asked
 
 
 def got(page: WebPage, path: str, **headers: str) -> tuple[int, bytes]:
-    with contextlib.closing(connection(page)) as asked:
-        asked.request("GET", path, headers=headers)
+    with asking(page, path, **headers) as asked:
         answer = asked.getresponse()
         return answer.status, answer.read()
 
 
 def next_message(page: WebPage, one) -> dict:
     """The message of a moment, by a browser that has been waiting before."""
-    with contextlib.closing(connection(page)) as asked:
-        asked.request("GET", f"/message?{one.sequence - 1}")
+    with asking(page, f"/message?{one.sequence - 1}") as asked:
         while not page.is_open:
             time.sleep(0.001)
         page(one)
@@ -83,14 +86,13 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
 def test_a_fault_that_has_passed_is_reported_for_some_seconds(monkeypatch):
     now = 100.0
     monkeypatch.setattr("tracker.live.web_page.time.monotonic", lambda: now)
-    state, last, failed = WebPageState(FOLLOWER), [], "the buffer failed"
-    for number, seconds in enumerate((0.0, 4.0, 7.0)):
+    state, failed = WebPageState(FOLLOWER), "the buffer failed"
+    for seconds, *expected in ((0.0, failed, failed, 0.0), (4.0, None, failed, 4.0), (7.0, None, None, None)):
         now += seconds
-        one = replace(moment(number, IMAGES), faults={} if number else {"camera60": failed})
+        one = replace(moment(0, IMAGES), faults={} if seconds else {"camera60": failed})
         state.see(one)
         first = state.message(one, ())["cameras"][0]
-        last.append((first["fault"], first["last_fault"], first["last_fault_age"]))
-    assert last == [(failed, failed, 0.0), (None, failed, 4.0), (None, None, None)]
+        assert [first[name] for name in ("fault", "last_fault", "last_fault_age")] == expected
 
 
 def test_the_picture_has_every_camera(page):
@@ -115,21 +117,19 @@ def test_only_this_machine_can_connect(page):
                 socket.create_connection((address, port), timeout=60)
 
 
-def test_a_site_elsewhere_that_has_the_browser_ask_is_refused(page):
-    for path in ("/", "/message?", "/picture"):
-        assert got(page, path, Host="elsewhere.example")[0] == 403
-        assert got(page, path, Origin="http://elsewhere.example")[0] == 403
-        assert got(page, path, Origin="null")[0] == 403
-        assert got(page, path, Origin=f"http://127.0.0.1:{page.port + 1}")[0] == 403
-        for site in ("cross-site", "same-site"):
-            assert got(page, path, **{"Sec-Fetch-Site": site, "Sec-Fetch-Dest": "image"})[0] == 403
+def test_the_page_itself_and_a_link_to_it_may_ask_but_no_site_elsewhere(page):
+    def fetch(site, what):
+        return {"Sec-Fetch-Site": site, "Sec-Fetch-Dest": what}
 
-
-def test_the_page_itself_and_a_link_to_it_may_ask(page):
+    elsewhere = "http://elsewhere.example", "null", f"http://127.0.0.1:{page.port + 1}"
+    refused = [{"Origin": origin} for origin in elsewhere] + [{"Host": "elsewhere.example"}]
+    refused += [fetch(site, "image") for site in ("cross-site", "same-site")]
+    for path, headers in itertools.product(("/", "/message?", "/picture"), refused):
+        assert got(page, path, **headers)[0] == 403
     assert got(page, "/") == (200, files("tracker.live").joinpath("web_page.html").read_bytes())
-    assert got(page, "/", Origin=f"http://localhost:{page.port}")[0] == 200
-    assert got(page, "/", **{"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"})[0] == 200
-    assert got(page, "/", **{"Sec-Fetch-Site": "same-origin", "Sec-Fetch-Dest": "image"})[0] == 200
+    own = {"Origin": f"http://localhost:{page.port}"}
+    for headers in (own, fetch("cross-site", "document"), fetch("same-origin", "image")):
+        assert got(page, "/", **headers)[0] == 200
 
 
 def test_a_connection_that_is_reset_is_no_word_on_stderr(page, capsys):
@@ -148,9 +148,8 @@ def test_a_connection_that_is_reset_is_no_word_on_stderr(page, capsys):
 
 def test_connections_beyond_a_few_are_closed_and_free_again_once_others_are(page):
     with contextlib.ExitStack() as opened:
-        many = [socket.create_connection(("127.0.0.1", page.port), timeout=60) for _ in range(24)]
-        for one in many:
-            opened.enter_context(one)
+        address = "127.0.0.1", page.port
+        many = [opened.enter_context(socket.create_connection(address, timeout=60)) for _ in range(24)]
         for one in many[20:]:
             one.settimeout(5)
             assert one.recv(1) == b""
@@ -163,24 +162,18 @@ def test_connections_beyond_a_few_are_closed_and_free_again_once_others_are(page
 
 
 def test_a_browser_that_reads_nothing_holds_up_nobody(page):
-    with contextlib.closing(connection(page)) as hanging:
-        hanging.request("GET", "/message?")
+    with asking(page, "/message?"):
         for number in range(300):
             page(moment(number, IMAGES))  # returns at once
         while next_message(page, moment(300, IMAGES))["sequence"] < 300:
             pass
 
 
-def test_the_page_ends_with_who_watches_it():
+def test_a_port_in_use_is_named_and_the_page_ends_with_who_watches_it():
     one = WebPage(0, FOLLOWER)
-    with contextlib.closing(connection(one)) as watching:
-        watching.request("GET", "/message?")
-        with watching.getresponse():
-            one.close()
+    with pytest.raises(LiveError, match=f"page {one.port}: the port cannot be used"):
+        WebPage(one.port, FOLLOWER)
+    with asking(one, "/message?") as watching, watching.getresponse():
+        one.close()
     with pytest.raises(OSError, match="refused"):
         got(one, "/")
-
-
-def test_a_port_in_use_is_named(page):
-    with pytest.raises(LiveError, match=f"page {page.port}: the port cannot be used"):
-        WebPage(page.port, FOLLOWER)

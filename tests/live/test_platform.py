@@ -1,6 +1,5 @@
 import time
 
-import cv2
 import numpy as np
 import pytest
 
@@ -20,6 +19,11 @@ from tracker.pose.result import Observation, Status
 @pytest.fixture(scope="module")
 def film():
     return shots("cube_v2", 1, seed=621)[0].images
+
+
+@pytest.fixture
+def source():
+    return Pushed()
 
 
 class Cube:
@@ -60,9 +64,8 @@ def loop(robot, steps):
     return seen
 
 
-def test_a_control_loop_finds_the_cube_by_the_platforms_names(film):
-    source = Pushed()
-    with Frontend(source, tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)) as robot:
+def test_a_control_loop_finds_the_cube_by_the_platforms_names(film, source):
+    with Frontend(source, tracker.ObjectTracker("cube_v2", RIG)) as robot:
         assert not robot.has_observations()
         push(source, film, 10.0)
         seen = loop(robot, 5)
@@ -71,7 +74,7 @@ def test_a_control_loop_finds_the_cube_by_the_platforms_names(film):
         assert robot.get_timestamp_ms(0) == pytest.approx(10002.0)
         assert [camera.timestamp for camera in robot.get_observation(0).cameras] == [10.0, 10.001, 10.002]
         assert robot.get_sensor_info() is RIG
-    expected = tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG).update(film, [10.0, 10.001, 10.002])
+    expected = tracker.ObjectTracker("cube_v2", RIG).update(film, [10.0, 10.001, 10.002])
     assert len(seen) == 5
     for position, orientation, confidence in seen:
         assert np.array_equal(position, expected.filtered_object_pose.position)
@@ -87,8 +90,7 @@ def test_the_same_loop_runs_against_a_recording(film):
     assert len(seen) == 5
 
 
-def test_time_indices_count_sets_and_old_ones_are_forgotten(film):
-    source = Pushed()
+def test_time_indices_count_sets_and_old_ones_are_forgotten(film, source):
     with Frontend(source, Cube(), history=3) as robot:
         for n in range(6):
             push(source, film, 10.0 + n)
@@ -101,21 +103,18 @@ def test_time_indices_count_sets_and_old_ones_are_forgotten(film):
             robot.get_observation(2)
 
 
-def test_an_observation_to_come_is_waited_for_and_none_that_will_not(film):
-    source = Pushed()
-    robot = Frontend(source, Cube())
-    push(source, film, 10.0)
-    source.finish()
-    assert robot.get_observation(0).object_pose.confidence == 0.97
-    start = time.monotonic()
-    with pytest.raises(LiveError, match="observation 1: will not come: the source has ended"):
-        robot.get_observation(1)
-    assert time.monotonic() - start < 10
-    robot.shutdown()
+def test_an_observation_to_come_is_waited_for_and_none_that_will_not(film, source):
+    with Frontend(source, Cube()) as robot:
+        push(source, film, 10.0)
+        source.finish()
+        assert robot.get_observation(0).object_pose.confidence == 0.97
+        start = time.monotonic()
+        with pytest.raises(LiveError, match="observation 1: will not come: the source has ended"):
+            robot.get_observation(1)
+        assert time.monotonic() - start < 10
 
 
-def test_where_no_object_is_found_nobody_can_compute_with_its_pose():
-    source = Pushed()
+def test_where_no_object_is_found_nobody_can_compute_with_its_pose(source):
     with Frontend(source, Cube()) as robot:
         source.push([None] * 3, 5.0)
         observation = robot.get_latest_observation()
@@ -131,17 +130,13 @@ def test_an_interrupt_in_the_source_reaches_who_waits():
         robot.get_latest_observation()
 
 
-def test_raw_pixels_are_handed_on_on_request():
-    raw = tuple(np.random.default_rng(c).integers(0, 256, (540, 540), np.uint8) for c in range(3))
-    images = tuple(cv2.resize(from_bayer(one), (270, 270)) for one in raw)
-    with Frontend(Given(ImageSet(images, (1.0,) * 3, raw=raw)), Cube(), raw=True) as robot:
+def test_raw_pixels_are_handed_on_on_request_and_colours_are_refused_there(film):
+    raw = tuple(np.random.default_rng(6).integers(0, 256, (3, 540, 540), np.uint8))
+    with Frontend(Given(ImageSet(tuple(film), (1.0,) * 3, raw=raw)), Cube(), raw=True) as robot:
         observation = robot.get_camera_observation(123)
     assert np.array_equal(observation.cameras[1].image, raw[1])
     assert np.array_equal(convert_image(observation.cameras[1].image), from_bayer(raw[1]))
-    assert np.array_equal(convert_image(images[0]), images[0])
-
-
-def test_colours_are_refused_where_raw_pixels_are_requested(film):
+    assert np.array_equal(convert_image(film[0]), film[0])
     with (
         Frontend(Given(ImageSet(tuple(film), (1.0,) * 3)), Cube(), raw=True) as robot,
         pytest.raises(LiveError, match="found images in colour, expected raw Bayer pixels"),
