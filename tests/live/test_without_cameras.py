@@ -159,6 +159,7 @@ def test_a_film_goes_to_and_fro(length, shown, film, clock, monkeypatch):
 def test_the_simulated_platform_gives_pictures_of_its_rig():
     skip_without_platform()
     source = Simulation("cube_v2", frames=2)
+    source.draw()  # takes long on a busy machine
     given = [source.next(5.0) for _ in range(2)]
     source.close()
     for shot in given:
