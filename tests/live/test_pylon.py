@@ -1,5 +1,6 @@
 import os
 import time
+from contextlib import closing
 from importlib.util import find_spec
 
 import cv2
@@ -33,35 +34,24 @@ def pictures(tmp_path_factory):
 
 
 def settings(folder):
-    return {
-        "ImageFilename": str(folder),
-        "ImageFileMode": "On",
-        "TestImageSelector": "Off",
-        "PixelFormat": "BayerRG8",
-        "Width": 540,
-        "Height": 540,
-        "ExposureTime": 1500.0,
-    }
+    film = {"ImageFilename": str(folder), "ImageFileMode": "On", "TestImageSelector": "Off"}
+    return {**film, "PixelFormat": "BayerRG8", "Width": 540, "Height": 540, "ExposureTime": 1500.0}
 
 
 @pytest.fixture
 def camera(pictures):
-    one = PylonCamera(SERIALS[0], settings(pictures[0]))
-    yield one
-    one.close()
+    with closing(PylonCamera(SERIALS[0], settings(pictures[0]))) as one:
+        yield one
 
 
-def test_pictures_are_the_cameras_to_the_bit_and_stamped_when_they_were_taken(camera, pictures):
+def test_pictures_are_the_cameras_to_the_bit_and_stamped_and_its_settings_are_reported(camera, pictures):
     before = time.time()
     given = [camera.grab(2.0) for _ in range(2)]
     assert np.array_equal([one.image for one in given], pictures[1])
     assert before < given[0].stamp < given[1].stamp <= time.time() + 1e-3
-
-
-def test_what_a_camera_is_set_to_is_reported(camera):
-    settings = camera.settings()
-    assert (settings["ExposureTime"], settings["PixelFormat"]) == (1500.0, "BayerRG8")
-    assert "Gain" in settings
+    found = camera.settings()
+    assert (found["ExposureTime"], found["PixelFormat"]) == (1500.0, "BayerRG8")
+    assert "Gain" in found
 
 
 def test_a_failed_buffer_is_one_picture_that_is_missing(camera):
@@ -123,5 +113,5 @@ def test_the_platforms_loop_runs_against_cameras(source):
 def test_settings_of_one_camera_come_after_those_of_all(tmp_path):
     path = tmp_path / "cameras.toml"
     path.write_text('Gain = 0.0\nExposureTime = 1500.0\n["b"]\nExposureTime = 900.0\n')
-    found = settings_of(path, ["a", "b"])
-    assert found == {"a": {"Gain": 0.0, "ExposureTime": 1500.0}, "b": {"Gain": 0.0, "ExposureTime": 900.0}}
+    a, b = ({"Gain": 0.0, "ExposureTime": time} for time in (1500.0, 900.0))
+    assert settings_of(path, ["a", "b"]) == {"a": a, "b": b}

@@ -1,3 +1,4 @@
+import contextlib
 import time
 from types import SimpleNamespace
 
@@ -65,25 +66,24 @@ def clock(monkeypatch):
 def all_of(replay, clock, pause=0.0):
     """Shots, and when they came [s]."""
     result = []
-    while True:
-        try:
+    with contextlib.suppress(SourceEnded):
+        while True:
             shot = replay.next(0.5)
-        except SourceEnded:
-            return result
-        if shot is not None:
-            result.append((shot, clock.time()))
-        clock.sleep(pause)
+            if shot is not None:
+                result.append((shot, clock.time()))
+            clock.sleep(pause)
+    return result
 
 
 @pytest.mark.parametrize("speed", [1.0, 50.0])
 def test_frames_come_at_the_pace_of_their_stamps_or_quicker(speed, clock):
-    frames = [frame(n, 1000.0 + stamp) for n, stamp in enumerate([0.0, 0.05, 2.0, 2.05])]
-    given = all_of(Replay(Frames(frames), speed=speed), clock)
-    expected = [5000.0 + stamp / speed for stamp in (0.0, 0.05, 2.0, 2.05)]
-    assert [shot.timestamp for shot, _ in given] == pytest.approx(expected)
-    assert [came for _, came in given] == pytest.approx([shot.timestamp for shot, _ in given])
-    assert [shot.age for shot, _ in given] == pytest.approx([0.0] * 4, abs=1e-6)
-    assert [shot.fresh for shot, _ in given] == [True, False, False, False]
+    stamps = (0.0, 0.05, 2.0, 2.05)
+    replay = Replay(Frames([frame(n, 1000.0 + stamp) for n, stamp in enumerate(stamps)]), speed=speed)
+    shots, came = zip(*all_of(replay, clock), strict=True)
+    assert [shot.timestamp for shot in shots] == pytest.approx([5000.0 + stamp / speed for stamp in stamps])
+    assert came == pytest.approx([shot.timestamp for shot in shots])
+    assert [shot.age for shot in shots] == pytest.approx([0.0] * 4, abs=1e-6)
+    assert [shot.fresh for shot in shots] == [True, False, False, False]
 
 
 def test_frames_that_nobody_fetched_in_time_are_left_out(clock):
@@ -131,17 +131,16 @@ def test_damage_is_raised_after_the_frames_before_it(clock):
 def film(monkeypatch):
     """Has the simulation draw so many pictures; gives the numbers of those that are drawn, None: closed."""
 
-    def draw(length, drawn, seconds=0.0):
-        for number in range(length):
-            time.sleep(seconds)
-            drawn.append(number)
-            yield SimpleNamespace(images=(np.full((2, 2, 3), number, np.uint8),))
-
     def film_of(length, seconds=0.0):
         drawn = []
-        maker = SimpleNamespace(
-            rig=RIG, chunk=lambda _: draw(length, drawn, seconds), close=lambda: drawn.append(None)
-        )
+
+        def draw(_):
+            for number in range(length):
+                time.sleep(seconds)
+                drawn.append(number)
+                yield SimpleNamespace(images=(np.full((2, 2, 3), number, np.uint8),))
+
+        maker = SimpleNamespace(rig=RIG, chunk=draw, close=lambda: drawn.append(None))
         monkeypatch.setattr("tracker.live.sources._maker", lambda *_: maker)
         return drawn
 
@@ -158,10 +157,9 @@ def test_a_film_goes_to_and_fro(length, shown, film, clock, monkeypatch):
 
 def test_the_simulated_platform_gives_pictures_of_its_rig():
     skip_without_platform()
-    source = Simulation("cube_v2", frames=2)
-    source.draw()  # takes long on a busy machine
-    given = [source.next(5.0) for _ in range(2)]
-    source.close()
+    with contextlib.closing(Simulation("cube_v2", frames=2)) as source:
+        source.draw()  # takes long on a busy machine
+        given = [source.next(5.0) for _ in range(2)]
     for shot in given:
         sizes = [image.shape for image in shot.images]
         assert sizes == [(camera.height, camera.width, 3) for camera in source.rig]
@@ -169,11 +167,11 @@ def test_the_simulated_platform_gives_pictures_of_its_rig():
 
 
 def test_a_tracker_of_other_cameras_is_refused(film):
-    drawn, model = film(1), tracker.load_object("cube_v2")
-    assert open_source("simulation", tracker.ObjectTracker(model, RIG)).rig is RIG
+    drawn = film(1)
+    assert open_source("simulation", tracker.ObjectTracker("cube_v2", RIG)).rig is RIG
     other = tracker.CameraRig((RIG.cameras[1], RIG.cameras[0], *RIG.cameras[2:]), arena=RIG.arena)
     with pytest.raises(LiveError, match="a tracker of other cameras"):
-        open_source("simulation", tracker.ObjectTracker(model, other))
+        open_source("simulation", tracker.ObjectTracker("cube_v2", other))
     assert drawn == [None]  # closed, and never drawn
 
 

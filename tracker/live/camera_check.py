@@ -26,16 +26,12 @@ class CameraLooks:
     """Statistics of one camera's images."""
 
     name: str
-    size: tuple[int, int]
-    """Width and height for which it is calibrated [px]."""
+    size: tuple[int, int]  # width and height for which it is calibrated [px]
     pictures: int = 0
-    missing: Counter[str] = field(default_factory=Counter)
-    """Number of missing images by reason."""
+    missing: Counter[str] = field(default_factory=Counter)  # number of missing images by reason
     frozen: int = 0
-    skews: list[float] = field(default_factory=list)
-    """Age of each image relative to the latest in its set [s]."""
-    looks: list[PictureLook] = field(default_factory=list)
-    """Brightness, clipping and blur of some of the images."""
+    skews: list[float] = field(default_factory=list)  # age of each relative to the latest in its set [s]
+    looks: list[PictureLook] = field(default_factory=list)  # brightness, clipping and blur of some images
     other_sizes: Counter[tuple[int, int]] = field(default_factory=Counter)
     _before: Image | None = None
     _next_look: float = 0.0
@@ -90,11 +86,9 @@ class SetLooks:
     """Statistics of all cameras' images."""
 
     cameras: list[CameraLooks]
-    seconds: float = 0.0
-    """Time from the first set to the last [s]."""
+    seconds: float = 0.0  # from the first set to the last
     sets: int = 0
-    ages: list[float] = field(default_factory=list)
-    """Age of the latest image of each set when it was delivered [s]."""
+    ages: list[float] = field(default_factory=list)  # of the latest image of each set on delivery [s]
 
     @property
     def rate(self) -> float:
