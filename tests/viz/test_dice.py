@@ -20,9 +20,9 @@ def square(rig: CameraRig, left: int, right: int) -> list[np.ndarray]:
     return masks
 
 
-def hue(color) -> np.ndarray:
-    """A colour without its brightness."""
-    return np.asarray(color, float) / np.max(color)
+def assert_hue(found, color):
+    """Check that a colour is another but for its brightness."""
+    np.testing.assert_allclose(found / np.max(found), np.array(color) / max(color), atol=0.02)
 
 
 def test_views_above_a_caption_colour_dice_by_whether_they_are_in_the_goal(rig):
@@ -34,24 +34,20 @@ def test_views_above_a_caption_colour_dice_by_whether_they_are_in_the_goal(rig):
     for index in range(3):
         panel = picture[:540, index * (540 + GAP) :]
         row = 2 * 120
-        np.testing.assert_allclose(hue(panel[row, 2 * 130]), hue(INSIDE), atol=0.02)
-        np.testing.assert_allclose(hue(panel[row, 2 * 150]), hue(OUTSIDE), atol=0.02)
+        assert_hue(panel[row, 2 * 130], INSIDE)
+        assert_hue(panel[row, 2 * 150], OUTSIDE)
         free = panel[row, 2 * 110]
         assert 0 < free.max() < 60
         assert free.min() == free.max()
-        assert not panel[row, 2 * 90].any()
-        assert not panel[row, 2 * 170].any()
+        assert not panel[row, [2 * 90, 2 * 170]].any()
 
 
 def test_the_goals_border_is_drawn_where_its_pixels_end(rig):
     goals, nothing = square(rig, 100, 140), square(rig, 0, 0)
     panel = dice_overlay(black(rig), rig, goals, nothing)[:540, :540].min(axis=2)
     # The outer border of pixel u is at u + ½, of the doubled image at 2u + 1½.
-    rows, columns = np.nonzero(panel[70:] > 128)
-    assert abs(columns.min() - 199.5) <= 1.5
-    assert abs(columns.max() - 279.5) <= 1.5
-    assert abs(rows.min() + 70 - 199.5) <= 1.5
-    assert abs(rows.max() + 70 - 279.5) <= 1.5
+    for places, before in zip(np.nonzero(panel[70:] > 128), (70, 0), strict=True):
+        assert np.abs(np.array([places.min(), places.max()]) + before - [199.5, 279.5]).max() <= 1.5
     assert (panel[240, 197:203].max(), panel[240, 277:283].max()) > (200, 200)
 
 
@@ -65,9 +61,8 @@ def test_all_kinds_of_masks_give_the_same_picture(rig):
 
 def test_without_a_goal_all_dice_have_one_colour_and_there_is_no_error(rig):
     picture = dice_overlay(black(rig), rig, None, square(rig, 120, 160))
-    panel = picture[:540, :540]
-    np.testing.assert_allclose(hue(panel[240, 300]), hue(INSIDE), atol=0.02)
-    assert not panel[240, 220].any()
+    assert_hue(picture[240, 300], INSIDE)
+    assert not picture[240, 220].any()
     other = dice_overlay(black(rig), rig, square(rig, 0, 270), square(rig, 120, 160))
     assert (picture[540:] != other[540 : picture.shape[0]]).any()
 
@@ -76,16 +71,10 @@ def test_the_caption_tells_the_error_the_dice_that_are_placed_and_the_title(rig)
     goal, goals, seen = dice.sample_goal(0), square(rig, 100, 140), square(rig, 120, 140)
     moved = goal.copy()
     moved[:1] += 0.01
+    given = [(seen, goal, "t"), (square(rig, 120, 141), goal, "t"), (seen, moved, "t"), (seen, goal, "u")]
     plain, *others = (
-        dice_overlay(
-            black(rig), rig, goals, masks, positions=at, assignment=dice.assign(goal, at), title=title
-        )
-        for masks, at, title in [
-            (seen, goal, "t"),
-            (square(rig, 120, 141), goal, "t"),
-            (seen, moved, "t"),
-            (seen, goal, "u"),
-        ]
+        dice_overlay(black(rig), rig, goals, masks, positions=at, assignment=dice.assign(goal, at), title=to)
+        for masks, at, to in given
     )
     for other in others:
         assert (plain[540:] != other[540:]).any()

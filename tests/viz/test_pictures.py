@@ -1,7 +1,9 @@
 """What holds for every drawing, and the files of pictures."""
 
 import os
+import re
 from functools import partial
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -100,25 +102,30 @@ def test_a_written_png_is_read_back_to_the_bit(tmp_path, rng):
     assert (tmp_path / "a.jpg").stat().st_mode & 0o777 == 0o666 & ~umask
 
 
-def image_to(path):
-    write_image(path, BLACK[0])
+RATE = np.float32(10)
 
 
-def fractions_to(path):
-    write_image(path, BLACK[0] / 255)
+def image_to(path, image=BLACK[0]):
+    write_image(path, image)
 
 
-def film_to(path):
-    return write_film(path, film(), np.float32(10))
+def film(count=12, shape=(60, 81)):
+    for k in range(count):
+        picture = np.full((*shape, 3), 40, np.uint8)
+        picture[:, : 5 * k] = (30, 60, 200)
+        yield picture
 
 
-def empty_film_to(path):
-    pytest.importorskip("av", reason="video: no module av")
-    return write_film(path, film(0), 10)
+def film_to(path, pictures=None, rate=RATE):
+    return write_film(path, film() if pictures is None else pictures, rate)
 
 
 def plot_to(path):
     write_trajectory_plot(path, random_poses(np.random.default_rng(1), 3))
+
+
+FLOATS = r"found float64 of shape .*, expected uint8 of shape \(H, W\)"
+UNEQUAL = r"picture 2: found uint8 of shape \(80, 81, 3\), expected pictures of one size"
 
 
 @pytest.mark.parametrize(
@@ -129,42 +136,29 @@ def plot_to(path):
         (image_to, "nowhere/a.png", "cannot be written: there is no folder /.*nowhere"),
         (image_to, "taken.png", "cannot be written"),
         (image_to, "a\0.png", "found a null byte"),
-        (fractions_to, "a.png", r"found float64 of shape .*, expected uint8 of shape \(H, W\)"),
-        (lambda path: write_image(path, None), "a.png", "found None, expected uint8"),
-        (lambda path: write_image(path, np.zeros(5, np.uint8)), "a.png", r"found uint8 of shape \(5,\)"),
+        (partial(image_to, image=BLACK[0] / 255), "a.png", FLOATS),
+        (partial(image_to, image=None), "a.png", "found None, expected uint8"),
+        (partial(image_to, image=np.zeros(5, np.uint8)), "a.png", r"found uint8 of shape \(5,\)"),
         (film_to, "film.gif", r"expected \.mp4"),
-        (lambda path: write_film(path, film(), 0), "a.mp4", r"rate: found 0, expected 0\.001 to 1000"),
-        (
-            lambda path: write_film(path, film(), 2e4),
-            "a.mp4",
-            r"rate: found 20000\.0, expected 0\.001 to 1000",
+        *(
+            (partial(film_to, rate=rate), "a.mp4", re.escape(f"rate: found {rate}, expected 0.001 to 1000"))
+            for rate in (0, 2e4, 4e-4)
         ),
-        (
-            lambda path: write_film(path, film(), 4e-4),
-            "a.mp4",
-            r"rate: found 0\.0004, expected 0\.001 to 1000",
-        ),
-        (
-            lambda path: write_film(path, film(1, (1, 9)), 10),
-            "a.mp4",
-            "picture 0: found .*, expected pictures",
-        ),
-        (
-            lambda path: write_film(path, [*film(2), *film(1, (80, 81))], 10),
-            "a.mp4",
-            r"picture 2: found uint8 of shape \(80, 81, 3\), expected pictures of one size",
-        ),
-        (lambda path: write_film(None, film(), 10), "", "film: found None, expected a path"),
-        (lambda path: write_image(None, BLACK[0]), "", "image: found None, expected a path"),
-        (lambda path: plot_to(None), "", "plot: found None, expected a path"),
-        (empty_film_to, "film.mp4", r"film\.mp4: found no pictures for it, expected at least one"),
+        (partial(film_to, pictures=film(1, (1, 9))), "f.mp4", "picture 0: found .*, expected pictures"),
+        (partial(film_to, pictures=[*film(2), *film(1, (80, 81))]), "f.mp4", UNEQUAL),
+        (partial(film_to, pictures=()), "f.mp4", r"f\.mp4: found no pictures for it, expected at least one"),
+        (film_to, None, "film: found None, expected a path"),
+        (image_to, None, "image: found None, expected a path"),
+        (plot_to, None, "plot: found None, expected a path"),
         (plot_to, "plot.pdf", r"found suffix '\.pdf', expected \.png"),
     ],
 )
 def test_a_file_that_cannot_be_written_is_named(write, name, message, tmp_path):
+    if name == "f.mp4":
+        pytest.importorskip("av", reason="video: no module av")
     (tmp_path / "taken.png").mkdir()
     with pytest.raises(ImageError, match=message):
-        write(tmp_path / name)
+        write(None if name is None else tmp_path / name)
     assert os.listdir(tmp_path) == ["taken.png"]
 
 
@@ -175,21 +169,11 @@ def test_a_write_that_breaks_off_leaves_the_old_file(write, tmp_path, monkeypatc
     target = tmp_path / "a.png"
     target.write_bytes(b"old")
 
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", fail)
+    monkeypatch.setattr(os, "replace", Mock(side_effect=OSError(28, "No space left on device")))
     with pytest.raises(ImageError, match=r"a\.png: cannot be written: No space left"):
         write(target)
     assert target.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a.png"]
-
-
-def film(count=12, shape=(60, 81)):
-    for k in range(count):
-        picture = np.full((*shape, 3), 40, np.uint8)
-        picture[:, : 5 * k] = (30, 60, 200)
-        yield picture
 
 
 def test_film_holds_its_pictures_in_order(tmp_path):

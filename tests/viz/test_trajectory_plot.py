@@ -7,16 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import random_rotations
-from tests.helpers.pose_logs import (
-    START,
-    answer,
-    make_about,
-    moved,
-    random_covariance,
-    random_pose,
-    random_poses,
-)
+from tests.helpers import pose_logs, random_rotations
+from tests.helpers.pose_logs import answer, moved, random_covariance, random_pose, random_poses
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pose.result import Status
@@ -45,8 +37,12 @@ def share_of(image, color):
     return np.mean((np.abs(image.astype(int) - np.array(color)) <= 2).all(axis=2))
 
 
-def with_status(poses, names):
-    return dataclasses.replace(poses, status=np.array(names))
+def built(answers, seconds=1.0):
+    """Poses of answers of a tracker, so many seconds apart."""
+    builder = PosesBuilder(pose_logs.make_about())
+    for number, one in enumerate(answers):
+        builder.append(number, pose_logs.START + number * seconds, one)
+    return builder.build()
 
 
 @pytest.mark.parametrize(
@@ -68,15 +64,13 @@ def test_every_kind_of_recording_can_be_drawn(path, rng, count, share, recorded)
 
 
 def test_without_filtered_poses_the_measured_ones_are_lines(path, rng):
-    builder = PosesBuilder(make_about())
-    for number in range(9):
-        builder.append(number, START + number, answer(random_pose(rng), None, "found"))
-    assert share_of(drawn(path, builder.build()), (110, 120, 240)) > 1e-4
+    poses = built(answer(random_pose(rng), None, "found") for _ in range(9))
+    assert share_of(drawn(path, poses), (110, 120, 240)) > 1e-4
 
 
 def test_the_strip_has_the_colours_of_the_statuses(path, rng):
     names = ["tracking"] * 20 + ["coasting"] * 8 + ["lost"] * 8 + ["refound"] + ["tracking"] * 363
-    image = drawn(path, with_status(random_poses(rng, 400, share=0), names))
+    image = drawn(path, dataclasses.replace(random_poses(rng, 400, share=0), status=np.array(names)))
     strip = image[100:130]
     found = [share_of(strip, STATUS_COLORS[name]) for name in ("tracking", "coasting", "lost")]
     assert found[0] > 10 * found[1] > 0
@@ -92,12 +86,10 @@ def test_each_status_has_a_colour_of_its_own():
 
 
 def test_equal_motions_along_the_axes_look_equal(rng):
-    builder = PosesBuilder(make_about())
-    for number, x in enumerate((0.0, 0.1)):
-        pose = moved(np.eye(3), np.array([x, 0.02, 0.03 + x / 10]))
+    poses = [moved(np.eye(3), np.array([x, 0.02, 0.03 + x / 10])) for x in (0.0, 0.1)]
+    for pose in poses:
         pose.covariance = np.eye(6) * 1e-8
-        builder.append(number, START + number, answer(pose, None, "found"))
-    panels = series_of(builder.build())
+    panels = series_of(built(answer(pose, None, "found") for pose in poses))
     lengths = np.ptp([panel.limits for panel in panels[:3]], axis=1)
     np.testing.assert_allclose(lengths, 116.0)
     for panel in panels:
@@ -141,25 +133,19 @@ def test_the_angles_deviation_is_that_of_samples(rng):
     spread = angles(so3.quaternion_from_matrix(samples), reference).std()
     quaternion = so3.quaternion_from_matrix(rotation)[None]
     assert angle_std(quaternion, reference, covariance[None])[0] == pytest.approx(spread, rel=0.02)
-
-
-def test_at_the_reference_the_largest_deviation_counts():
-    covariance = np.diag([1e-6, 4e-6, 2e-6])[None]
-    found = angle_std(np.array([[0, 0, 0, 1.0]]), np.eye(3), covariance)
-    assert found[0] == pytest.approx(np.degrees(2e-3))
+    at_the_reference = angle_std(np.array([[0, 0, 0, 1.0]]), np.eye(3), np.diag([1e-6, 4e-6, 2e-6])[None])
+    assert at_the_reference[0] == pytest.approx(np.degrees(2e-3))  # the largest of all axes
 
 
 def test_frames_far_beyond_the_rest_in_uncertainty_do_not_set_the_scale(path, rng):
     """The band of a lost object leaves the panel; the line keeps its place in it."""
     images = []
     for size in (1e-8, 1e4, 1e200):
-        builder = PosesBuilder(make_about())
-        for number in range(20):
-            pose = moved(np.eye(3), np.array([0.01 * number, 0, 0.03]))
+        poses = [moved(np.eye(3), np.array([0.01 * number, 0, 0.03])) for number in range(20)]
+        for number, pose in enumerate(poses):
             pose.covariance = np.eye(6) * (size if number > 15 else 1e-8)
             pose.velocity, pose.velocity_covariance = np.zeros(6), random_covariance(rng)
-            builder.append(number, START + number / 10, answer(None, pose, "coasting"))
-        images.append(drawn(path, builder.build()))
+        images.append(drawn(path, built((answer(None, pose, "coasting") for pose in poses), 0.1)))
     left = [image[160:380, 150:900].astype(int) for image in images]
     for other in left[1:]:
         assert np.abs(other - left[0]).max() < 8  # rounding along the band's edge
