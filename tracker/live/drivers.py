@@ -123,8 +123,8 @@ class PylonCamera:
 
     def _fault(self, what: str, error: Exception, kind: type[LiveError] = LiveError) -> LiveError:
         # Of pylon's message only the first line, without locations in its code.
-        told = str(error).splitlines()[0].split(" : ")[0] if str(error) else type(error).__name__
-        return kind(f"pylon: {self.serial} {what}: {told}")
+        text = str(error).splitlines()[0].split(" : ")[0] if str(error) else type(error).__name__
+        return kind(f"pylon: {self.serial} {what}: {text}")
 
 
 def pylon_serials(names: Sequence[str]) -> list[str]:
