@@ -33,7 +33,7 @@ def images(seed, shape=(270, 270, 3)):
     return tuple(np.random.default_rng(seed).integers(0, 256, (len(RIG), *shape), np.uint8))
 
 
-def record(path, *moments, settings=None):
+def record(path, *moments, settings=tuple):
     with contextlib.closing(Recorder(path, RIG, settings)) as recorder:
         for one in moments:
             recorder(one)

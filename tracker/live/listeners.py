@@ -95,7 +95,7 @@ class Recorder(Listener):
     """
 
     def __init__(
-        self, path: Path, rig: CameraRig, settings: Callable[[], Sequence[Settings]] | None = None
+        self, path: Path, rig: CameraRig, settings: Callable[[], Sequence[Settings]] = tuple
     ) -> None:
         if path.exists():
             raise LiveError(f"record {path}: there is such a file, expected a new one")
@@ -118,7 +118,7 @@ class Recorder(Listener):
             if size is None:
                 return  # the size of the images is not known yet
             rig = self._rig if size == self._size else self._rig.resized(*size)
-            settings = () if self._settings is None else self._settings()
+            settings = self._settings()
             self._writer = Hdf5LogWriter(self.path, rig, poses=True, flush_every=0, settings=settings)
         self._writer.append(pictures, moment.timestamp, taken.stamps, moment.object_pose)
         self.recorded += 1

@@ -16,9 +16,9 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.files import write_whole
 from tracker.viz import paint
+from tracker.viz.overlays import GOOD
 from tracker.viz.plots import figure, png, rgb
 
-GOOD: paint.Color = (120, 200, 110)
 BAD: paint.Color = (80, 110, 245)
 
 _SIDE, _HEAD = 420, 76  # size of a camera's panel and height of the text above it [px]
@@ -109,7 +109,7 @@ td:first-child, th:first-child { text-align: left; } .bad { color: #f56e50; } .g
 div { overflow-x: auto; } img { width: 100%; min-width: 640px; }
 h2 { font-size: 1em; margin: 2em 0 0; } p.limit { color: #8c949e; margin: 0; }
 """
-_NARROW = '<meta name="viewport" content="width=device-width, initial-scale=1">'
+_META = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
 
 
 def write_health(path: str | os.PathLike[str], health: Health, title: str) -> None:
@@ -136,7 +136,7 @@ def page(health: Health, title: str) -> str:
     for key, quantity in QUANTITIES.items():
         parts.append(_section(quantity, health.time, health.values[key], health.cameras))
     parts.append(_section(HEIGHT, health.time, health.height[:, None], ("object",)))
-    head = f'<meta charset="utf-8">{_NARROW}<title>{escape(title)}</title><style>{_STYLE}</style>'
+    head = f"{_META}<title>{escape(title)}</title><style>{_STYLE}</style>"
     return f"<!DOCTYPE html>\n<html><head>{head}</head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
 
 

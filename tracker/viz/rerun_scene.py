@@ -95,9 +95,8 @@ class Scene:
         for camera, image in zip(self._rig, images, strict=True):
             self._put(_image_path(camera), None if image is None else _jpeg(image))
         self._show_health(images, health)
-        poses = {"measured": observation.object_pose, "filtered": observation.filtered_object_pose}
-        for kind, pose in poses.items():
-            self._show_pose(kind, pose)
+        self._show_pose("measured", observation.object_pose)
+        self._show_pose("filtered", observation.filtered_object_pose)
         if observation.status is not self._status:
             self._status = observation.status
             level = rr.TextLogLevel.WARN if self._status in _BAD else rr.TextLogLevel.INFO
