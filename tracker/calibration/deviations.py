@@ -58,8 +58,7 @@ def turned_std(rotation: FloatArray, std: FloatArray, turned: FloatArray) -> Flo
     """Return the element-wise deviations (3, 3) of the rotation `turned` (3, 3) for the same errors."""
     variances = rotation_vector_variance(rotation, std)
     moved = np.stack([so3.hat(axis) @ turned for axis in np.eye(3)])
-    out: FloatArray = np.sqrt(np.tensordot(variances, moved**2, axes=1))
-    return out
+    return np.sqrt(np.tensordot(variances, moved**2, axes=1))
 
 
 def element_std(rotation: FloatArray, covariance: FloatArray) -> FloatArray:

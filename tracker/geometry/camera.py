@@ -184,7 +184,7 @@ class Camera:
         perspective[:, :, 2] = -normalized
         perspective /= in_camera[:, 2, None, None]
         focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
-        jacobian: FloatArray = focal[:, None] * (lens @ perspective @ self.camera_from_world[:3, :3])
+        jacobian = focal[:, None] * (lens @ perspective @ self.camera_from_world[:3, :3])
         return distorted * focal + center, jacobian
 
     @functools.cached_property

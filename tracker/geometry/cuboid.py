@@ -53,8 +53,7 @@ def keypoints(position: Array, rotation: Array, size: Array) -> FloatArray:
     inside = KEYPOINT_SIGNS * (np.asarray(size, dtype=np.float64)[..., None, :] / 2)
     # The rounding of a matrix product would depend on memory alignment.
     x, y, z = (inside[..., k, None] * rotation[..., None, :, k] for k in range(3))
-    result: FloatArray = position[..., None, :] + (x + y + z)
-    return result
+    return position[..., None, :] + (x + y + z)
 
 
 def face_centers(size: Array) -> Array:

@@ -35,8 +35,7 @@ def tilt(coefficients: FloatArray) -> FloatArray:
     about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
     turned = about_y @ about_x
     (_, _, a), (_, _, b), (_, _, c) = turned
-    result: FloatArray = np.array([[c, 0, -a], [0, c, -b], [0, 0, 1]]) @ turned
-    return result
+    return np.asarray(np.array([[c, 0, -a], [0, c, -b], [0, 0, 1]]) @ turned)
 
 
 def distort(normalized: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -27,8 +27,7 @@ def _directions(count: int) -> FloatArray:
     inverse = NormalDist().inv_cdf
     uniform = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
     normal = np.array([[inverse(float(u)) for u in row] for row in uniform])
-    result: FloatArray = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    return result
+    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
 _SPHERE = _directions(DIRECTIONS)

@@ -39,8 +39,7 @@ def exp(rotvec: npt.ArrayLike) -> FloatArray:
     first = np.sinc(angle / np.pi)
     second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     skew = hat(v)
-    result: FloatArray = np.eye(3) + first * skew + second * (skew @ skew)
-    return result
+    return np.asarray(np.eye(3) + first * skew + second * (skew @ skew))
 
 
 def log(rotation: npt.ArrayLike) -> FloatArray:
@@ -58,8 +57,7 @@ def log(rotation: npt.ArrayLike) -> FloatArray:
     tiny = sine < 1e-9
     # θ/sin(θ/2) tends to 2 for vanishing angles.
     factor = np.where(tiny, 2.0, 2 * np.arctan2(sine, cosine) / np.where(tiny, 1.0, sine))
-    result: FloatArray = factor * q[..., :3]
-    return result
+    return factor * q[..., :3]
 
 
 def matrix_from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
@@ -67,8 +65,7 @@ def matrix_from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
     q = np.asarray(xyzw, dtype=np.float64)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     skew = hat(q[..., :3])
-    result: FloatArray = np.eye(3) + 2 * q[..., 3, None, None] * skew + 2 * (skew @ skew)
-    return result
+    return np.asarray(np.eye(3) + 2 * q[..., 3, None, None] * skew + 2 * (skew @ skew))
 
 
 def quaternion_from_matrix(rotation: npt.ArrayLike) -> FloatArray:
@@ -89,10 +86,9 @@ def quaternion_from_matrix(rotation: npt.ArrayLike) -> FloatArray:
     for k, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
         products[..., k, 3] = products[..., 3, k] = r[..., i, j] - r[..., j, i]
     largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
-    q: FloatArray = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    q = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    result: FloatArray = np.where(q[..., 3:] < 0, -q, q) + 0.0  # + 0.0: no negative zeros
-    return result
+    return np.asarray(np.where(q[..., 3:] < 0, -q, q) + 0.0)  # + 0.0: no negative zeros
 
 
 def angle_between(first: npt.ArrayLike, second: npt.ArrayLike) -> FloatArray:
@@ -108,8 +104,7 @@ def nearest_rotation(matrix: npt.ArrayLike) -> FloatArray:
     sign = np.where(np.linalg.det(u @ vt) < 0, -1.0, 1.0)
     # Flip the direction of the smallest singular value to turn a reflection into the nearest rotation.
     u = np.concatenate([u[..., :2], u[..., 2:] * sign[..., None, None]], axis=-1)
-    result: FloatArray = u @ vt
-    return result
+    return np.asarray(u @ vt)
 
 
 @compiled

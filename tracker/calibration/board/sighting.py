@@ -82,8 +82,7 @@ class BoardView:
         """Return the residuals (N, 2) at a pose (4, 4): observed minus projected corners [px]."""
         turn = cv2.Rodrigues(camera_from_board[:3, :3])[0]
         put, _ = cv2.projectPoints(self.points, turn, camera_from_board[:3, 3], *optics)
-        result: FloatArray = self.pixels - np.asarray(put).reshape(-1, 2)
-        return result
+        return self.pixels - np.asarray(put).reshape(-1, 2)
 
     def least_misses(self, optics: Optics) -> FloatArray:
         """Return the residuals (N, 2) at the pose that fits best [px]."""

@@ -66,7 +66,7 @@ class Contour:
         own: variance of the offset that an edge's pieces share, without feet [px²]; it is marginalised.
         """
         weights = weight / self.variance
-        total: FloatArray = (columns * weights[:, None]).T @ columns
+        total = (columns * weights[:, None]).T @ columns
         for edge in np.unique(self.edge):
             where = self.edge == edge
             variance = own + float(self.foot[where].mean()) ** 2
@@ -102,8 +102,7 @@ def pose_information(contour: Contour, rim_std: float) -> FloatArray:
     columns = np.column_stack([contour.jacobian, contour.bloom, contour.rim])
     found = contour.information(columns, (np.abs(contour.offset) < FAR).astype(float), OWN**2)
     other = found[6:, 6:] + np.diag([EXPONENT_STD**-2, rim_std**-2])
-    result: FloatArray = found[:6, :6] - found[:6, 6:] @ np.linalg.solve(other, found[6:, :6])
-    return result
+    return found[:6, :6] - found[:6, 6:] @ np.linalg.solve(other, found[6:, :6])
 
 
 def pose_errors(
@@ -123,7 +122,7 @@ def pose_errors(
         inner.append(kept @ found @ kept.T)
         weights.append(kept @ found)
     total = np.linalg.inv(sum(weights) + _VAGUE)
-    own: FloatArray = total @ (sum(inner) + _VAGUE) @ total.T
+    own = total @ (sum(inner) + _VAGUE) @ total.T
     return own, np.stack([total @ weight @ motion for weight in weights], axis=1)
 
 

@@ -224,8 +224,7 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
 def disagreement(looks: Sequence[Look], rig: CameraRig) -> FloatArray:
     """Return the disagreement (looks, C) of each camera with the others [mrad]; NaN if unknown."""
     angles = [camera.matrix[[0, 1], [0, 1]] for camera in rig]
-    misses: FloatArray = 1e3 * np.linalg.norm(CameraErrors(looks, rig.cameras).misses() / angles, axis=2)
-    return misses
+    return np.asarray(1e3 * np.linalg.norm(CameraErrors(looks, rig.cameras).misses() / angles, axis=2))
 
 
 def of_picture(image: Image) -> dict[str, float]:
