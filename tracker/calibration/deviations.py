@@ -20,13 +20,18 @@ LEAST_VARIANCE = 1e-14
 """Smallest variance of a calibration: that of a ten-thousandth of a millimetre or milliradian [m², rad²]."""
 
 
+def rotation_slopes(rotation: FloatArray) -> FloatArray:
+    """Return the derivatives (3, 3, 3) of exp(ω) R by each ω_k at ω = 0: [e_k]× R."""
+    return so3.hat(np.eye(3)) @ rotation
+
+
 def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> FloatArray:
     """Return the variances (3,) of ω in exp(ω) R that best explain element-wise standard deviations (3, 3).
 
-    Element (i, j) of [e_k]× R is the derivative of R_ij by ω_k, so the squares of the given standard
-    deviations are linear in the variances. These are solved for under the constraint that none is negative.
+    The squares of these deviations are linear in the variances, which are solved for under the constraint
+    that none is negative.
     """
-    design = np.stack([(so3.hat(axis) @ rotation).ravel() ** 2 for axis in np.eye(3)], axis=1)
+    design = rotation_slopes(rotation).reshape(3, 9).T ** 2
     variances = np.asarray(element_std).ravel() ** 2
     solution = np.asarray(np.linalg.lstsq(design, variances, rcond=None)[0], dtype=np.float64)
     if solution.min() < 0.0:
@@ -35,6 +40,11 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
 
         solution = nnls(design, variances)[0]
     return solution
+
+
+def rotation_std(rotation: FloatArray, variances: FloatArray) -> FloatArray:
+    """Return the element-wise deviations (3, 3) of a rotation for variances (3,) of ω."""
+    return np.asarray(np.sqrt(np.tensordot(variances, rotation_slopes(rotation) ** 2, axes=1)))
 
 
 def is_stated(camera: Camera) -> bool:
@@ -54,13 +64,6 @@ def calibration_covariance(camera: Camera) -> FloatArray:
     return turned @ np.diag(np.maximum(variances, LEAST_VARIANCE)) @ turned.T
 
 
-def turned_std(rotation: FloatArray, std: FloatArray, turned: FloatArray) -> FloatArray:
-    """Return the element-wise deviations (3, 3) of the rotation `turned` (3, 3) for the same errors."""
-    variances = rotation_vector_variance(rotation, std)
-    moved = np.stack([so3.hat(axis) @ turned for axis in np.eye(3)])
-    return np.sqrt(np.tensordot(variances, moved**2, axes=1))
-
-
 def element_std(rotation: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the element-wise deviations (4, 4) of a transform with a rotation (3, 3) and covariance (6, 6).
 
@@ -70,6 +73,5 @@ def element_std(rotation: FloatArray, covariance: FloatArray) -> FloatArray:
     variances = np.diag(turned @ covariance @ turned.T)
     out = np.zeros((4, 4))
     out[:3, 3] = np.sqrt(variances[:3])
-    moved = np.stack([so3.hat(axis) @ rotation for axis in np.eye(3)])
-    out[:3, :3] = np.sqrt(np.tensordot(variances[3:], moved**2, axes=1))
+    out[:3, :3] = rotation_std(rotation, variances[3:])
     return out

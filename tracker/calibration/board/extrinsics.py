@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from tracker.calibration.board.sighting import MANY_TIMES, BoardView, Optics, rms, transform, without_wrong
+from tracker.calibration.deviations import rotation_slopes
 from tracker.calibration.files.platform import Calibrated
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
@@ -213,7 +214,7 @@ def _start(
 def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: FloatArray) -> Calibrated:
     """Return the camera at its pose, with the element-wise deviations that follow from those of (ω, δt)."""
     std = np.zeros((4, 4))
-    turns = np.stack([so3.hat(axis) @ camera_from_world[:3, :3] for axis in np.eye(3)])
+    turns = rotation_slopes(camera_from_world[:3, :3])
     std[:3, :3] = np.sqrt(np.einsum("aij,ab,bij->ij", turns, covariance[:3, :3], turns))
     std[:3, 3] = np.sqrt(np.diagonal(covariance)[3:])
     pose = camera_from_world.copy()

@@ -6,12 +6,13 @@ measured without assuming that the calibration is correct.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
-from tracker.calibration.by_object.sightings import Footage, Sighting
+from tracker.calibration.by_object.sightings import Sighting
 from tracker.calibration.deviations import calibration_covariance
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
@@ -136,19 +137,20 @@ class EdgeReader:
     def __init__(
         self, model: CuboidModel, rig: CameraRig, colors: ColorModel, reader: Reader | None = None
     ) -> None:
-        self._model, self.rig, self._colors = model, rig, colors
+        self.model, self.rig, self._colors = model, rig, colors
         box = Box.of(model)
         self._reader = reader or reader_of(box, rig, colors)[0]
         self._refiner = Refiner(box, rig.cameras, colors.label_table, table_of(rig.arena, support=False))
 
     def of(self, rig: CameraRig) -> EdgeReader:
         """Return a reader for the same images with another calibration of the cameras."""
-        return EdgeReader(self._model, rig, self._colors, self._reader)
+        return EdgeReader(self.model, rig, self._colors, self._reader)
 
-    def sights(self, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]) -> Iterator[Frame]:
-        """Yield each sighting with its evaluated images, footage by footage."""
-        for one, part in zip(footage, seen, strict=True):
-            for sighting, images in zip(part, one.images([s.number for s in part]), strict=True):
+    def sights(self, seen: Iterable[Sighting]) -> Iterator[Frame]:
+        """Yield each sighting with its evaluated images; those of a recording follow each other in order."""
+        for footage, part in groupby(seen, lambda one: one.footage):
+            its = list(part)
+            for sighting, images in zip(its, footage.images([one.number for one in its]), strict=True):
                 yield self._reader(images), sighting
 
     def fitted(self, frame: Frame) -> tuple[Fit, list[Contour | None]]:

@@ -352,7 +352,7 @@ def refine_cameras(
     wide = _stating(broad(rig), rig.cameras, map(_wider, rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
-    frames = list(edges.sights(footage, different(model.name, seen, most)))
+    frames = list(edges.sights(different(model.name, seen, most)))
     rim = model.rim, model.rim_std
     taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
     judges = frames[::JUDGED]
@@ -376,7 +376,7 @@ def refine_cameras(
     found, plane = _stating(rig, now.cameras, stds), None
     # If the object rested in too few places, z and tilt stay as they are.
     with contextlib.suppress(CalibrationError):
-        plane = plane_of(model, edges.of(found), footage, seen)
+        plane = plane_of(edges.of(found), seen)
     return Refined(
         found if plane is None else levelled(found, plane),
         now.errors[:, EXTRINSIC] - now.errors[:, EXTRINSIC].mean(axis=0),

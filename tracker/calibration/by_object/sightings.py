@@ -70,12 +70,11 @@ class Footage:
 class Sighting:
     """The object as seen in one shot."""
 
+    footage: Footage
     number: int
     """Number of the shot."""
     position: FloatArray
-    """(3,) [m]."""
     rotation: FloatArray
-    """(3, 3) world_from_object."""
     velocity: FloatArray | None
     """(6,) [m/s, rad/s]; None in a still."""
     skew: float
@@ -86,28 +85,29 @@ class Sighting:
 
 def all_sightings(
     tracker: ObjectTracker, footage: Sequence[Footage], least: float, progress: Callable[[int], None]
-) -> list[list[Sighting]]:
-    """Return, by footage, the shots in which a tracker finds the object with at least the confidence `least`.
+) -> list[Sighting]:
+    """Return the shots in which a tracker finds the object with at least the confidence `least`, in order.
 
     The tracker is reset for each footage; `progress` receives 1 for each sighting. LogError: a recording is
     damaged; ImageError: an image does not suit the tracker's cameras.
     """
-    seen: list[list[Sighting]] = []
+    seen = []
     for one in footage:
         tracker.reset()
-        seen.append([])
         begins = True
         for shot in one.shots():
             begins = begins or shot.begins
-            found = _seen(tracker, shot, begins, least)
+            found = _seen(tracker, one, shot, begins, least)
             if found is not None:
-                seen[-1].append(found)
+                seen.append(found)
                 begins = False
                 progress(1)
     return seen
 
 
-def _seen(tracker: ObjectTracker, shot: Shot, begins: bool, least: float) -> Sighting | None:
+def _seen(
+    tracker: ObjectTracker, footage: Footage, shot: Shot, begins: bool, least: float
+) -> Sighting | None:
     if all(image is None for image in shot.images):
         return None
     if shot.begins:
@@ -122,7 +122,7 @@ def _seen(tracker: ObjectTracker, shot: Shot, begins: bool, least: float) -> Sig
     pose = found.object_pose
     if pose is None or pose.confidence < least or (shot.stamps is not None and velocity is None):
         return None
-    return Sighting(shot.number, pose.position, pose.rotation, velocity, skew, begins)
+    return Sighting(footage, shot.number, pose.position, pose.rotation, velocity, skew, begins)
 
 
 LEVEL = np.radians(6.0)
@@ -183,19 +183,18 @@ SMEARED = 0.3e-3
 """Largest motion between the images of a frame that is used [m]."""
 
 
-def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[list[Sighting]]:
-    """Return up to `most` sightings in different poses, by footage; CalibrationError if there are too few."""
-    sharp = [(k, one) for k, part in enumerate(seen) for one in part if _smear(one) < SMEARED]
+def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
+    """Return up to `most` sightings in different poses; CalibrationError if there are too few."""
+    sharp = [one for one in seen if _smear(one) < SMEARED]
     if not sharp:
-        blurred = sum(map(len, seen))
-        more = f"; in {blurred} more it moved between the cameras' pictures" if blurred else ""
+        more = f"; in {len(seen)} more it moved between the cameras' pictures" if seen else ""
         raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}")
-    chosen: list[tuple[int, Sighting]] = []
-    for k, one in sharp:
-        if not any(_near(one, other, APART) for _, other in chosen):
-            chosen.append((k, one))
-    places = np.array([one.position for _, one in chosen])
-    turn = max(so3.angle_between(one.rotation, chosen[0][1].rotation) for _, one in chosen)
+    chosen: list[Sighting] = []
+    for one in sharp:
+        if not any(_near(one, other, APART) for other in chosen):
+            chosen.append(one)
+    places = np.array([one.position for one in chosen])
+    turn = max(so3.angle_between(one.rotation, chosen[0].rotation) for one in chosen)
     spread = float(np.sqrt(places.var(axis=0).sum()))
     if len(chosen) < LEAST or spread < SPREAD or turn < TURNED:
         raise CalibrationError(
@@ -204,8 +203,7 @@ def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[
             f"{np.degrees(turn):.0f}° (expected {np.degrees(TURNED):.0f}): move and turn it all over the "
             "arena"
         )
-    taken = [chosen[k] for k in evenly(len(chosen), most)]
-    return [[one for k, one in taken if k == footage] for footage in range(len(seen))]
+    return [chosen[k] for k in evenly(len(chosen), most)]
 
 
 def _smear(one: Sighting) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from tracker.calibration.by_object.edges import EdgeReader, Frame, pose_errors
 from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, require_two, resting
-from tracker.calibration.deviations import calibration_covariance, turned_std
+from tracker.calibration.deviations import calibration_covariance, rotation_std, rotation_vector_variance
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError
@@ -24,8 +24,7 @@ from tracker.pipeline import ObjectTracker
 from tracker.segmentation.color_model import ColorModel
 
 FLOOR = 0.3e-3, np.radians(0.15)
-"""Additional standard deviations of an object at rest, since table and edges are worn: of its height [m] and
-its tilt [rad]."""
+"""Standard deviations of an object at rest due to worn table and edges: of height [m] and tilt [rad]."""
 
 OUTLIER = 25.0
 """Squared Mahalanobis distance from the plane at which a pose's weight is zero (Tukey)."""
@@ -48,9 +47,7 @@ class Rest:
     """An object that may lie on the table."""
 
     position: FloatArray
-    """(3,) [m]."""
     rotation: FloatArray
-    """(3, 3) world_from_object."""
     own: FloatArray
     """Covariance (6, 6) of the errors specific to this pose [m, rad]."""
     common: FloatArray
@@ -129,8 +126,7 @@ def levelled(rig: CameraRig, plane: TablePlane) -> CameraRig:
     The world is turned by the tilt about a horizontal axis through the plane's centre, and moved along z. The
     cameras keep their uncertainty; the arena states that of the plane.
     """
-    normal = np.array([-plane.slope[0], -plane.slope[1], 1.0])
-    axis = np.cross(normal, [0.0, 0.0, 1.0])
+    axis = np.array([-plane.slope[1], plane.slope[0], 0.0])
     length = np.linalg.norm(axis)
     turn = so3.exp(axis / length * plane.tilt) if length > 0.0 else np.eye(3)
     place = np.array([*plane.center, 0.0])
@@ -150,7 +146,8 @@ def moved(rig: CameraRig, world_from_new: FloatArray) -> CameraRig:
         std = camera.camera_from_world_std
         if std is not None:
             std = std.copy()
-            std[:3, :3] = turned_std(camera.camera_from_world[:3, :3], std[:3, :3], transform[:3, :3])
+            variances = rotation_vector_variance(camera.camera_from_world[:3, :3], std[:3, :3])
+            std[:3, :3] = rotation_std(transform[:3, :3], variances)
         cameras.append(dataclasses.replace(camera, camera_from_world=transform, camera_from_world_std=std))
     return dataclasses.replace(rig, cameras=tuple(cameras))
 
@@ -160,21 +157,20 @@ def _equations(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the equations of a pose: values (3,) = design (3, 3) · (height, slopes), and moves (3, 6).
 
-    The rows are the height of the contact and the slopes of the lowest face along x and y; moves are their
-    derivatives by the pose's error.
+    The rows are the contact's height and the lowest face's slopes; moves are derivatives by the pose's error.
     """
     # The centre of the lowest face, and its inward normal.
     axis = int(np.argmax(np.abs(rest.rotation[2])))
     up = np.copysign(1.0, rest.rotation[2, axis]) * rest.rotation[:, axis]
     point = rest.position - 0.5 * size[axis] * up
-    x, y = point[:2] - center
     slope = -up[:2] / up[2]
-    values = np.array([point[2], *slope])
-    design = np.array([[1.0, x, y], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    values, design = np.array([point[2], *slope]), np.eye(3)
+    design[0, 1:] = point[:2] - center
     # δup = δθ × up; the contact moves by δp + δθ × (point - position).
     upwards, swing = -so3.hat(up), -so3.hat(point - rest.position)
     moves = np.zeros((3, 6))
-    moves[0] = [-slope[0], -slope[1], 1.0, *(np.array([-slope[0], -slope[1], 1.0]) @ swing)]
+    moves[0, :3] = [*-slope, 1.0]
+    moves[0, 3:] = moves[0, :3] @ swing
     moves[1:, 3:] = -(upwards[:2] + slope[:, None] * upwards[2]) / up[2]
     return values, design, moves
 
@@ -245,10 +241,10 @@ def find_table(
     loose = broad(rig)
     tracker, edges = ObjectTracker(model, loose, colors, table_prior=False), EdgeReader(model, loose, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
-    if not any(seen):
+    if not seen:
         raise CalibrationError(f"table: found no picture in which {model.name} is surely seen")
-    plane = plane_of(model, edges, footage, seen)
-    return FoundTable(levelled(rig, plane), plane, sum(map(len, seen)))
+    plane = plane_of(edges, seen)
+    return FoundTable(levelled(rig, plane), plane, len(seen))
 
 
 def broad(rig: CameraRig) -> CameraRig:
@@ -258,26 +254,23 @@ def broad(rig: CameraRig) -> CameraRig:
     return dataclasses.replace(rig, arena=dataclasses.replace(rig.arena, table_std=std))
 
 
-def plane_of(
-    model: CuboidModel, edges: EdgeReader, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]
-) -> TablePlane:
+def plane_of(edges: EdgeReader, seen: Sequence[Sighting]) -> TablePlane:
     """Return the plane on which an object was seen to rest; CalibrationError: it rested in too few places."""
-    found = [_rest(edges, frame, model.rim_std) for frame in edges.sights(footage, list(map(resting, seen)))]
+    found = [_rest(edges, frame) for frame in edges.sights(resting(seen))]
     rests = [rest for rest in found if rest is not None]
-    single = len(found) - len(rests)
     if len(rests) < LEAST <= len(found):
         raise CalibrationError(
-            f"table: found {single} places in which one camera alone sees the object at rest, and "
-            f"{len(rests)} in which others do, expected {LEAST} of these: one camera's depth is not the "
-            "table's height"
+            f"table: found {len(found) - len(rests)} places in which one camera alone sees the object at "
+            f"rest, and {len(rests)} in which others do, expected {LEAST} of these: one camera's depth is "
+            "not the table's height"
         )
-    return fit_table(rests, model.size, edges.rig)
+    return fit_table(rests, edges.model.size, edges.rig)
 
 
-def _rest(edges: EdgeReader, frame: Frame, rim_std: float) -> Rest | None:
+def _rest(edges: EdgeReader, frame: Frame) -> Rest | None:
     """Refit the pose in one shot and return it with its errors; None if fewer than two cameras see edges."""
     fit, found = edges.fitted(frame)
     if sum(one is not None and len(one.offset) >= PIECES for one in found) < 2:
         return None
-    own, common = pose_errors(found, fit.position, edges.rig.cameras, rim_std)
+    own, common = pose_errors(found, fit.position, edges.rig.cameras, edges.model.rim_std)
     return Rest(fit.position, fit.rotation, own, common) if np.isfinite(own).all() else None
