@@ -51,13 +51,12 @@ class Corners:
     """
 
     seen: float
-    """Measured in the looks."""
     shift: float
     """The part common to all corners of a look, due to the object's position."""
     shape: float
     """The remainder, due to the object's size and rotation."""
     stated: float
-    """Predicted from the deviations stated in the cameras' files; NaN if any file states none."""
+    """Predicted from the deviations stated in the files; NaN if any file states none."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +64,9 @@ class FocalCheck:
     """How wrong a camera's focal length may be, and the resulting depth error."""
 
     ratio: float
-    """Ratio of the focal lengths, fy over fx."""
+    """fy over fx."""
     off: float
-    """Possible relative error of the focal length: the standard deviation stated in its file, but at least
-    half the relative difference of fx and fy."""
+    """Possible relative error: the stated deviation, but at least half the difference of fx and fy."""
     distance: float
     """Distance from the camera to the object, median over the looks [m]; NaN if not measured."""
 
@@ -92,13 +90,13 @@ LOST = 0.6
 
 @dataclass(frozen=True, eq=False)
 class CameraCheck:
-    """The result of the check for one camera."""
+    """The result for one camera."""
 
     name: str
     looks: int
-    """Number of looks in which it and at least one other camera see the object."""
+    """In how many it and at least one other camera see the object."""
     lost: int
-    """Number of looks in which it should see the object but cannot use its image."""
+    """In how many looks it should see the object but cannot use its image."""
     miss_px: float
     """Median disagreement with the other cameras [px]; NaN if not measured."""
     moved: bool
@@ -110,14 +108,12 @@ class CameraCheck:
     turn: float
     """Angle by which the correction turns the camera [rad]."""
     corners: Corners
-    """Measured and predicted displacement of the object's corners."""
     focal: FocalCheck
-    """Possible error of its focal length."""
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationCheck:
-    """The result of a calibration check."""
+    """The result for all cameras."""
 
     cameras: tuple[CameraCheck, ...]
     miss: float
@@ -169,19 +165,18 @@ def check_calibration(
     for c, camera in enumerate(cameras):
         lengths = np.linalg.norm(misses[:, c], axis=1)
         asked = np.isfinite(lengths)
-        correction, shift, turn = _correction(camera, errors[c])
+        ratio = float(camera.matrix[1, 1] / camera.matrix[0, 0])
+        off = max(abs(ratio - 1.0) / 2.0, focal_std.get(camera.name, 0.0))
         result.append(
             CameraCheck(
                 camera.name,
                 int(np.count_nonzero(asked)),
                 int(sum(bool(look.lost[c]) for look in looks)),
-                float(np.median(lengths[asked])) if asked.any() else float("nan"),
+                _median(lengths[asked]),
                 c in free,
-                correction,
-                shift,
-                turn,
+                *_correction(camera, errors[c]),
                 expected[c],
-                focal_check(camera, problem.distance[asked, c], focal_std),
+                FocalCheck(ratio, off, _median(problem.distance[asked, c])),
             )
         )
     return CalibrationCheck(tuple(result), _median_miss(misses, cameras), len(looks), misses)
@@ -195,17 +190,15 @@ def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: Cam
     for c, camera in enumerate(cameras):
         rows = []
         for f, look in enumerate(looks):
-            shares = problem.shares(f, c)
-            if shares is None:
+            if (shares := problem.shares(f, c)) is None:
                 continue
             motion = _corner_motion(camera, look)
             moves = (motion @ np.einsum("kij,kj->i", shares, look.moved)).reshape(-1, 2)
             shift = moves.mean(axis=0)
             feigned = motion @ shares @ problem.lever[f]
             expected = np.einsum("kni,kij,knj->", feigned, covariances, feigned) / len(moves)
-            rows.append(
-                [(moves**2).sum(1).mean(), shift @ shift, ((moves - shift) ** 2).sum(1).mean(), expected]
-            )
+            mean_squares = [(part**2).sum(1).mean() for part in (moves, moves - shift)]
+            rows.append([mean_squares[0], shift @ shift, mean_squares[1], expected])
         found = np.sqrt(np.median(rows, axis=0)) if rows else np.full(4, np.nan)
         if not stated:
             found[3] = np.nan
@@ -213,11 +206,8 @@ def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: Cam
     return result
 
 
-def focal_check(camera: Camera, distances: FloatArray, focal_std: Mapping[str, float]) -> FocalCheck:
-    """Return the possible error of a lens at distances (N,) [m]; `focal_std`: see `check_calibration`."""
-    ratio = float(camera.matrix[1, 1] / camera.matrix[0, 0])
-    off = max(abs(ratio - 1.0) / 2.0, focal_std.get(camera.name, 0.0))
-    return FocalCheck(ratio, off, float(np.median(distances)) if len(distances) else float("nan"))
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
 
 
 def _corner_motion(camera: Camera, look: Look) -> FloatArray:
