@@ -18,8 +18,7 @@ from tracker.checks import naming
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5
 from tracker.geometry.arena import Arena
-from tracker.geometry.camera import Camera
-from tracker.geometry.distortion import COUNTS
+from tracker.geometry.camera import COUNTS, Camera
 
 CAMERA_DATASETS = {
     "camera_matrix": ("matrix", (3, 3)),

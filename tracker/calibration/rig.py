@@ -35,16 +35,13 @@ ARENA_FILE = "arena.toml"
 
 _NO_TABLE = "none"
 
-_ARENA_KEYS = tuple(field.name for field in dataclasses.fields(Arena))
-_ARENA_TITLE = "# Where the object may be and where the table is, in the cameras' world [m, rad].\n"
-
 
 def read_arena(folder: Path) -> Arena:
     """Return the arena of a folder, or the default; CalibrationError: its file is unreadable or malformed."""
     path = folder / ARENA_FILE
     if not path.exists():
         return Arena()
-    values = read_toml(path, CalibrationError, _ARENA_KEYS)
+    values = read_toml(path, CalibrationError, tuple(field.name for field in dataclasses.fields(Arena)))
     if values.get("table") == _NO_TABLE:
         values["table"] = None
     with naming(path, CalibrationError):
@@ -61,12 +58,13 @@ def write_arena(arena: Arena, folder: Path) -> None:
     if arena.table is None:
         values["table"] = _NO_TABLE
     # Strings, numbers and lists look the same in JSON and TOML.
-    text = _ARENA_TITLE + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
+    lines = [f"{key} = {json.dumps(value)}\n" for key, value in values.items()]
+    title = "# Where the object may be and where the table is, in the cameras' world [m, rad].\n"
     with told_as(CalibrationError, path):
         if arena == Arena():
             path.unlink(missing_ok=True)
         else:
-            write_whole(path, text)
+            write_whole(path, title + "".join(lines))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,28 +84,23 @@ class CameraRig:
         given: Any = self.cameras
         alone = not isinstance(given, Iterable) or isinstance(given, str | np.ndarray)
         cameras = (given,) if alone else tuple(given)
-        strange = [one for one in cameras if not isinstance(one, Camera)]
-        if strange:
-            found = shown(strange[0])
-            raise CalibrationError(
-                f"camera rig: found {found}, expected tracker.Cameras (CameraRig.load reads files)"
-            )
+        for one in cameras:
+            if not isinstance(one, Camera):
+                valid = "tracker.Cameras (CameraRig.load reads files)"
+                raise CalibrationError(f"camera rig: found {shown(one)}, expected {valid}")
         object.__setattr__(self, "cameras", cameras)
-        if not self.cameras:
+        if not cameras:
             raise CalibrationError("camera rig: found no camera, expected at least one")
         of_kind(self.arena, Arena, "camera rig: arena", CalibrationError)
-        names = [camera.name for camera in self.cameras]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name in self.names if self.names.count(name) > 1)
         if twice:
             raise CalibrationError(f"camera rig: found {twice[0]} twice, expected different names")
 
     def __repr__(self) -> str:
-        sizes = {f"{camera.width}×{camera.height}" for camera in self.cameras}
-        of_all = f" of {sizes.pop()} px" if len(sizes) == 1 else ""
-        cameras = ", ".join(
-            camera.name if of_all else f"{camera.name} of {camera.width}×{camera.height} px"
-            for camera in self.cameras
-        )
+        sizes = [f" of {camera.width}×{camera.height} px" for camera in self.cameras]
+        of_all = sizes[0] if len(set(sizes)) == 1 else ""
+        each = ("" if of_all else size for size in sizes)
+        cameras = ", ".join(map("".join, zip(self.names, each, strict=True)))
         return f"CameraRig({cameras}{of_all}; {self.arena})"
 
     def __len__(self) -> int:
@@ -173,9 +166,9 @@ class CameraRig:
             CalibrationError: a file cannot be written, or two would have the same name (left, camera_left).
         """
         stems = [name if "camera" in name else f"camera_{name}" for name in self.names]
-        if len(set(stems)) < len(stems):
-            twice = next(stem for stem in stems if stems.count(stem) > 1)
-            raise CalibrationError(f"camera rig: found two cameras for {twice}.yml, expected other names")
+        for stem in stems:
+            if stems.count(stem) > 1:
+                raise CalibrationError(f"camera rig: found two cameras for {stem}.yml, expected other names")
         try:
             root = Path(folder)
             root.mkdir(parents=True, exist_ok=True)
@@ -188,6 +181,4 @@ class CameraRig:
 
     def resized(self, width: int, height: int) -> CameraRig:
         """Return the rig for images scaled to `width` × `height` [px]; see `Camera.resized`."""
-        return dataclasses.replace(
-            self, cameras=tuple(camera.resized(width, height) for camera in self.cameras)
-        )
+        return dataclasses.replace(self, cameras=tuple(camera.resized(width, height) for camera in self))

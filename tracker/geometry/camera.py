@@ -1,7 +1,12 @@
 """The pinhole camera with lens distortion.
 
-The model is OpenCV's: p_camera = camera_from_world · p_world, x = X/Z, y = Y/Z, (x', y') by
-`geometry.distortion`, u = fx x' + cx, v = fy y' + cy.
+The model is OpenCV's, with 5, 8, 12 or 14 coefficients of distortion: p_camera = camera_from_world · p_world,
+and from normalised coordinates x = X/Z, y = Y/Z with r² = x² + y²:
+    radial = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
+    x' = x radial + 2 p1 x y + p2 (r² + 2 x²) + s1 r² + s2 r⁴
+    y' = y radial + p1 (r² + 2 y²) + 2 p2 x y + s3 r² + s4 r⁴
+If the sensor is tilted by τx, τy, the homography of `tilt` is applied to (x', y'). The pixel is
+    u = fx x' + cx, v = fy y' + cy.
 """
 
 from __future__ import annotations
@@ -9,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +22,9 @@ import numpy.typing as npt
 from tracker.checks import float_rows, is_whole
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
-from tracker.geometry.distortion import COUNTS, distort, undistort
+
+COUNTS = (5, 8, 12, 14)
+"""Numbers of coefficients: k1 k2 p1 p2 k3, k4 k5 k6, s1 s2 s3 s4, τx τy."""
 
 ROTATION_TOLERANCE = 1e-6
 """Largest |R Rᵀ - I| of a camera's rotation R."""
@@ -89,12 +97,11 @@ class Camera:
         object.__setattr__(self, "distortion", self._array("distortion", self.distortion, *lens))
         if self.camera_from_world_std is not None:
             std = self._array("camera_from_world_std", self.camera_from_world_std, (4, 4))
-            if std.min() < 0 or std.max() > FARTHEST:
-                worst = std.min() if std.min() < 0 else std.max()
-                valid = f"standard deviations from 0 to {FARTHEST:g}"
-                raise self._error("camera_from_world_std", f"{worst:g}", valid)
+            worst = std.min() if std.min() < 0 else std.max()
+            valid = f"standard deviations from 0 to {FARTHEST:g}"
+            self._require(0 <= worst <= FARTHEST, "camera_from_world_std", f"{worst:g}", valid)
             object.__setattr__(self, "camera_from_world_std", std)
-        self._check_matrix()
+        self._check_lens()
         self._check_transform()
 
     def __repr__(self) -> str:
@@ -102,13 +109,17 @@ class Camera:
         focal = f"{self.matrix[0, 0]:.1f}, {self.matrix[1, 1]:.1f}"
         return f"Camera({self.name!r}: {self.width}×{self.height} px, f {focal} px, at {place} m)"
 
+    def _require(self, holds: object, key: str, found: str, valid: str) -> None:
+        if not holds:
+            raise self._error(key, found, valid)
+
     def _error(self, key: str, found: str, valid: str) -> CalibrationError:
         key = "camera_matrix" if key == "matrix" else key  # its name in files
         return CalibrationError(f"{self.name}: {key}: found {found}, expected {valid}")
 
-    def _size(self, key: str, value: object) -> int:
-        if not is_whole(value) or not 0 < value <= MAX_SIZE:
-            raise self._error(key, shown(value), f"a whole number of pixels from 1 to {MAX_SIZE}")
+    def _size(self, key: str, value: Any) -> int:
+        valid = f"a whole number of pixels from 1 to {MAX_SIZE}"
+        self._require(is_whole(value) and 0 < value <= MAX_SIZE, key, shown(value), valid)
         return int(value)
 
     def _array(self, key: str, value: object, *shapes: tuple[int, ...]) -> FloatArray:
@@ -117,40 +128,31 @@ class Camera:
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
             raise self._error(key, type(value).__name__, f"numbers of shape {valid}") from error
-        if array.shape not in shapes:
-            raise self._error(key, f"shape {array.shape}", f"shape {valid}")
-        if not np.isfinite(array).all():
-            raise self._error(key, "values that are not finite", "finite numbers")
+        self._require(array.shape in shapes, key, f"shape {array.shape}", f"shape {valid}")
+        self._require(np.isfinite(array).all(), key, "values that are not finite", "finite numbers")
         array.flags.writeable = False
         return array
 
-    def _check_matrix(self) -> None:
-        fx, fy = self.matrix[0, 0], self.matrix[1, 1]
-        if min(fx, fy) < FOCAL[0] or max(fx, fy) > FOCAL[1]:
-            valid = f"both from {FOCAL[0]:g} to {FOCAL[1]:g} px"
-            raise self._error("matrix", f"focal lengths {fx:g}, {fy:g}", valid)
-        if np.abs(self.matrix[:2, 2]).max() > CENTER:
-            found = f"principal point {self.matrix[0, 2]:g}, {self.matrix[1, 2]:g}"
-            raise self._error("matrix", found, f"at most {CENTER:g} px from the picture")
-        if np.abs(self.distortion).max() > BENT:
-            found = f"{np.abs(self.distortion).max():g}"
-            raise self._error("distortion", found, f"coefficients of at most {BENT:g}")
-        if self.matrix[0, 1] != 0 or self.matrix[1, 0] != 0:
-            raise self._error("matrix", f"skew {self.matrix[0, 1]:g}, {self.matrix[1, 0]:g}", "no skew")
-        if (self.matrix[2] != (0, 0, 1)).any():
-            raise self._error("matrix", f"last row {self.matrix[2].tolist()}", "[0, 0, 1]")
+    def _check_lens(self) -> None:
+        (fx, right, cx), (down, fy, cy), last = self.matrix.tolist()
+        bent = np.abs(self.distortion).max()
+        both = f"both from {FOCAL[0]:g} to {FOCAL[1]:g} px"
+        within = FOCAL[0] <= min(fx, fy) and max(fx, fy) <= FOCAL[1]
+        self._require(within, "matrix", f"focal lengths {fx:g}, {fy:g}", both)
+        near, center = f"at most {CENTER:g} px from the picture", f"principal point {cx:g}, {cy:g}"
+        self._require(max(abs(cx), abs(cy)) <= CENTER, "matrix", center, near)
+        self._require(bent <= BENT, "distortion", f"{bent:g}", f"coefficients of at most {BENT:g}")
+        self._require(right == down == 0, "matrix", f"skew {right:g}, {down:g}", "no skew")
+        self._require(last == [0, 0, 1], "matrix", f"last row {last}", "[0, 0, 1]")
 
     def _check_transform(self) -> None:
-        if (self.camera_from_world[3] != (0, 0, 0, 1)).any():
-            found = f"last row {self.camera_from_world[3].tolist()}"
-            raise self._error("camera_from_world", found, "[0, 0, 0, 1]")
-        if np.abs(self.camera_from_world[:3, 3]).max() > FARTHEST:
-            found = f"a translation by {np.abs(self.camera_from_world[:3, 3]).max():g} m"
-            raise self._error("camera_from_world", found, f"at most {FARTHEST:g} m")
+        key, last = "camera_from_world", self.camera_from_world[3].tolist()
+        self._require(last == [0, 0, 0, 1], key, f"last row {last}", "[0, 0, 0, 1]")
+        away = np.abs(self.camera_from_world[:3, 3]).max()
+        self._require(away <= FARTHEST, key, f"a translation by {away:g} m", f"at most {FARTHEST:g} m")
         deviation = rotation_deviation(self.camera_from_world[:3, :3])
-        if deviation > ROTATION_TOLERANCE:
-            found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
-            raise self._error("camera_from_world", found, f"at most {ROTATION_TOLERANCE:g}")
+        found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
+        self._require(deviation <= ROTATION_TOLERANCE, key, found, f"at most {ROTATION_TOLERANCE:g}")
 
     @property
     def world_from_camera(self) -> FloatArray:
@@ -258,3 +260,76 @@ def rotation_deviation(matrix: Array) -> float:
         deviation = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
         mirrored = bool(np.dot(np.cross(matrix[0], matrix[1]), matrix[2]) <= 0)
     return float("inf") if mirrored or not np.isfinite(deviation) else deviation
+
+
+_NEWTON_ITERATIONS = 30
+_NEWTON_TOLERANCE = 1e-12
+
+
+def all_coefficients(coefficients: FloatArray) -> FloatArray:
+    """Return all 14 coefficients, with 0 for those not given."""
+    result = np.zeros(COUNTS[-1])
+    result[: len(coefficients)] = coefficients
+    return result
+
+
+def tilt(coefficients: FloatArray) -> FloatArray:
+    """Return the homography (3, 3) from distorted coordinates to the tilted sensor; identity if untilted."""
+    angles = all_coefficients(coefficients)[12:]
+    (sx, sy), (cx, cy) = np.sin(angles), np.cos(angles)
+    about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
+    about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
+    turned = about_y @ about_x
+    (_, _, a), (_, _, b), (_, _, c) = turned
+    return np.asarray(np.array([[c, 0, -a], [0, c, -b], [0, 0, 1]]) @ turned)
+
+
+def distort(normalized: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return distorted coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2)."""
+    k1, k2, p1, p2, k3 = coefficients[:5]
+    x, y = normalized[:, 0], normalized[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial/dx = x · slope
+    if len(coefficients) > 5:
+        k4, k5, k6 = coefficients[5:8]
+        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = radial / below
+        slope = (slope - radial * 2 * (k4 + r2 * (2 * k5 + r2 * 3 * k6))) / below
+    bent = np.empty_like(normalized)
+    bent[:, 0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    bent[:, 1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    derivative = np.empty((len(normalized), 2, 2))
+    derivative[:, 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
+    derivative[:, 1, 1] = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
+    derivative[:, 0, 1] = derivative[:, 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
+    if len(coefficients) > 8:
+        s1, s2, s3, s4 = coefficients[8:12]
+        bent += np.stack([r2 * (s1 + r2 * s2), r2 * (s3 + r2 * s4)], axis=1)
+        along = 2 * np.stack([s1 + 2 * r2 * s2, s3 + 2 * r2 * s4], axis=1)
+        derivative += along[:, :, None] * normalized[:, None, :]
+    if len(coefficients) > 12:
+        homography = tilt(coefficients)
+        seen = bent @ homography[:, :2].T + homography[:, 2]
+        bent = seen[:, :2] / seen[:, 2:]
+        rows = homography[:2, :2] - bent[:, :, None] * homography[2, :2]
+        derivative = (rows / seen[:, 2, None, None]) @ derivative
+    return bent, derivative
+
+
+def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Invert `distort` for targets (N, 2) by Newton's method; NaN if it finds no solution before the fold."""
+    solution = target.copy()
+    with np.errstate(all="ignore"):  # diverging rows become NaN
+        for _ in range(_NEWTON_ITERATIONS):
+            value, slope = distort(solution, coefficients)
+            error = value - target
+            (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
+            determinant = a * d - b * c
+            solution[:, 0] -= (d * error[:, 0] - b * error[:, 1]) / determinant
+            solution[:, 1] -= (a * error[:, 1] - c * error[:, 0]) / determinant
+            if np.abs(error).max(initial=0) < _NEWTON_TOLERANCE:
+                break
+        good = (np.abs(error).max(axis=1) < 100 * _NEWTON_TOLERANCE) & (determinant > 0) & (a + d > 0)
+    solution[~good] = np.nan
+    return solution

@@ -9,9 +9,8 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array
-from tracker.geometry.camera import VIEW, Camera
+from tracker.geometry.camera import VIEW, Camera, all_coefficients, tilt
 from tracker.geometry.cuboid import CORNER_SIGNS
-from tracker.geometry.distortion import all_coefficients, tilt
 
 LENS = np.dtype(
     [

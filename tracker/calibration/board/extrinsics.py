@@ -44,7 +44,7 @@ class Placed:
     residuals: Mapping[Photo, FloatArray]
     """Residuals (N, 2) [px] of every photo with a board: observed minus fitted corners."""
     sightings: Mapping[Photo, BoardView]
-    """The views of the board, without the corners that were dropped as outliers."""
+    """The views of the board, without outlying corners."""
     faults: Mapping[Photo, str]
     """The photos excluded from the fit, and what is wrong with each."""
 
@@ -64,6 +64,7 @@ def place_cameras(
         CalibrationError: a photo differs in size from its lens's images, no chain of photos links a camera
             to the board's given pose, or a camera's lens does not fit its photos.
     """
+    residuals = []
     for (number, _), one in sightings.items():
         lens = lenses[number].camera
         if one.size != (lens.width, lens.height):
@@ -71,7 +72,7 @@ def place_cameras(
                 f"{one.photo}: found {one.size[0]}x{one.size[1]} px, but the lens of {lens.name} is of "
                 f"images of {lens.width}x{lens.height} px"
             )
-    residuals = [one.least_misses(_optics(lenses[number])) for (number, _), one in sightings.items()]
+        residuals.append(one.least_misses(_optics(lenses[number])))
     views = list(sightings.values())
     # Remove outliers from every photo at its own best pose; at least two thirds of its corners must remain.
     cleaned = without_wrong(views, residuals, lambda one: 2 * len(one) / 3) if views else []
@@ -98,9 +99,7 @@ def place_cameras(
 
 class _Fit(NamedTuple):
     cameras: Poses
-    """camera_from_world of each camera."""
     places: Poses
-    """world_from_board of each board pose."""
     covariance: FloatArray
     """Covariance of six unknowns per camera (ω, δt in exp(ω) R, t + δt), then six per further board pose."""
     squares: float
@@ -193,10 +192,7 @@ def _start(
     cameras: dict[int, FloatArray] = {}
     places = {0: world_from_board}
     waiting = sorted(photos, key=lambda at: -len(photos[at]))
-    while True:
-        linked = [at for at in waiting if (at[0] in cameras) != (at[1] in places)]
-        if not linked:
-            break
+    while linked := [at for at in waiting if (at[0] in cameras) != (at[1] in places)]:
         camera, place = linked[0]
         if place in places:
             cameras[camera] = poses[camera, place] @ np.linalg.inv(places[place])

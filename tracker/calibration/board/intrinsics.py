@@ -54,7 +54,7 @@ class PhotoFit:
     """How well the lens fits a photo, and whether the photo was used."""
 
     sighting: BoardView
-    """The view of the board, without the corners that were dropped as outliers."""
+    """The view of the board, without outlying corners."""
     residuals: FloatArray
     """Residuals (N, 2) [px]: observed minus projected corners."""
     left_out: float
@@ -88,17 +88,14 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
             the board, or no lens fits them.
     """
     size = _one_size(name, sightings)
-    faults = {
-        number: f"only {len(one)} corners, expected {FEWEST_CORNERS}"
-        for number, one in enumerate(sightings)
-        if len(one) < FEWEST_CORNERS
-    }
-    enough = [number for number in range(len(sightings)) if number not in faults]
+    few = f"corners, expected {FEWEST_CORNERS}"
+    faults = {n: f"only {len(one)} {few}" for n, one in enumerate(sightings) if len(one) < FEWEST_CORNERS}
+    enough = [n for n in range(len(sightings)) if n not in faults]
     _require_photos(name, len(enough), len(sightings))
-    _require_whole_board(name, [sightings[number] for number in enough], board)
+    _require_whole_board(name, [sightings[n] for n in enough], board)
     cleaned = list(sightings)
-    for number, one in zip(enough, _cleaned([sightings[n] for n in enough], size), strict=True):
-        cleaned[number] = one
+    for n, one in zip(enough, _cleaned([sightings[n] for n in enough], size), strict=True):
+        cleaned[n] = one
     left_out, strange = _judged(name, cleaned, enough, size)
     faults |= strange
     kept = [number for number in enough if number not in faults]
@@ -157,10 +154,8 @@ def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[Boar
     cleaned = list(sightings)
     for _ in range(3):  # a gross outlier can mask others
         optics, _ = _fit(cleaned, size)
-        before = cleaned
-        cleaned = without_wrong(
-            before, [one.least_misses(optics) for one in before], lambda _: FEWEST_CORNERS
-        )
+        residuals = [one.least_misses(optics) for one in cleaned]
+        before, cleaned = cleaned, without_wrong(cleaned, residuals, lambda _: FEWEST_CORNERS)
         if list(map(len, cleaned)) == list(map(len, before)):
             break
     return cleaned

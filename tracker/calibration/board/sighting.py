@@ -41,7 +41,6 @@ class BoardView:
     """A board as seen in a photo."""
 
     photo: str
-    """Name of the photo."""
     size: tuple[int, int]
     """Width and height of the photo [px]."""
     corners: Array
@@ -99,10 +98,8 @@ def transform(turn: FloatArray, shift: FloatArray) -> FloatArray:
 
 def rms(residuals: Sequence[FloatArray]) -> float:
     """Return the root mean square length [px] of residuals (N, 2); NaN if there are none."""
-    together = [one for one in residuals if len(one)]
-    if not together:
-        return float("nan")
-    return float(np.sqrt((np.concatenate(together) ** 2).sum(axis=1).mean()))
+    together = np.concatenate([np.empty((0, 2)), *residuals])
+    return float(np.sqrt((together**2).sum(axis=1).mean())) if len(together) else float("nan")
 
 
 def without_wrong(
@@ -143,10 +140,9 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
         return None
     if board.opencv.checkCharucoCornersCollinear(numbers):  # collinear corners do not determine the pose
         return None
-    found = np.asarray(numbers).ravel()
-    places = np.asarray(pixels, np.float64).reshape(-1, 2)
-    order = np.argsort(found)
-    found, places = found[order], places[order]
+    order = np.argsort(numbers.ravel())
+    found = numbers.ravel()[order]
+    places = np.asarray(pixels, np.float64).reshape(-1, 2)[order]
     beside = _neighbours(found.tolist(), board.columns - 1)
     places = _refined(gray, places, np.concatenate(beside), board)
     height, width = gray.shape
@@ -186,11 +182,8 @@ def pattern_seen(images: Sequence[Image], board: Board) -> Board:
     """Return the board with the pattern, old or current, that yields more corners in the images."""
     if not board.two_patterns:
         return board
-    counts = {}
-    for legacy in (board.legacy, not board.legacy):
-        tried = dataclasses.replace(board, legacy=legacy)
-        counts[tried] = sum(len(find_board("", image, tried) or ()) for image in images)
-    return max(counts, key=lambda one: counts[one])
+    both = board, dataclasses.replace(board, legacy=not board.legacy)
+    return max(both, key=lambda one: sum(len(find_board("", image, one) or ()) for image in images))
 
 
 def squares_shown(sightings: Sequence[BoardView], board: Board) -> tuple[int, int]:
@@ -236,10 +229,8 @@ def _markers(gray: Image, board: Board) -> dict[int, float]:
     """Return the numbers of all markers in an image, with the length of their edges [px]."""
     found: Any = cv2.aruco.ArucoDetector(board.markers).detectMarkers(gray)
     corners, numbers = found[:2]
-    if numbers is None:
-        return {}
     edges = [cv2.arcLength(one, True) / 4.0 for one in corners]
-    return dict(zip(np.asarray(numbers).ravel().tolist(), edges, strict=True))
+    return {} if numbers is None else dict(zip(numbers.ravel().tolist(), edges, strict=True))
 
 
 def photo_blur(gray: Image) -> float:

@@ -35,8 +35,8 @@ class Contour:
     """Pieces of visible edges whose positions were measured in one camera's image.
 
     A piece's offset is jacobian · (δp, δθ) + bloom · γ + rim · ρ for an object moved by (δp, δθ)
-    along world axes [m, rad], a response of exponent 1 + γ and a rim of width ρ [m]. Offsets and their
-    standard deviations are in pixels of an image that shows the object in reference size.
+    along world axes [m, rad], a response of exponent 1 + γ and a rim of width ρ [m]. Pixels of offsets are
+    those of an image that shows the object in reference size.
     """
 
     pixel: FloatArray
@@ -50,7 +50,7 @@ class Contour:
     rim: FloatArray
     """Offset (N,) per metre of the rim's width [px/m]."""
     offset: FloatArray
-    """Measured offset (N,) of the piece from its predicted position, along the normal [px]."""
+    """Measured offset (N,) from the predicted position, along the normal [px]."""
     variance: FloatArray
     """Variance (N,) of the offset [px²]."""
     edge: Array
@@ -177,26 +177,23 @@ class EdgeReader:
         searched there, but the offsets returned are relative to the pose itself.
         """
         solution, cameras, work = self._refiner.edges(sight.pictures, rotation, position, start, offsets)
-        result: list[Contour | None] = []
+        result: list[Contour | None] = [None] * len(cameras)
         for c, (lens, camera) in enumerate(zip(self._refiner.model.lenses, cameras, strict=True)):
             found = work.found[c, : camera["strips"]]
             strips, found = work.strips[c, : camera["strips"]][found["usable"]], found[found["usable"]]
             if len(found) == 0:
-                result.append(None)
                 continue
             scale, jacobian = camera["scale"], strips["jacobian"] / camera["scale"]
-            result.append(
-                Contour(
-                    pixel=strips["pixel"] - lens["center"],
-                    normal=strips["normal"].copy(),
-                    jacobian=jacobian,
-                    bloom=found["bloom"] / scale,
-                    rim=strips["rim"] / scale,
-                    offset=found["offset"] / scale + jacobian @ camera["offset"][:6],
-                    variance=(FLOOR**2 + found["variance"] / scale**2) / trust_of(camera),
-                    edge=strips["edge"].copy(),
-                    foot=FOOT_STD * np.abs(strips["rim"] / scale) * solution["feet"][strips["edge"]],
-                    scale=float(scale),
-                )
+            result[c] = Contour(
+                pixel=strips["pixel"] - lens["center"],
+                normal=strips["normal"].copy(),
+                jacobian=jacobian,
+                bloom=found["bloom"] / scale,
+                rim=strips["rim"] / scale,
+                offset=found["offset"] / scale + jacobian @ camera["offset"][:6],
+                variance=(FLOOR**2 + found["variance"] / scale**2) / trust_of(camera),
+                edge=strips["edge"].copy(),
+                foot=FOOT_STD * np.abs(strips["rim"] / scale) * solution["feet"][strips["edge"]],
+                scale=float(scale),
             )
         return result

@@ -208,16 +208,15 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
         if image is not None:
             for key, value in of_picture(image).items():
                 values[key][c] = value
-    if any(image is not None for image in images):
-        fit = tracker.fit(images)
-        if isinstance(fit, Fit) and apparent(fit) >= SURE:
-            for c, (camera, seen) in enumerate(zip(tracker.rig, fit.cameras, strict=True)):
-                if seen["inliers"] >= 1.0:
-                    values["residual"][c] = np.sqrt(seen["squares"] / seen["inliers"])
-                    values["blur"][c] = 100.0 * seen["blur"] / camera.width
-            if still:
-                height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
-                look = None if fit.own is None else look_of(fit, tracker.model.size)
+    fit = tracker.fit(images) if any(image is not None for image in images) else None
+    if isinstance(fit, Fit) and apparent(fit) >= SURE:
+        for c, (camera, seen) in enumerate(zip(tracker.rig, fit.cameras, strict=True)):
+            if seen["inliers"] >= 1.0:
+                values["residual"][c] = np.sqrt(seen["squares"] / seen["inliers"])
+                values["blur"][c] = 100.0 * seen["blur"] / camera.width
+        if still:
+            height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
+            look = None if fit.own is None else look_of(fit, tracker.model.size)
     return Sample(values, height, look)
 
 
@@ -231,11 +230,8 @@ def of_picture(image: Image) -> dict[str, float]:
     """Return brightness, clipping and white balance of an image (H, W, 3)."""
     light = find_light(image)
     balance = 100.0 * (light.gains[0] / light.gains[2] - 1.0) if light.share > 0.0 else float("nan")
-    return {
-        "brightness": brightness(image),
-        "clipping": 100.0 * clipped_share(image),
-        "white balance": float(balance),
-    }
+    clipping = 100.0 * clipped_share(image)
+    return {"brightness": brightness(image), "clipping": clipping, "white balance": float(balance)}
 
 
 def height_over_table(position: FloatArray, rotation: FloatArray, model: CuboidModel, arena: Arena) -> float:

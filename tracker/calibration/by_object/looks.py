@@ -88,7 +88,7 @@ class CameraErrors:
         typical = np.diag(np.repeat(np.square(TYPICAL), 3))
         stated = [calibration_covariance(one) if is_stated(one) else typical for one in cameras]
         self.held = np.linalg.inv(np.array(stated))
-        self.loose = np.diag(1.0 / np.repeat(np.square(LOOSE), 3))
+        self.share = min(1.0, SAME / len(looks))
 
     def solve(self, free: Sequence[int], share: float = 1.0) -> tuple[FloatArray, float, float]:
         """Return the cameras' errors (C, 6) if those in `free` may have moved, the cost, and -log evidence.
@@ -96,7 +96,8 @@ class CameraErrors:
         share: ratio of the actual variance to the stated one.
         """
         count = len(self.cameras)
-        prior = [self.loose if c in free else self.held[c] / share for c in range(count)]
+        loose = np.diag(1.0 / np.repeat(np.square(LOOSE), 3))
+        prior = [loose if c in free else self.held[c] / share for c in range(count)]
         weights = np.full(self.known.shape[:2], 1.0)
         for _ in range(ROUNDS):
             matrix, vector = self._equations(weights)
@@ -106,8 +107,7 @@ class CameraErrors:
             seen = self.moved_by + np.einsum("fij,cj->fci", self.lever, errors)
             off = seen - self._poses(weights[..., None, None] * self.known, seen)[:, None]
             squares = np.einsum("fci,fcij,fcj->fc", off, self.known, off)  # squared Mahalanobis distance
-            known = min(1.0, SAME / len(self.known))
-            cost = 0.5 * known * float(((FREEDOM + 6) * np.log1p(squares / FREEDOM)).sum())
+            cost = 0.5 * self.share * float(((FREEDOM + 6) * np.log1p(squares / FREEDOM)).sum())
             cost += 0.5 * sum(float(e @ p @ e) for e, p in zip(errors, prior, strict=True))
             weights = (FREEDOM + 6) / (FREEDOM + squares)
         volume = np.linalg.slogdet(matrix)[1] - sum(np.linalg.slogdet(p)[1] for p in prior)
@@ -140,8 +140,7 @@ class CameraErrors:
         result = np.full((*self.known.shape[:2], 2), np.nan)
         for f in range(len(self.known)):
             for c, camera in enumerate(self.cameras):
-                shares = self.shares(f, c)
-                if shares is not None:
+                if (shares := self.shares(f, c)) is not None:
                     off = np.einsum("kij,kj->i", shares, self.moved_by[f])
                     across = (camera.camera_from_world[:3, :3] @ off[:3])[:2] / self.distance[f, c]
                     result[f, c] = across * [camera.matrix[0, 0], camera.matrix[1, 1]]
@@ -168,8 +167,7 @@ class CameraErrors:
 
     def _equations(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the normal equations (6 C, 6 C), (6 C,) of the errors, without their prior."""
-        share = min(1.0, SAME / len(self.known))
-        known = share * weights[..., None, None] * self.known
+        known = self.share * weights[..., None, None] * self.known
         count = len(self.cameras)
         joint = known.sum(axis=1) + np.diag(np.repeat([1.0, 1e-2], 3))
         pulled = np.einsum("fji,fcjk->fcik", self.lever, known)  # Gᵀ A
@@ -179,7 +177,7 @@ class CameraErrors:
             for k in range(count):
                 part = -pulled[:, c] @ reduced[:, k] @ self.lever
                 if c == k:
-                    part = part + pulled[:, c] @ self.lever
+                    part += pulled[:, c] @ self.lever
                 matrix[c, :, k, :] = part.sum(axis=0)
         off = self.moved_by - self._poses(known, self.moved_by)[:, None]
         vector = -np.einsum("fcij,fcj->ci", pulled, off)

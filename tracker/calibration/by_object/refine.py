@@ -67,7 +67,6 @@ class Unknowns:
     """The current estimate of the cameras and the rim, and its prior."""
 
     cameras: tuple[Camera, ...]
-    """Current estimate of the cameras."""
     errors: FloatArray
     """Sum (C, 10) of all changes so far: EXTRINSIC, EXPONENT, FOCAL."""
     rim: float
@@ -307,7 +306,6 @@ class Refined:
     """Cameras refined from recordings, and how much better they fit."""
 
     rig: CameraRig
-    """The refined rig."""
     moved: FloatArray
     """Error (C, 6) of each camera relative to the mean of all [m, rad], along world axes."""
     std: FloatArray
@@ -321,7 +319,6 @@ class Refined:
     rim: tuple[float, float]
     """How far inside its nominal edges the object's colours end, and the standard deviation [m]."""
     frames: int
-    """Number of frames used."""
     plane: TablePlane | None
     """The table in the world before levelling; None if the object rested in too few places."""
 
@@ -369,11 +366,8 @@ def refine_cameras(
         )
     now, step = adjust(edges, frames, rim, focal=focal)
     covariances = relative_covariance(step.covariance) + np.diag(np.repeat(np.square(FLOOR), 3))
-    stds = [
-        element_std(camera.camera_from_world[:3, :3], one)
-        for camera, one in zip(now.cameras, covariances, strict=True)
-    ]
-    found, plane = _stating(rig, now.cameras, stds), None
+    rotations = [camera.camera_from_world[:3, :3] for camera in now.cameras]
+    found, plane = _stating(rig, now.cameras, map(element_std, rotations, covariances)), None
     # If the object rested in too few places, z and tilt stay as they are.
     with contextlib.suppress(CalibrationError):
         plane = plane_of(edges.of(found), seen)

@@ -60,10 +60,9 @@ class Footage:
 
     def images(self, numbers: Sequence[int]) -> Iterator[Images]:
         """Return the images of the shots with these ascending numbers."""
-        source = self._source
-        if isinstance(source, Log):
-            return (frame.images for frame in picked(source, numbers))
-        return (source[number] for number in numbers)
+        if isinstance(self._source, Log):
+            return (frame.images for frame in picked(self._source, numbers))
+        return map(self._source.__getitem__, numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,15 +111,17 @@ def _seen(
         return None
     if shot.begins:
         tracker.reset()
+    velocity, skew = None, 0.0
     if shot.stamps is None:
-        found, velocity, skew = tracker.detect(shot.images), None, 0.0
+        found = tracker.detect(shot.images)
     else:
-        given = shot.stamps[np.isfinite(shot.stamps)]
         found = tracker.update(shot.images, shot.stamps.tolist())
-        filtered = found.filtered_object_pose
-        velocity, skew = filtered.velocity if filtered is not None else None, float(np.ptp(given))
+        if found.filtered_object_pose is None:
+            return None
+        velocity = found.filtered_object_pose.velocity
+        skew = float(np.ptp(shot.stamps[np.isfinite(shot.stamps)]))
     pose = found.object_pose
-    if pose is None or pose.confidence < least or (shot.stamps is not None and velocity is None):
+    if pose is None or pose.confidence < least:
         return None
     return Sighting(footage, shot.number, pose.position, pose.rotation, velocity, skew, begins)
 

@@ -31,8 +31,7 @@ from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.files import read_bounded, told_as, told_of, write_whole
 from tracker.geometry import so3
-from tracker.geometry.camera import MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
-from tracker.geometry.distortion import COUNTS
+from tracker.geometry.camera import COUNTS, MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
 
 MAX_FILE_SIZE = 100_000
 """Largest file that is parsed [bytes]; real files have 2 kB, and PyYAML takes seconds for a megabyte."""
@@ -45,9 +44,6 @@ _MATRIX_KEY, _DISTORTION_KEY = "camera_matrix_std", "distortion_coefficients_std
 TRANSFORM_KEYS = ("tf_world_to_camera", "projection_matrix")
 """Keys of camera_from_world, of current files and of files of early 2020."""
 
-_ROS_KEY = "distortion_model"
-_ROS_MODELS = ("plumb_bob", "rational_polynomial")
-
 
 class _Loader(yaml.SafeLoader):
     """YAML loader that accepts only plain values and no duplicate keys."""
@@ -56,12 +52,10 @@ class _Loader(yaml.SafeLoader):
         seen: set[str] = set()
         for key, _ in node.value:
             # Merge keys can be nested so that they grow exponentially; no calibration needs them.
-            if key.tag == "tag:yaml.org,2002:merge":
-                raise yaml.constructor.ConstructorError(None, None, "merge key '<<'", key.start_mark)
-            if isinstance(key, yaml.ScalarNode) and key.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key.value!r} stands twice", key.start_mark
-                )
+            merge = key.tag == "tag:yaml.org,2002:merge"
+            if merge or (isinstance(key, yaml.ScalarNode) and key.value in seen):
+                fault = "merge key '<<'" if merge else f"key {key.value!r} stands twice"
+                raise yaml.constructor.ConstructorError(None, None, fault, key.start_mark)
             seen.add(str(key.value))
         return super().construct_mapping(node, deep=deep)
 
@@ -91,10 +85,11 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
         raise CalibrationError(f"{path}: not plain YAML: {reason}") from error
     if not isinstance(data, dict):
         raise CalibrationError(f"{path}: found {shown(data)}, expected a mapping with the key camera_matrix")
-    if _ROS_KEY in data:
-        if data[_ROS_KEY] not in _ROS_MODELS:
-            valid = " or ".join(_ROS_MODELS)
-            raise CalibrationError(f"{path}: {_ROS_KEY}: found {shown(data[_ROS_KEY])}, expected {valid}")
+    if "distortion_model" in data:
+        found, valid = data["distortion_model"], ("plumb_bob", "rational_polynomial")
+        if found not in valid:
+            expected = " or ".join(valid)
+            raise CalibrationError(f"{path}: distortion_model: found {shown(found)}, expected {expected}")
         # In ROS files this key is the 3×4 projection matrix of rectified images.
         data.pop("projection_matrix", None)
     return data
@@ -271,18 +266,17 @@ def calibration_files(root: Path, pattern: str | None) -> list[Path]:
 
 def _order(camera_name: str, file_name: str) -> tuple[float, str, str]:
     """Return a sort key: the number in the camera's name, else in the file's name; without one, last."""
-    number = re.search(r"\d+", camera_name) or re.search(r"camera\D*(\d+)", file_name)
-    digits = number.group(number.lastindex or 0) if number else ""
-    return (float(digits) if digits else float("inf"), camera_name, file_name)
+    number = re.search(r"(\d+)", camera_name) or re.search(r"camera\D*(\d+)", file_name)
+    return (float(number[1]) if number else float("inf"), camera_name, file_name)
 
 
 def _refuse_variants(folder: Path | None, files: Sequence[str], names: Sequence[str]) -> None:
     """Raise CalibrationError if a camera has several files; for a folder, suggest patterns to select one."""
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if not twice:
+    twice = min((name for name in names if names.count(name) > 1), default=None)
+    if twice is None:
         return
-    same = sorted(file for file, name in zip(files, names, strict=True) if name == twice[0])
-    fault = f"found {len(same)} files of {twice[0]} ({', '.join(same)}), expected one of each camera"
+    same = sorted(file for file, name in zip(files, names, strict=True) if name == twice)
+    fault = f"found {len(same)} files of {twice} ({', '.join(same)}), expected one of each camera"
     if folder is None:
         raise CalibrationError(f"calibration: {fault}")
     patterns = sorted({_pattern(file, files, names) for file in files} - {""})
@@ -320,13 +314,10 @@ def read_all_calibrated(
     return tuple(found)
 
 
-_OF_ROBOT = re.compile(r"(r\d+)_camera.*\.ya?ml")
-
-
 def robots_in(folder: Path) -> list[str]:
     """Return the robots whose calibration files are in a folder, e.g. `r1` for r1_camera60.yml."""
     names = (file.name for file in folder.iterdir()) if folder.is_dir() else ()
-    found = {match[1] for name in names if (match := _OF_ROBOT.fullmatch(name))}
+    found = {match[1] for name in names if (match := re.fullmatch(r"(r\d+)_camera.*\.ya?ml", name))}
     return sorted(found, key=lambda robot: (int(robot[1:]), robot))
 
 
