@@ -29,6 +29,9 @@ MOST_RMS = 1.5e-3
 Photo = tuple[int, int]
 """Numbers of a photo's camera and of its board pose."""
 
+Photos = Mapping[Photo, BoardView]
+"""Views of the board."""
+
 Poses = Mapping[int, FloatArray]
 """Transforms (4, 4) by the number of a camera or of a board pose."""
 
@@ -43,7 +46,7 @@ class Placed:
     """Poses (4, 4) of the board, the first as given."""
     residuals: Mapping[Photo, FloatArray]
     """Residuals (N, 2) [px] of every photo with a board: observed minus fitted corners."""
-    sightings: Mapping[Photo, BoardView]
+    sightings: Photos
     """The views of the board, without outlying corners."""
     faults: Mapping[Photo, str]
     """The photos excluded from the fit, and what is wrong with each."""
@@ -53,9 +56,7 @@ class Placed:
         return rms([one for at, one in self.residuals.items() if at[0] == camera and at not in self.faults])
 
 
-def place_cameras(
-    lenses: Sequence[Calibrated], sightings: Mapping[Photo, BoardView], world_from_board: FloatArray
-) -> Placed:
+def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_board: FloatArray) -> Placed:
     """Fit the poses of the cameras and of the board to photos of the board in several poses.
 
     The poses of `lenses` are ignored. `world_from_board` (4, 4) [m] is the board's pose number 0.
@@ -106,9 +107,7 @@ class _Fit(NamedTuple):
     """Sum of the squared residuals [px²]."""
 
 
-def _fitted(
-    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
-) -> _Fit:
+def _fitted(lenses: Sequence[Calibrated], photos: Photos, world_from_board: FloatArray) -> _Fit:
     """Return the fit to photos; CalibrationError if they do not link all cameras to board pose 0."""
     cameras, places = _start(lenses, photos, world_from_board)
     free = sorted(place for place in places if place != 0)
@@ -129,7 +128,7 @@ def _fitted(
 
 
 def _residuals(
-    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], cameras: Poses, places: Poses
+    lenses: Sequence[Calibrated], photos: Photos, cameras: Poses, places: Poses
 ) -> dict[Photo, FloatArray]:
     return {
         (camera, place): one.misses(cameras[camera] @ places[place], _optics(lenses[camera]))
@@ -138,7 +137,7 @@ def _residuals(
 
 
 def _odd_one(
-    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray, fit: _Fit
+    lenses: Sequence[Calibrated], photos: Photos, world_from_board: FloatArray, fit: _Fit
 ) -> tuple[Photo, str, _Fit] | None:
     """Return the photo that the others contradict, what is wrong with it, and the fit without it; or None.
 
@@ -168,7 +167,7 @@ def _odd_one(
     return at, f"with it all miss by {missed:.2f} px for each of its corners, without it {usual:.2f}", rest
 
 
-def _odd_gain(photo: BoardView, rest: float, others: Mapping[Photo, BoardView]) -> float:
+def _odd_gain(photo: BoardView, rest: float, others: Photos) -> float:
     """Return how much a photo that agrees with the others may add to the sum of squares [px²]."""
     return MANY_TIMES**2 * rest / sum(len(one) for one in others.values()) * len(photo)
 
@@ -185,7 +184,7 @@ def _step(pose: FloatArray, step: FloatArray) -> FloatArray:
 
 
 def _start(
-    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
+    lenses: Sequence[Calibrated], photos: Photos, world_from_board: FloatArray
 ) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
     """Return initial camera and board poses, chained by photos, those with the most corners first."""
     poses = {at: one.pose(_optics(lenses[at[0]])) for at, one in photos.items()}
@@ -209,11 +208,10 @@ def _start(
 
 def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: FloatArray) -> Calibrated:
     """Return the camera at its pose, with the element-wise deviations that follow from those of (ω, δt)."""
-    std = np.zeros((4, 4))
-    turns = rotation_slopes(camera_from_world[:3, :3])
+    std, pose = np.zeros((4, 4)), camera_from_world.copy()
+    turns = rotation_slopes(pose[:3, :3])
     std[:3, :3] = np.sqrt(np.einsum("aij,ab,bij->ij", turns, covariance[:3, :3], turns))
     std[:3, 3] = np.sqrt(np.diagonal(covariance)[3:])
-    pose = camera_from_world.copy()
     pose[:3, :3] = so3.nearest_rotation(pose[:3, :3])
     camera = dataclasses.replace(lens.camera, camera_from_world=pose, camera_from_world_std=std)
     return dataclasses.replace(lens, camera=camera, placed=True)
@@ -221,7 +219,7 @@ def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: Flo
 
 def _require_fit(placed: Placed) -> None:
     for number, one in enumerate(placed.cameras):
-        name, limit = one.camera.name, MOST_RMS * float(one.camera.matrix.diagonal()[:2].min())
+        limit = MOST_RMS * float(one.camera.matrix.diagonal()[:2].min())
         own = [at for at in placed.residuals if at[0] == number]
         refused = sum(at in placed.faults for at in own)
         if 2 * refused >= len(own):
@@ -230,6 +228,5 @@ def _require_fit(placed: Placed) -> None:
             found = f"its photos miss by {placed.rms(number):.2f} px RMS, expected at most {limit:.2f}"
         else:
             continue
-        raise CalibrationError(
-            f"{name}: {found}: the lens is not this camera's, or the board moved between cameras"
-        )
+        why = "the lens is not this camera's, or the board moved between cameras"
+        raise CalibrationError(f"{one.camera.name}: {found}: {why}")

@@ -87,12 +87,21 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
         CalibrationError: the photos differ in size, are too few or too similar, never show whole rows of
             the board, or no lens fits them.
     """
-    size = _one_size(name, sightings)
+    sizes = {one.size: one.photo for one in sightings}
+    if len(sizes) > 1:
+        found = ", ".join(f"{photo} of {size[0]}x{size[1]} px" for size, photo in sizes.items())
+        raise CalibrationError(f"{name}: found {found}; expected photos of one size")
+    size = next(iter(sizes), (0, 0))
     few = f"corners, expected {FEWEST_CORNERS}"
     faults = {n: f"only {len(one)} {few}" for n, one in enumerate(sightings) if len(one) < FEWEST_CORNERS}
     enough = [n for n in range(len(sightings)) if n not in faults]
     _require_photos(name, len(enough), len(sightings))
-    _require_whole_board(name, [sightings[n] for n in enough], board)
+    shown = squares_shown([sightings[n] for n in enough], board)
+    if shown != (board.columns, board.rows):  # the board is smaller than stated
+        raise CalibrationError(
+            f"{name}: all {len(enough)} photos show no more than {shown[0]}x{shown[1]} squares of the board, "
+            f"expected {board.columns}x{board.rows}; is that its size?"
+        )
     cleaned = list(sightings)
     for n, one in zip(enough, _cleaned([sightings[n] for n in enough], size), strict=True):
         cleaned[n] = one
@@ -172,29 +181,11 @@ def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[flo
     return result
 
 
-def _one_size(name: str, sightings: Sequence[BoardView]) -> tuple[int, int]:
-    sizes = {one.size: one.photo for one in sightings}
-    if len(sizes) > 1:
-        found = ", ".join(f"{photo} of {size[0]}x{size[1]} px" for size, photo in sizes.items())
-        raise CalibrationError(f"{name}: found {found}; expected photos of one size")
-    return sightings[0].size if sightings else (0, 0)
-
-
 def _require_photos(name: str, found: int, all_photos: int) -> None:
     if found < FEWEST_PHOTOS:
         raise CalibrationError(
             f"{name}: found {found} photos to go by, of {all_photos} with a board; expected at least "
             f"{FEWEST_PHOTOS}, better 15, with the board tilted in all directions and out to the corners"
-        )
-
-
-def _require_whole_board(name: str, sightings: Sequence[BoardView], board: Board) -> None:
-    """Raise if no photo shows the last rows or columns: the board is smaller than stated."""
-    columns, rows = squares_shown(sightings, board)
-    if (columns, rows) != (board.columns, board.rows):
-        raise CalibrationError(
-            f"{name}: all {len(sightings)} photos show no more than {columns}x{rows} squares of the board, "
-            f"expected {board.columns}x{board.rows}; is that its size?"
         )
 
 

@@ -82,7 +82,10 @@ class CameraErrors:
             for c, camera in enumerate(cameras):
                 self.distance[f, c] = np.linalg.norm(camera.position - look.position)
                 if look.information[c, 0, 0] > 0.0:
-                    noise = _view_errors(camera, self.distance[f, c])
+                    # The errors inherent in one view, along world axes.
+                    turn = np.kron(np.eye(2), camera.camera_from_world[:3, :3].T)
+                    place = self.distance[f, c] * np.array([ACROSS, ACROSS, ALONG])
+                    noise = turn @ np.diag(np.square([*place, TILT, TILT, ROLL])) @ turn.T
                     known = look.information[c]
                     self.known[f, c] = known - known @ np.linalg.solve(known + np.linalg.inv(noise), known)
         typical = np.diag(np.repeat(np.square(TYPICAL), 3))
@@ -182,10 +185,3 @@ class CameraErrors:
         off = self.moved_by - self._poses(known, self.moved_by)[:, None]
         vector = -np.einsum("fcij,fcj->ci", pulled, off)
         return matrix.reshape(6 * count, 6 * count), vector.reshape(-1)
-
-
-def _view_errors(camera: Camera, distance: float) -> FloatArray:
-    """Return the covariance (6, 6) of the errors inherent in one view, along world axes."""
-    turn = np.kron(np.eye(2), camera.camera_from_world[:3, :3].T)
-    std = [ACROSS * distance, ACROSS * distance, ALONG * distance, TILT, TILT, ROLL]
-    return np.asarray(turn @ np.diag(np.square(std)) @ turn.T)
