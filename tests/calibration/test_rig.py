@@ -98,9 +98,8 @@ def test_a_folder_that_holds_no_rig_is_named_with_what_it_holds(files, options, 
 
 
 def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_the_error_names(tmp_path):
-    for name, azimuth in (("left", 60), ("right", 180)):
-        camera = dataclasses.replace(make_camera(azimuth), name=name)
-        write_calibrated(Calibrated(camera), tmp_path / f"{name}.yml")
+    for name in ("left", "right"):
+        write_calibrated(Calibrated(make_camera(60, name)), tmp_path / f"{name}.yml")
     with pytest.raises(CalibrationError) as caught:
         CameraRig.load(tmp_path)
     assert "found left.yml, right.yml, expected a file like camera60.yml" in str(caught.value)
@@ -161,14 +160,10 @@ def test_a_rig_that_cannot_be_saved_is_reported_and_leaves_nothing(tmp_path):
     for folder in (tmp_path / "file", "a\0b", 5):
         with pytest.raises(CalibrationError, match="cannot be made a folder"):
             make_rig(60).save(folder)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_two_cameras_are_not_saved_to_one_file(tmp_path):
     rig = CameraRig((make_camera(60, "left"), make_camera(180, "camera_left")))
     with pytest.raises(CalibrationError, match=r"found two cameras for camera_left\.yml"):
         rig.save(tmp_path / "new")
-    assert not (tmp_path / "new").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_resizing_a_rig_resizes_every_camera():

@@ -1,5 +1,4 @@
 import dataclasses
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -7,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers import image_grid, look_at, make_camera, numerical_jacobian, opencv_pixels
+from tests.helpers import image_grid, look_at, make_camera, opencv_pixels
 from tracker.calibration.files.platform import read_calibrated
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -16,10 +15,6 @@ from tracker.geometry.camera import Camera
 def points_seen(camera: Camera, rng: np.random.Generator, pixels: np.ndarray) -> np.ndarray:
     depth = rng.uniform(0.2, 1.0, size=(len(pixels), 1))
     return camera.position + depth * camera.rays(pixels)
-
-
-def calibration_files(real: Path) -> list[Path]:
-    return sorted([*real.glob("calibration/*/*.yml"), *real.glob("pose/*/*.yml")])
 
 
 def test_a_camera_looks_along_its_z_axis_with_y_down():
@@ -40,15 +35,6 @@ def test_points_behind_the_camera_have_no_pixel(camera):
     np.testing.assert_array_equal(camera.project(points), pixels)
 
 
-def test_the_jacobian_is_that_of_finite_differences(camera, rng):
-    points = rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 0.15], size=(50, 3))
-    pixels, jacobian = camera.project_with_jacobian(points)
-    np.testing.assert_array_equal(pixels, camera.project(points))
-    for point, derivative in zip(points, jacobian, strict=True):
-        expected = numerical_jacobian(lambda p: camera.project(p)[0], point)
-        np.testing.assert_allclose(derivative, expected, rtol=1e-6, atol=1e-4)
-
-
 def assert_undistorted(camera: Camera, least: float) -> None:
     """To the corners, of so large a share of the pixels."""
     pixels = image_grid(camera, 40)
@@ -65,7 +51,7 @@ def test_undistort_inverts_the_distortion_and_says_so_where_no_ray_leads_to_a_pi
 
 
 def test_every_real_camera_projects_as_opencv_and_undistorts(real, rng):
-    for file in calibration_files(real):
+    for file in [*real.glob("calibration/*/*.yml"), *real.glob("pose/*/*.yml")]:
         camera = read_calibrated(file).camera
         # Uncropped images reach, in a few pixels of a corner, beyond what the distortion can map to.
         assert_undistorted(camera, 0.998 if camera.width == 720 else 1.0)

@@ -74,14 +74,10 @@ def test_points_that_the_lens_would_fold_into_the_image_have_no_pixel(camera, rn
     assert np.isnan(camera.project_in_view([camera.position])).all()
 
 
-def positive(rng: np.random.Generator, size: int) -> np.ndarray:
-    root = rng.normal(size=(size, size))
-    return root @ root.T + np.eye(size)
-
-
 @pytest.mark.parametrize("size", [1, 3, 6, 8])
 def test_factor_and_solution_are_numpys_and_only_lower_halves_are_read(rng, size):
-    matrix, vector, out = positive(rng, size), rng.normal(size=size), np.empty(size)
+    root, vector, out = rng.normal(size=(size, size)), rng.normal(size=size), np.empty(size)
+    matrix = root @ root.T + np.eye(size)
     expected, factor = np.linalg.solve(matrix, vector), np.linalg.cholesky(matrix)
     lower = np.zeros((size, size))
     matrix[np.triu_indices(size, 1)] = np.nan

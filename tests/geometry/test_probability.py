@@ -105,9 +105,8 @@ def test_axes_units_and_memory_layout_do_not_matter():
         near, turned = typical_limits(covariance, rng)
         expected = probability_within(covariance, near, turned)
         both = np.kron(np.eye(2), rotation)
-        assert probability_within(both @ covariance @ both.T, near, turned) == pytest.approx(
-            expected, abs=CLOSE
-        )
+        elsewhere = probability_within(both @ covariance @ both.T, near, turned)
+        assert elsewhere == pytest.approx(expected, abs=CLOSE)
         scaled = probability_within(covariance * np.outer(units, units), 1e3 * near, 57.3 * turned)
         assert scaled == pytest.approx(expected, abs=1e-9)
         larger = np.zeros((12, 12))

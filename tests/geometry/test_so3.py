@@ -31,9 +31,15 @@ def test_exp_is_a_rotation(v):
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_log_inverts_exp_at_every_angle(angle, rng):
+def test_logarithm_quaternion_and_angle_are_those_of_the_rotation_at_every_angle(angle, rng):
     rotvec = angle * directions(rng)
-    np.testing.assert_allclose(so3.log(so3.exp(rotvec)), rotvec, rtol=1e-12, atol=1e-14)
+    rotations = so3.exp(rotvec)
+    np.testing.assert_allclose(so3.log(rotations), rotvec, rtol=1e-12, atol=1e-14)
+    quaternions = so3.quaternion_from_matrix(rotations)
+    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1, rtol=1e-14)
+    np.testing.assert_allclose(so3.matrix_from_quaternion(quaternions), rotations, atol=1e-13)
+    first = random_rotations(rng, len(rotvec))
+    np.testing.assert_allclose(so3.angle_between(first, rotations @ first), angle, rtol=1e-9, atol=3e-15)
 
 
 def test_exp_inverts_log_of_exact_half_turns(rng):
@@ -48,14 +54,6 @@ def test_hat_is_the_derivative_of_exp_at_the_identity():
     np.testing.assert_allclose(jacobian, np.moveaxis(so3.hat(np.eye(3)), 0, -1), atol=1e-9)
 
 
-@pytest.mark.parametrize("angle", ANGLES)
-def test_matrix_and_quaternion_invert_each_other(angle, rng):
-    rotations = so3.exp(angle * directions(rng))
-    quaternions = so3.quaternion_from_matrix(rotations)
-    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1, rtol=1e-14)
-    np.testing.assert_allclose(so3.matrix_from_quaternion(quaternions), rotations, atol=1e-13)
-
-
 def test_quaternions_have_a_canonical_sign_and_multiply_in_the_order_of_xyzw(rng):
     q = rng.normal(size=(200, 4))
     back = so3.quaternion_from_matrix(so3.matrix_from_quaternion(q))
@@ -68,23 +66,13 @@ def test_quaternions_have_a_canonical_sign_and_multiply_in_the_order_of_xyzw(rng
     np.testing.assert_allclose(so3.matrix_from_quaternion(quarter_about_z) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
 
 
-@pytest.mark.parametrize("angle", ANGLES)
-def test_angle_between_finds_the_angle(angle, rng):
-    first = random_rotations(rng, 46)
-    second = so3.exp(angle * directions(rng)) @ first
-    np.testing.assert_allclose(so3.angle_between(first, second), angle, rtol=1e-9, atol=3e-15)
-
-
-def test_nearest_rotation_mends_noise_and_keeps_rotations(rng):
+def test_nearest_rotation_mends_noise_keeps_rotations_and_is_nearer_than_any_other(rng):
     rotations = random_rotations(rng, 50)
     np.testing.assert_allclose(so3.nearest_rotation(rotations), rotations, atol=1e-14)
     noisy = rotations + 1e-4 * rng.normal(size=rotations.shape)
     assert so3.angle_between(so3.nearest_rotation(noisy), rotations).max() < 1e-3
     mirrored = so3.nearest_rotation(rotations * [1, 1, -1])
     np.testing.assert_allclose(np.linalg.det(mirrored), 1, rtol=1e-12)
-
-
-def test_nearest_rotation_is_nearer_than_any_other(rng):
     matrix = rng.normal(size=(3, 3))
     distance = np.linalg.norm(so3.nearest_rotation(matrix) - matrix)
     others = np.linalg.norm(random_rotations(rng, 2000) - matrix, axis=(1, 2))

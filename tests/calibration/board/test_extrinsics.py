@@ -24,21 +24,20 @@ PLACES = [
 ]
 
 
-def lenses(count=3):
-    """Lenses of cameras whose stated places are wrong."""
-    matrix, distortion = LENS.arrays
-    one = Camera("camera", LENS.width, LENS.height, matrix, distortion, np.eye(4))
-    return [Calibrated(dataclasses.replace(one, name=f"camera{n}"), placed=False) for n in range(count)]
-
-
-def views(seed, pairs=None, noise=0.1):
-    """Photos by (camera, place), by default all."""
-    rng = np.random.default_rng(seed)
-    pairs = [(c, p) for c in range(3) for p in range(3)] if pairs is None else pairs
-    return {(c, p): sighting(f"{c} {p}", TRUE[c] @ PLACES[p], rng, noise=noise) for c, p in pairs}
-
-
 ALONE = [(c, 0) for c in range(3)]
+ALL = [(c, p) for c in range(3) for p in range(3)]
+
+
+def lenses():
+    """Lenses of cameras whose stated places are wrong."""
+    size = LENS.width, LENS.height
+    return [Calibrated(Camera(f"camera{n}", *size, *LENS.arrays, np.eye(4)), placed=False) for n in range(3)]
+
+
+def views(seed, pairs=ALL, noise=0.1):
+    """Photos by (camera, place)."""
+    rng = np.random.default_rng(seed)
+    return {(c, p): sighting(f"{c} {p}", TRUE[c] @ PLACES[p], rng, noise=noise) for c, p in pairs}
 
 
 def test_without_noise_the_places_are_the_true_ones():
@@ -50,7 +49,7 @@ def test_without_noise_the_places_are_the_true_ones():
         assert found == pytest.approx(true, abs=1e-7)
 
 
-@pytest.mark.parametrize("pairs", [ALONE, None])
+@pytest.mark.parametrize("pairs", [ALONE, ALL])
 def test_stated_deviations_of_places_are_those_of_their_errors(pairs):
     errors = []
     for seed in range(8):
@@ -67,7 +66,7 @@ def test_more_places_make_cameras_more_certain():
         cameras = place_cameras(lenses(), views(3, pairs), GIVEN).cameras
         return np.array([np.linalg.norm(one.camera.camera_from_world_std[:3, 3]) for one in cameras])
 
-    assert (certainty(None) < certainty(ALONE)).all()
+    assert (certainty(ALL) < certainty(ALONE)).all()
 
 
 def test_a_camera_is_placed_through_another_that_sees_the_given_place_or_named():
@@ -98,9 +97,9 @@ def of_another_focal_length(lens, factor):
 @pytest.mark.parametrize(
     ("change", "pairs", "words"),
     [
-        (lambda lens: of_another_focal_length(lens, 1.1), None, "2 of its 3 photos are .* the lens is not"),
+        (lambda lens: of_another_focal_length(lens, 1.1), ALL, "2 of its 3 photos are .* the lens is not"),
         (lambda lens: of_another_focal_length(lens, 1.3), ALONE, "its photos miss by.* the lens is not"),
-        (lambda lens: lens.resized(180, 135), None, "found 360x270 px, but the lens of camera1 .* 180x135"),
+        (lambda lens: lens.resized(180, 135), ALL, "found 360x270 px, but the lens of camera1 .* 180x135"),
     ],
 )
 def test_a_lens_of_another_camera_is_named(change, pairs, words):
@@ -203,13 +202,8 @@ def test_a_photo_with_few_corners_has_no_say():
     assert fit_lens("camera", seen, BOARD).photos[0].fault == "only 6 corners, expected 8"
 
 
-def of_two_sizes():
-    seen = sightings(13)
-    seen[3] = dataclasses.replace(seen[3], size=(720, 540))
-    return seen
-
-
 OTHER = dataclasses.replace(LENS, distortion=(0.3, 0, 0, 0, 0), matrix=(250, 295, 190, 120))
+TWICE_AS_LARGE = dataclasses.replace(sightings(13)[3], size=(720, 540))
 
 
 @pytest.mark.parametrize(
@@ -217,7 +211,7 @@ OTHER = dataclasses.replace(LENS, distortion=(0.3, 0, 0, 0, 0), matrix=(250, 295
     [
         (lambda: sightings(10, count=5), BOARD, r"camera: found 5 photos to go by, of 5 .* at least 6"),
         (lambda: sightings(12), Board(5, 9, 0.04, 0.03), "no more than 5x7 squares .* expected 5x9"),
-        (of_two_sizes, BOARD, r"photo \d+ of 360x270 px, photo 3 of 720x540 px"),
+        (lambda: [*sightings(13), TWICE_AS_LARGE], BOARD, r"photo \d+ of 360x270 px, photo 3 of 720x540 px"),
         (lambda: sightings(14, lenses=(LENS, OTHER)), BOARD, r"photos left out miss by .* not of one camera"),
         *[
             (functools.partial(sightings, seed, 8, tilt=tilt), BOARD, "too alike; tilt the board")

@@ -12,7 +12,7 @@ from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
 
-SIZES = ((0.065, 0.065, 0.065), (0.02, 0.08, 0.02))
+SIZES = np.array([(0.065, 0.065, 0.065), (0.02, 0.08, 0.02)])
 RIG = make_rig()
 OWN = np.diag(np.repeat(np.square([0.06e-3, 1e-3]), 3))
 
@@ -56,7 +56,6 @@ def rests(count, rng, size=SIZES[0], *, held=0, placed=TILTED, radius=0.17, nois
 
 @pytest.mark.parametrize("size", SIZES)
 def test_moves_of_the_equations_are_their_derivatives(size, rng):
-    size = np.array(size)
     for rest in rests(6, rng, size):
         values, design, moves = _equations(rest, size, (0.01, -0.02))
 
@@ -78,7 +77,7 @@ def test_moves_of_the_equations_are_their_derivatives(size, rng):
 @pytest.mark.parametrize(("height", "degrees"), [(0.0, 0.0), (0.005, 1.0), (-0.006, 2.0)])
 def test_exact_rests_give_the_table_exactly(size, height, degrees, rng):
     placed = world(height, degrees)
-    found = fit_table(rests(8, rng, np.array(size), placed=placed, noise=0.0), np.array(size), RIG)
+    found = fit_table(rests(8, rng, size, placed=placed, noise=0.0), size, RIG)
     np.testing.assert_allclose([found.height, *found.slope], truth(*placed), atol=1e-9)
     assert found.scatter < 1e-9
     np.testing.assert_allclose(found.used, 1.0)
@@ -86,16 +85,14 @@ def test_exact_rests_give_the_table_exactly(size, height, degrees, rng):
 
 def test_objects_held_flat_most_of_the_time_do_not_lift_the_table():
     for seed in range(20):
-        found = fit_table(rests(10, np.random.default_rng(seed), held=40), np.array(SIZES[0]), RIG)
+        found = fit_table(rests(10, np.random.default_rng(seed), held=40), SIZES[0], RIG)
         off = np.array([found.height, *found.slope]) - truth(*TILTED)
         assert abs(off[0]) < 0.2e-3
         assert np.degrees(np.linalg.norm(off[1:])) < 0.1
 
 
 def test_what_all_poses_share_is_not_averaged_away():
-    few, many = (
-        fit_table(rests(n, np.random.default_rng(1)), np.array(SIZES[0]), RIG).covariance for n in (8, 200)
-    )
+    few, many = (fit_table(rests(n, np.random.default_rng(1)), SIZES[0], RIG).covariance for n in (8, 200))
     shared = sum(calibration_covariance(camera) for camera in RIG)[2, 2] / 9
     assert many[0, 0] < few[0, 0]
     np.testing.assert_allclose(many[0, 0], shared, rtol=0.05)
@@ -112,7 +109,7 @@ def test_the_covariance_covers_errors_of_the_cameras():
             dataclasses.replace(rest, position=rest.position + moved[:3], rotation=turn @ rest.rotation)
             for rest in rests(8, rng)
         ]
-        found = fit_table(seen, np.array(SIZES[0]), RIG)
+        found = fit_table(seen, SIZES[0], RIG)
         off = np.array([found.height, *found.slope]) - truth(*TILTED)
         values.append(off @ np.linalg.solve(found.covariance, off))
     # The floors count for errors of real tables, which these poses have not.
@@ -121,7 +118,7 @@ def test_the_covariance_covers_errors_of_the_cameras():
 
 @pytest.mark.parametrize("placed", [world(-0.005, 1.2), world(0, 0)])
 def test_in_the_new_world_the_table_is_level_and_the_rest_as_before(placed, rng):
-    found = fit_table(rests(8, rng, placed=placed, noise=0.0), np.array(SIZES[0]), RIG)
+    found = fit_table(rests(8, rng, placed=placed, noise=0.0), SIZES[0], RIG)
     rig = levelled(RIG, found)
     assert rig.arena.table == 0.0
     assert rig.arena.table_std == found.std
@@ -159,7 +156,7 @@ def in_a_line(rng):
 )
 def test_rests_that_give_no_plane_are_refused_with_the_reason(seen, message, rng):
     with pytest.raises(CalibrationError, match=message):
-        fit_table(seen(rng), np.array(SIZES[0]), RIG)
+        fit_table(seen(rng), SIZES[0], RIG)
 
 
 POSITION = np.array([0.06, -0.09, 0.03])

@@ -17,7 +17,6 @@ import base64
 import dataclasses
 import functools
 import io
-import math
 from typing import Any
 
 import cv2
@@ -53,25 +52,22 @@ class Board:
     """Whether a board with an even number of rows begins with a marker (the old pattern)."""
 
     def __post_init__(self) -> None:
-        if not (3 <= self.columns <= MOST_SQUARES and 3 <= self.rows <= MOST_SQUARES):
-            found = f"{self.columns}x{self.rows} squares"
-            raise CalibrationError(f"board: found {found}, expected 3 to {MOST_SQUARES} along each edge")
-        if not (math.isfinite(self.square) and 0 < self.square <= 10):
-            raise CalibrationError(f"board: found squares of {self.square:g} m, expected above 0, at most 10")
-        if not 0 < self.marker < self.square:
-            raise CalibrationError(
-                f"board: found markers of {self.marker:g} m, expected less than the squares' {self.square:g}"
-            )
-        if self.dictionary not in dictionaries():
-            known = ", ".join(dictionaries())
-            raise CalibrationError(
-                f"board: found the dictionary {self.dictionary!r}, expected one of {known}"
-            )
+        def require(holds: bool, found: str, valid: str) -> None:
+            if not holds:
+                raise CalibrationError(f"board: found {found}, expected {valid}")
+
+        squares, known = f"{self.columns}x{self.rows} squares", dictionaries()
+        sizes = all(3 <= count <= MOST_SQUARES for count in (self.columns, self.rows))
+        require(sizes, squares, f"3 to {MOST_SQUARES} along each edge")
+        require(0 < self.square <= 10, f"squares of {self.square:g} m", "above 0, at most 10")
+        smaller = f"less than the squares' {self.square:g}"
+        require(0 < self.marker < self.square, f"markers of {self.marker:g} m", smaller)
+        named = f"the dictionary {self.dictionary!r}"
+        require(self.dictionary in known, named, f"one of {', '.join(known)}")
         there, needed = len(self.markers.bytesList), self.columns * self.rows // 2
         if needed > there:
             raise CalibrationError(
-                f"board: {self.columns}x{self.rows} squares need {needed} markers, "
-                f"but {self.dictionary} has {there}"
+                f"board: {squares} need {needed} markers, but {self.dictionary} has {there}"
             )
 
     def __str__(self) -> str:
@@ -108,10 +104,9 @@ class Board:
     @functools.cached_property
     def corners(self) -> FloatArray:
         """Positions (N, 3) of the inner corners in the board's frame [m]."""
-        rows, columns = np.mgrid[1 : self.rows, 1 : self.columns]
+        rows, columns = np.mgrid[1 : self.rows, 1 : self.columns].reshape(2, -1)
         across, up = columns - self.columns / 2, self.rows / 2 - rows
-        points: FloatArray = np.stack([across, up, np.zeros(across.shape)], axis=-1).reshape(-1, 3)
-        return points * self.square
+        return np.stack([across, up, np.zeros(len(up))], axis=-1) * self.square
 
 
 PAGES = {"A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1": (594.0, 841.0)}

@@ -20,9 +20,6 @@ FEWEST_CORNERS = 4
 MOST_BLUR = 1.5
 """Largest standard deviation [px] of the blur; above it, markers are missed and corners shift."""
 
-_FEWEST_MARKERS = 4
-"""Smallest number of markers that counts as a board."""
-
 MANY_TIMES = 3.0
 """A photo is an outlier if its residual exceeds that of the others by this factor."""
 
@@ -129,11 +126,7 @@ CLEAR = 0.7
 
 
 def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
-    """Detect the board in an image (H, W, 3) or (H, W); None if fewer than FEWEST_CORNERS are found.
-
-    Corners are saddle points of the brightness, found by OpenCV's `cornerSubPix` in windows that end
-    before the markers.
-    """
+    """Detect the board in an image (H, W, 3) or (H, W); None if fewer than FEWEST_CORNERS are found."""
     gray = grey(image)
     pixels, numbers, _, _ = _detector(board).detectBoard(gray)
     if numbers is None or len(numbers) < FEWEST_CORNERS:
@@ -188,10 +181,7 @@ def pattern_seen(images: Sequence[Image], board: Board) -> Board:
 
 def squares_shown(sightings: Sequence[BoardView], board: Board) -> tuple[int, int]:
     """Return the columns and rows of squares that the corners of all views together span."""
-    grid: Array = np.zeros((board.rows - 1) * (board.columns - 1), bool)
-    for one in sightings:
-        grid[one.corners] = True
-    rows, columns = np.nonzero(grid.reshape(board.rows - 1, board.columns - 1))
+    rows, columns = np.divmod(np.concatenate([one.corners for one in sightings]), board.columns - 1)
     return int(np.ptp(columns)) + 2, int(np.ptp(rows)) + 2
 
 
@@ -204,7 +194,7 @@ def why_no_board(image: Image, board: Board) -> str:
     if blur > MOST_BLUR:
         return f"the photo is blurred, its sharpest edges by {blur:.1f} px"
     count = len(_markers(gray, board))
-    if count >= _FEWEST_MARKERS:
+    if count >= 4:
         return f"its {count} markers do not lie as on a board of {board.columns}x{board.rows} squares"
     if count:
         return f"only {count} markers of {board.dictionary} found, no {FEWEST_CORNERS} corners between them"

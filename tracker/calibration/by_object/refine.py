@@ -78,7 +78,7 @@ class Unknowns:
 
     @classmethod
     def of(cls, cameras: Sequence[Camera], rim: tuple[float, float], *, focal: bool) -> Unknowns:
-        """Return the prior from the cameras' files and LEAST_STD; `focal`: whether lenses are unknown."""
+        """Return the prior from files, LEAST_STD and `likely_rim`; `focal`: whether lenses are unknown."""
         errors = np.zeros((len(cameras), 10))
         errors[:, EXPONENT] = LIKELY_EXPONENT
         information = np.zeros((len(cameras), 10, 10))
@@ -242,10 +242,9 @@ SETTLED = 0.02e-3, np.radians(0.002)
 def adjust(
     edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float], *, focal: bool
 ) -> tuple[Unknowns, Step]:
-    """Return the estimate that best fits the edges in the frames, and the last step.
+    """Return the estimate that best fits the edges in the frames, and the last step; see `Unknowns.of`.
 
-    The reader's cameras must state deviations wide enough to move (see `_wider`). `rim`: prior width of the
-    rim and its standard deviation [m]. `focal`: whether focal lengths and principal points are unknown, too.
+    The reader's cameras must state deviations wide enough to move (see `_wider`).
     """
     now = Unknowns.of(edges.rig.cameras, rim, focal=focal)
     fits = [edges.refine(sight, seen.rotation, seen.position) for sight, seen in frames]
@@ -313,7 +312,7 @@ class Refined:
     lenses: FloatArray
     """Change (C, 3) of the focal length [1], and of the principal point [px]."""
     before: float
-    """Root mean square offset of the edges in held-out frames [px of an object of reference size]."""
+    """RMS offset of the edges in held-out frames [px of an object of reference size]."""
     after: float
     """The same with cameras fitted without those frames."""
     rim: tuple[float, float]
@@ -333,17 +332,15 @@ def refine_cameras(
     most: int = 90,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Refined:
-    """Refine the cameras to fit the object's edges in all frames jointly.
+    """Refine the cameras to fit the object's edges in all frames, at most `most`, jointly.
 
     Cameras are fitted to two thirds of the frames and judged by the others. If those fit better, the final
     cameras are fitted to all. The world frame is not observable: x, y and yaw stay as they are on average
-    over the old cameras, and so do z and tilt unless the object rested in enough places.
+    over the old cameras, and so do z and tilt unless the object rested in enough places. `progress` receives
+    the number of new shots that show the object.
 
-    At most `most` frames are used; `progress` receives the number of new shots that show the object.
-
-    Raises:
-        CalibrationError: there is only one camera, or the object was seen in too few poses.
-        NotBetterError: the refined cameras do not fit the held-out frames better.
+    CalibrationError: there is only one camera, or the object was seen in too few poses. NotBetterError: the
+    refined cameras do not fit the held-out frames better.
     """
     require_two(rig.cameras, "refine", ", which stand to each other")
     wide = _stating(broad(rig), rig.cameras, map(_wider, rig))
