@@ -32,15 +32,12 @@ ROTATION_TOLERANCE = 1e-6
 MAX_SIZE = 32767
 """Largest width and height [px]: OpenCV's remapping stores coordinates in 16 bits."""
 
-FARTHEST = 1e4
-"""Largest absolute coordinate of a camera's translation [m], and largest standard deviation."""
+FARTHEST, BENT = 1e4, 1e6
+"""Largest absolute coordinate of a translation [m] or standard deviation, and distortion coefficient."""
 
 FOCAL, CENTER = (1e-2, 1e6), 1e6
 """Bounds of a focal length, and largest absolute coordinate of a principal point [px], which may lie outside
 a cropped image."""
-
-BENT = 1e6
-"""Largest absolute distortion coefficient."""
 
 _NAME = re.compile(r"[\w-]([\w. -]{0,98}[\w-])?")
 """Pattern of a valid camera name: names become parts of file names and are shown in pages."""
@@ -262,10 +259,6 @@ def rotation_deviation(matrix: Array) -> float:
     return float("inf") if mirrored or not np.isfinite(deviation) else deviation
 
 
-_NEWTON_ITERATIONS = 30
-_NEWTON_TOLERANCE = 1e-12
-
-
 def all_coefficients(coefficients: FloatArray) -> FloatArray:
     """Return all 14 coefficients, with 0 for those not given."""
     result = np.zeros(COUNTS[-1])
@@ -319,17 +312,17 @@ def distort(normalized: FloatArray, coefficients: FloatArray) -> tuple[FloatArra
 
 def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
     """Invert `distort` for targets (N, 2) by Newton's method; NaN if it finds no solution before the fold."""
-    solution = target.copy()
+    solution, tolerance = target.copy(), 1e-12
     with np.errstate(all="ignore"):  # diverging rows become NaN
-        for _ in range(_NEWTON_ITERATIONS):
+        for _ in range(30):
             value, slope = distort(solution, coefficients)
             error = value - target
             (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
             determinant = a * d - b * c
             solution[:, 0] -= (d * error[:, 0] - b * error[:, 1]) / determinant
             solution[:, 1] -= (a * error[:, 1] - c * error[:, 0]) / determinant
-            if np.abs(error).max(initial=0) < _NEWTON_TOLERANCE:
+            if np.abs(error).max(initial=0) < tolerance:
                 break
-        good = (np.abs(error).max(axis=1) < 100 * _NEWTON_TOLERANCE) & (determinant > 0) & (a + d > 0)
+        good = (np.abs(error).max(axis=1) < 100 * tolerance) & (determinant > 0) & (a + d > 0)
     solution[~good] = np.nan
     return solution

@@ -115,12 +115,11 @@ PAGES = {"A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1":
 _DOTS, _LARGE_DOTS = 600, 300
 """Resolution of pages [dots per inch]; lower for pages above A1, which would need a gigabyte."""
 
-_LEAST_MARGIN = 4.0
+_LEAST_MARGIN, _TEXT = 4.0, 2.5
+"""Smallest distance of a board from the page's edges, and height of the text [mm]."""
+
 _LARGEST = 1200.0
 """Longest valid edge [mm] of a board that fits on no standard page."""
-
-_TEXT = 2.5
-"""Height of the text [mm]."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -27,11 +27,8 @@ from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 
-FEWEST_PHOTOS = 6
-"""Smallest number of photos needed to fit a lens."""
-
-FEWEST_CORNERS = 8
-"""Smallest number of corners in a photo for it to be used in the fit."""
+FEWEST_PHOTOS, FEWEST_CORNERS = 6, 8
+"""Smallest number of photos needed to fit a lens, and of corners in a photo that is used."""
 
 MOST_FOCAL_STD = 0.01
 """Largest relative standard deviation of the focal lengths; it is exceeded if photos are too similar."""

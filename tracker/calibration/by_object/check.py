@@ -239,11 +239,8 @@ def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, f
     return back, float(np.linalg.norm(place - camera.position)), float(np.linalg.norm(error[3:]))
 
 
-MOST = 40
-"""Largest number of looks per recording or list of images."""
-
-APART = 5
-"""Smallest distance between two looks in a recording [shots]."""
+MOST, APART = 40, 5
+"""Largest number of looks per recording or list of images, and smallest distance between two [shots]."""
 
 SURE = 0.3
 """Smallest confidence of a pose that becomes a look, computed as if the calibration fitted; otherwise, few

@@ -47,11 +47,8 @@ EVIDENT = -13.5
 stated. It is negative, since evidence penalises LOOSE for being far wider than most displacements: cameras
 whose errors are as stated have -14 or less; a camera off by 3 mm or 0.5° among exact ones has -13 or more."""
 
-FREEDOM = 4.0
-"""Degrees of freedom of Student's t, which gives outlying looks less weight."""
-
-ROUNDS = 6
-"""Number of iterations of robust reweighting."""
+FREEDOM, ROUNDS = 4.0, 6
+"""Degrees of freedom of Student's t, which gives outlying looks less weight; iterations of reweighting."""
 
 
 class Look(NamedTuple):

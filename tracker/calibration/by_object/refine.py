@@ -232,11 +232,8 @@ def _changed(camera: Camera, change: FloatArray) -> Camera:
     return dataclasses.replace(camera, matrix=matrix, camera_from_world=transform)
 
 
-ITERATIONS = 10
-"""Largest number of iterations."""
-
-SETTLED = 0.02e-3, np.radians(0.002)
-"""Change of the cameras below which the iteration has converged [m, rad]."""
+ITERATIONS, SETTLED = 10, (0.02e-3, np.radians(0.002))
+"""Largest number of iterations, and change of the cameras below which they have converged [m, rad]."""
 
 
 def adjust(
@@ -287,14 +284,12 @@ def _wider(camera: Camera) -> FloatArray:
 SURE = 0.15
 """Smallest confidence of a pose that is used; it is low since the calibration to refine lowers confidence."""
 
-JUDGED = 3
-"""One in this many frames is held out to judge cameras fitted to the others."""
+JUDGED, GAIN = 3, 0.05
+"""One in this many frames is held out to judge cameras fitted to the others, and the share by which its
+offsets must decrease."""
 
 MISSED = 2.0
 """Value to which larger offsets are clipped when cameras are judged [px of an object of reference size]."""
-
-GAIN = 0.05
-"""Smallest required decrease of the offsets in held-out frames, as a share of them."""
 
 FLOOR = 0.15e-3, np.radians(0.04)
 """Standard deviations added to those of the result, for errors of the lens and edge models [m, rad]."""

@@ -132,11 +132,8 @@ LEVEL = np.radians(6.0)
 SLOW = 5e-3, np.radians(5.0)
 """Velocities below which an object may be at rest [m/s, rad/s]."""
 
-FRAMES = 3
-"""Number of consecutive frames in a recording in which an object must be at rest."""
-
-SAME = 3e-3, np.radians(2.0)
-"""Largest motion for which an object at rest counts as being in the same place [m, rad]."""
+FRAMES, SAME = 3, (3e-3, np.radians(2.0))
+"""Consecutive frames in which an object must be at rest, and its largest motion during these [m, rad]."""
 
 
 def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
@@ -171,14 +168,9 @@ def _near(one: Sighting, other: Sighting, limits: tuple[float, float]) -> bool:
 APART = 8e-3, np.radians(8.0)
 """Smallest motion for which a pose counts as different [m, rad]."""
 
-LEAST = 18
-"""Smallest number of different poses."""
-
-TURNED = np.radians(30.0)
-"""Smallest rotation between some of the poses [rad]; an object that is only shifted shows the same edges."""
-
-SPREAD = 0.03
-"""Smallest standard deviation of the positions, over all axes together [m]."""
+LEAST, SPREAD, TURNED = 18, 0.03, np.radians(30.0)
+"""Smallest number of different poses, standard deviation of their positions over all axes together [m], and
+rotation between some of them [rad]; an object that is only shifted shows the same edges."""
 
 SMEARED = 0.3e-3
 """Largest motion between the images of a frame that is used [m]."""

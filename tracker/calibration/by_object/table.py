@@ -35,11 +35,9 @@ LOWEST = 0.2
 WIDER = (3.0, 2.0, 1.5) + (1.0,) * 12
 """Factors on the standard deviations, iteration by iteration."""
 
-LEAST = 5
-"""Smallest number of poses that must rest on the plane."""
-
-SPREAD = 0.015
-"""Smallest standard deviation of the places of contact, in the direction in which they vary least [m]."""
+LEAST, SPREAD = 5, 0.015
+"""Smallest number of poses that must rest on the plane, and standard deviation of their places of contact in
+the direction in which they vary least [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,11 +204,8 @@ def _refuse(weights: FloatArray, designs: FloatArray, center: tuple[float, float
 BROAD = 0.015, 0.05
 """Standard deviations of the table's height [m] and tilt [rad] before it is estimated."""
 
-SURE = 0.5
-"""Smallest confidence of a pose that is used."""
-
-PIECES = 8
-"""Smallest number of edge pieces for a camera to count as seeing the object."""
+SURE, PIECES = 0.5, 8
+"""Smallest confidence of a pose that is used, and number of edge pieces of a camera that sees the object."""
 
 
 @dataclass(frozen=True, eq=False)
