@@ -44,9 +44,7 @@ def test_a_face_is_visible_where_the_ray_to_it_meets_no_other(rng):
         for face in range(6):
             just_off = cuboid.face_centers(SIZE)[face] + 1e-9 * (position - cuboid.face_centers(SIZE)[face])
             assert visible[face] == (np.abs(just_off) > SIZE / 2).any()
-
-
-def test_at_most_one_of_two_opposite_faces_is_visible(rng):
+    # From near by or inside, at most one of two opposite faces.
     for position in rng.uniform(-0.1, 0.1, size=(100, 3)):
         visible = cuboid.visible_faces(SIZE, position)
         assert not (visible[0::2] & visible[1::2]).any()

@@ -130,11 +130,8 @@ def test_a_look_that_is_far_off_does_not_convict_a_camera():
 
 
 def test_a_camera_that_is_hidden_is_not_asked_and_one_that_cannot_use_what_it_shows_is_named():
-    hidden = []
-    for one in looks(CAMERAS, CAMERAS):
-        known = one.information.copy()
-        known[2] = 0.0
-        hidden.append(one._replace(information=known))
+    seeing = np.array([1.0, 1.0, 0.0])[:, None, None]
+    hidden = [one._replace(information=seeing * one.information) for one in looks(CAMERAS, CAMERAS)]
     found = check_calibration(hidden, CAMERAS)
     assert found.fits
     assert found.cameras[2].looks == 0
