@@ -11,9 +11,6 @@ from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise
 
-DIRECTIONS = 1200
-"""Number of directions to integrate over: the result is accurate to 0.005."""
-
 CERTAIN = 60.0
 """Squared distance of the limits, in standard deviations, beyond which the probability counts as 1."""
 
@@ -30,7 +27,8 @@ def _directions(count: int) -> FloatArray:
     return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
-_SPHERE = _directions(DIRECTIONS)
+_SPHERE = _directions(1200)
+"""Directions to integrate over: with so many, the result is accurate to 0.005."""
 
 
 @compiled

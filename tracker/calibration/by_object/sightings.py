@@ -87,8 +87,8 @@ def all_sightings(
 ) -> list[Sighting]:
     """Return the shots in which a tracker finds the object with at least the confidence `least`, in order.
 
-    The tracker is reset for each footage; `progress` receives 1 for each sighting. LogError: a recording is
-    damaged; ImageError: an image does not suit the tracker's cameras.
+    `progress` receives 1 for each. LogError: a recording is damaged; ImageError: an image does not suit the
+    tracker's cameras.
     """
     seen = []
     for one in footage:

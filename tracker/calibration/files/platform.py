@@ -96,7 +96,6 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
 
 
 def _camera_of(data: dict[Any, Any]) -> Camera:
-    """Return the camera of a file's mapping; CalibrationError names the key that is missing or malformed."""
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
     if "camera_matrix" in data:
         where = "`tracker calibrate extrinsics` finds where its camera is; or add that key, a 4×4 matrix"
@@ -202,8 +201,7 @@ class Calibrated:
 def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Calibrated:
     """Read one of the platform's files with its standard deviations; `alone`: it may describe only a lens.
 
-    The file's rotation, an element-wise mean of rotations, is replaced by the nearest true rotation unless it
-    is one already. CalibrationError names the file and the key that is missing or malformed.
+    CalibrationError names the file and the key that is missing or malformed. See `rotation_of`, too.
     """
     data = _read_mapping(Path(path))
     placed = not alone or any(key in data for key in TRANSFORM_KEYS)
@@ -238,7 +236,6 @@ def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> No
 
 
 def _entry(matrix: FloatArray) -> dict[str, Any]:
-    """Return the file's representation of a matrix (R, C)."""
     rows, cols = matrix.shape
     return {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
 
