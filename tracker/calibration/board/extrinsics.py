@@ -99,6 +99,8 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
 
 
 class _Fit(NamedTuple):
+    """A fit to photos: camera_from_world of each camera, world_from_board of each place of the board."""
+
     cameras: Poses
     places: Poses
     covariance: FloatArray

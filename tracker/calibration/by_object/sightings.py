@@ -67,7 +67,7 @@ class Footage:
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """The object as seen in one shot."""
+    """The object as seen in one shot, at a position (3,) [m] with a rotation (3, 3) world_from_object."""
 
     footage: Footage
     number: int

@@ -42,7 +42,7 @@ the direction in which they vary least [m]."""
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """An object that may lie on the table."""
+    """An object that may lie on the table, at (3,) [m] with a rotation (3, 3) world_from_object."""
 
     position: FloatArray
     rotation: FloatArray
