@@ -166,14 +166,11 @@ def test_a_rig_that_cannot_be_saved_is_reported_and_leaves_nothing(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_resizing_a_rig_resizes_every_camera():
+def test_resizing_and_correcting_a_rig_changes_every_camera(tmp_path):
     rig = make_rig(60, 180).resized(540, 135)
     for camera, name in zip(rig, ("camera60", "camera180"), strict=True):
         assert (camera.name, camera.width, camera.height) == (name, 540, 135)
         np.testing.assert_array_equal(camera.matrix, make_camera(60).resized(540, 135).matrix)
-
-
-def test_the_halved_principal_point_is_corrected_by_name(tmp_path):
     make_rig(60, 180).save(tmp_path)
     for camera in CameraRig.load(tmp_path, correct_halved_principal_point=True):
         np.testing.assert_allclose(camera.matrix[:2, 2], make_camera().matrix[:2, 2] - 0.25)

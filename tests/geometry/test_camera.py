@@ -17,6 +17,10 @@ def points_seen(camera: Camera, rng: np.random.Generator, pixels: np.ndarray) ->
     return camera.position + depth * camera.rays(pixels)
 
 
+CAMERA = make_camera()
+POINTS = points_seen(CAMERA, np.random.default_rng(0), image_grid(CAMERA, 5))
+
+
 def test_a_camera_looks_along_its_z_axis_with_y_down():
     camera = dataclasses.replace(make_camera(), camera_from_world=look_at(np.array([0.5, 0, 0])))
     center, above, right = camera.project([[0, 0, 0], [0, 0, 0.01], [0, 0.01, 0]])
@@ -69,22 +73,18 @@ def test_rays_are_unit_and_project_to_their_pixels(camera, rng):
 
 @given(st.integers(1, 2000), st.integers(1, 2000))
 def test_resizing_commutes_with_projection(width, height):
-    camera = make_camera()
-    points = points_seen(camera, np.random.default_rng(0), image_grid(camera, 5))
-    scale = np.array([width / camera.width, height / camera.height])
-    resized = camera.resized(width, height)
+    scale = np.array([width / CAMERA.width, height / CAMERA.height])
+    resized = CAMERA.resized(width, height)
     assert (resized.width, resized.height) == (width, height)
-    expected = (camera.project(points) + 0.5) * scale - 0.5
-    np.testing.assert_allclose(resized.project(points), expected, atol=1e-8)
+    expected = (CAMERA.project(POINTS) + 0.5) * scale - 0.5
+    np.testing.assert_allclose(resized.project(POINTS), expected, atol=1e-8)
 
 
 @given(st.integers(-100, 300), st.integers(-100, 300))
 def test_cropping_commutes_with_projection(left, top):
-    camera = make_camera()
-    points = points_seen(camera, np.random.default_rng(0), image_grid(camera, 5))
-    cropped = camera.cropped(left, top, 100, 80)
+    cropped = CAMERA.cropped(left, top, 100, 80)
     assert (cropped.width, cropped.height) == (100, 80)
-    np.testing.assert_allclose(cropped.project(points), camera.project(points) - (left, top), atol=1e-9)
+    np.testing.assert_allclose(cropped.project(POINTS), CAMERA.project(POINTS) - (left, top), atol=1e-9)
 
 
 def test_a_resized_camera_sees_what_a_resized_image_shows():
@@ -100,12 +100,11 @@ def test_a_resized_camera_sees_what_a_resized_image_shows():
 
 
 def test_correcting_a_halved_principal_point_gives_the_resized_camera():
-    camera = make_camera()
-    matrix = camera.matrix.copy()
+    matrix = CAMERA.matrix.copy()
     matrix[:2] /= 2
-    halved = dataclasses.replace(camera, width=135, height=135, matrix=matrix)
+    halved = dataclasses.replace(CAMERA, width=135, height=135, matrix=matrix)
     corrected = halved.with_halved_principal_point_corrected()
-    np.testing.assert_allclose(corrected.matrix, camera.resized(135, 135).matrix, rtol=1e-15)
+    np.testing.assert_allclose(corrected.matrix, CAMERA.resized(135, 135).matrix, rtol=1e-15)
 
 
 def test_arrays_are_copied_and_read_only(camera):
@@ -121,9 +120,6 @@ def _changed(array: np.ndarray, index: tuple[int, ...], value: float) -> np.ndar
     out = np.array(array)
     out[index] = value
     return out
-
-
-CAMERA = make_camera()
 
 
 @pytest.mark.parametrize(
