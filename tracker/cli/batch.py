@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli import options
+from tracker.cli.options import argument, command, flag, option, several
 from tracker.cli.outputs import InFile, OutFolder, output_option
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import LogError
@@ -35,14 +36,10 @@ class Engine:
     """Options for where the work is done; UsageError if they contradict each other."""
 
     jobs: int | None = options.whole("--jobs", "Processes on this machine.  [default: one per core]")
-    scheduler: str | None = options.option(
-        "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers track instead."
-    )
-    htcondor: bool = options.option("--htcondor", is_flag=True, help="Submit what is missing to HTCondor.")
-    slurm: bool = options.option("--slurm", is_flag=True, help="Submit what is missing to Slurm.")
-    dry_run: bool = options.option(
-        "--dry-run", is_flag=True, help="Print what --htcondor or --slurm would submit."
-    )
+    scheduler: str | None = option("--scheduler", "ADDRESS", "Dask scheduler whose workers track instead.")
+    htcondor: bool = flag("--htcondor", "Submit what is missing to HTCondor.")
+    slurm: bool = flag("--slurm", "Submit what is missing to Slurm.")
+    dry_run: bool = flag("--dry-run", "Print what --htcondor or --slurm would submit.")
 
     def __post_init__(self) -> None:
         every = ("jobs", "scheduler", "htcondor", "slurm")
@@ -58,25 +55,21 @@ class Engine:
         return "htcondor" if self.htcondor else "slurm" if self.slurm else None
 
 
-as_csv_option = click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
+_engine = options.gathered(Engine)
+_as_csv = flag("--csv", "Write the table as CSV, too.", to="as_csv")
 
 
-@batch.command()
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=InFile(str))
-@output_option(OutFolder(), "DIR", "Folder of the results.")
-@options.asked
-@click.option("--robot", metavar="NAME", help="Robot of image stores, e.g. r1.  [default: each episode's]")
-@options.gathered(Engine)
-@as_csv_option
-@options.quiet("No progress, and no summary.")
+@command(batch)
 def run(
-    recordings: tuple[str, ...],
-    output: Path,
-    asked: options.Asked,
-    robot: str | None,
-    engine: Engine,
-    as_csv: bool,
-    quiet: bool,
+    recordings: tuple[str, ...] = several("recordings", "RECORDING", InFile(str)),
+    output: Path = output_option(OutFolder(), "DIR", "Folder of the results."),
+    asked: options.Asked = options.asked,
+    robot: str | None = option(
+        "--robot", "NAME", "Robot of image stores, e.g. r1.  [default: each episode's]"
+    ),
+    engine: Engine = _engine,
+    as_csv: bool = _as_csv,
+    quiet: bool = options.quiet("No progress, and no summary."),
 ) -> None:
     """Find an object's pose in every frame of many recordings.
 
@@ -202,12 +195,13 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
         )
 
 
-@batch.command()
-@click.argument("folder", metavar="DIR", type=InFile())
-@click.option("--write", is_flag=True, help="Write the table and the failures as they are now.")
-@as_csv_option
-@options.as_json
-def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
+@command(batch)
+def status(
+    folder: Path = argument("folder", "DIR", InFile()),
+    write: bool = flag("--write", "Write the table and the failures as they are now."),
+    as_csv: bool = _as_csv,
+    as_json: bool = options.as_json,
+) -> None:
     """Show the progress of a batch, wherever it runs.
 
     DIR is the folder of its results.
@@ -226,10 +220,11 @@ def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
         click.echo(_text(found))
 
 
-@batch.command(hidden=True)
-@click.argument("list_path", metavar="LIST", type=InFile())
-@click.argument("number", metavar="N", type=int)
-def share(list_path: Path, number: int) -> None:
+@command(batch, hidden=True)
+def share(
+    list_path: Path = argument("list_path", "LIST", InFile()),
+    number: int = argument("number", "N", int),
+) -> None:
     """Do the Nth job of a LIST: jobs of HTCondor and Slurm run this."""
     from tracker.batch.jobs import do_share
 

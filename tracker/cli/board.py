@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli.options import gathered, numbers, option
+from tracker.cli.options import command, flag, gathered, numbers, option, several
 from tracker.cli.outputs import (
     PICTURE,
-    Command,
     InFile,
     OutFolder,
     Recording,
@@ -42,16 +41,16 @@ class Printed:
     """Options that describe the printed board."""
 
     squares: str = option(
-        "--squares", required=True, metavar="CxR", help="Columns and rows of squares, black and white: 5x7."
+        "--squares", "CxR", "Columns and rows of squares, black and white: 5x7.", required=True
     )
-    square: float = option("--square", required=True, type=float, metavar="M", help="Edge of a square [m].")
-    marker: float = option("--marker", required=True, type=float, metavar="M", help="Edge of a marker [m].")
+    square: float = option("--square", "M", "Edge of a square [m].", required=True, type=float)
+    marker: float = option("--marker", "M", "Edge of a marker [m].", required=True, type=float)
     dictionary: str = option(
         "--dictionary",
+        "NAME",
+        "Set of markers, by OpenCV's name.",
         default="DICT_APRILTAG_16h5",
         show_default=True,
-        metavar="NAME",
-        help="Set of markers, by OpenCV's name.",
     )
 
     def board(self, legacy: bool = False) -> Board:
@@ -138,16 +137,15 @@ class Smaller:
 
     crop: tuple[int, ...] | None = option(
         "--crop",
+        "WxH+L+T",
+        "Write NAME_cropped.yml too, of the photos' part of W×H px that starts at (L, T): on the platform "
+        "540x540+88+0.",
         callback=_part,
-        metavar="WxH+L+T",
-        help="Write NAME_cropped.yml too, of the photos' part of W×H px that starts at (L, T): on the "
-        "platform 540x540+88+0.",
     )
-    halve: bool = option(
+    halve: bool = flag(
         "--halve",
-        is_flag=True,
-        help="Write NAME_downsampled.yml too, with --crop NAME_cropped_and_downsampled.yml: of halved "
-        "images, the quarter pixel right.",
+        "Write NAME_downsampled.yml too, with --crop NAME_cropped_and_downsampled.yml: of halved images, the "
+        "quarter pixel right.",
     )
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
@@ -171,11 +169,17 @@ class Smaller:
         return ", ".join(map(str, files))
 
 
-@click.command(cls=Command)
-@gathered(Printed)
-@file_option("-o", ".pdf", ".svg", ".png", required=True, help="The page (.pdf, .svg or .png).")
-@click.option("--legacy", is_flag=True, help="Use the pattern of OpenCV before 4.6 [even rows].")
-def board(printed: Printed, output: Path, legacy: bool) -> None:
+_printed, _smaller = gathered(Printed), gathered(Smaller)
+
+
+@command()
+def board(
+    printed: Printed = _printed,
+    output: Path = file_option(
+        "-o", ".pdf", ".svg", ".png", required=True, help="The page (.pdf, .svg or .png)."
+    ),
+    legacy: bool = flag("--legacy", "Use the pattern of OpenCV before 4.6 [even rows]."),
+) -> None:
     """Write a ChArUco board as a page to print at its true size.
 
     Print at 100 %, without fitting to the page, on something that stays flat. Then measure a row of squares:
@@ -190,15 +194,16 @@ def board(printed: Printed, output: Path, legacy: bool) -> None:
     click.echo(f"{output}: {page.board}, on a page of {page.width:g}x{page.height:g} mm")
 
 
-@click.command(cls=Command)
-@click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording())
-@gathered(Printed)
-@click.option("--name", required=True, metavar="NAME", help="The camera's, e.g. camera60.")
-@file_option("-o", ".yml", ".yaml", required=True, new_folders=True, help="Calibration file (.yml).")
-@gathered(Smaller)
-@file_option("--plot", *PICTURE, help="Draw the residuals (.png, .jpg).")
+@command()
 def intrinsics(
-    images: tuple[Path, ...], printed: Printed, name: str, output: Path, smaller: Smaller, plot: Path | None
+    images: tuple[Path, ...] = several("images", "IMAGE", Recording()),
+    printed: Printed = _printed,
+    name: str = option("--name", "NAME", "The camera's, e.g. camera60.", required=True),
+    output: Path = file_option(
+        "-o", ".yml", ".yaml", required=True, new_folders=True, help="Calibration file (.yml)."
+    ),
+    smaller: Smaller = _smaller,
+    plot: Path | None = file_option("--plot", *PICTURE, help="Draw the residuals (.png, .jpg)."),
 ) -> None:
     """Find the lens of a camera from photos of a ChArUco board.
 
@@ -262,61 +267,35 @@ def _found(lens: Lens) -> list[list[str]]:
     return rows
 
 
-@dataclass(frozen=True)
-class Given:
-    """Options for the place of the face-up board in the first folder."""
-
+@command()
+def extrinsics(
+    folders: tuple[Path, ...] = several("folders", "FOLDER", Recording()),
+    printed: Printed = _printed,
+    intrinsics: tuple[Path, ...] = option(
+        "--intrinsics",
+        "PATH",
+        "Folder of calibration files; or a file, once per camera.",
+        required=True,
+        multiple=True,
+        type=InFile(),
+    ),
+    pattern: str | None = option(
+        "--pattern", "GLOB", "Which files of the folder to take, e.g. '*_full.yml'."
+    ),
     center: tuple[float, float] = option(
-        "--center", callback=numbers(2), default="0,0", metavar="X,Y", help="The board's centre [m].  [0,0]"
-    )
-    height: float = option(
-        "--height", type=float, default=0.0, metavar="Z", help="Height of the board's print [m].  [0]"
-    )
+        "--center", "X,Y", "The board's centre [m].  [0,0]", callback=numbers(2), default="0,0"
+    ),
+    height: float = option("--height", "Z", "Height of the board's print [m].  [0]", type=float, default=0.0),
     yaw: float = option(
         "--yaw",
+        "DEG",
+        "Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
         type=float,
         default=0.0,
-        metavar="DEG",
-        help="Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
-    )
-
-    def world_from_board(self) -> FloatArray:
-        """Return the transform (4, 4) that the options describe [m]."""
-        import numpy as np
-
-        from tracker.geometry import so3
-
-        place = np.eye(4)
-        place[:3, :3] = so3.exp([0, 0, np.deg2rad(self.yaw)])
-        place[:3, 3] = (*self.center, self.height)
-        return place
-
-
-@click.command(cls=Command)
-@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording())
-@gathered(Printed)
-@click.option(
-    "--intrinsics",
-    required=True,
-    multiple=True,
-    metavar="PATH",
-    type=InFile(),
-    help="Folder of calibration files; or a file, once per camera.",
-)
-@click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_full.yml'.")
-@gathered(Given)
-@output_option(OutFolder(), "DIR", "For the calibration files.")
-@gathered(Smaller)
-@click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw the residuals, one PNG per camera.")
-def extrinsics(
-    folders: tuple[Path, ...],
-    printed: Printed,
-    intrinsics: tuple[Path, ...],
-    pattern: str | None,
-    given: Given,
-    output: Path,
-    smaller: Smaller,
-    plot: Path | None,
+    ),
+    output: Path = output_option(OutFolder(), "DIR", "For the calibration files."),
+    smaller: Smaller = _smaller,
+    plot: Path | None = option("--plot", "DIR", "Draw the residuals, one PNG per camera.", type=OutFolder()),
 ) -> None:
     """Find where cameras are, from photos of a ChArUco board.
 
@@ -324,8 +303,11 @@ def extrinsics(
     board lies face up as --center, --height and --yaw say. In the others it may be anywhere. More places make
     the result more certain.
     """
+    import numpy as np
+
     from tracker.calibration.board.extrinsics import place_cameras
     from tracker.calibration.files.platform import read_all_calibrated
+    from tracker.geometry import so3
 
     lenses = read_all_calibrated(intrinsics, pattern)
     targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}
@@ -337,8 +319,11 @@ def extrinsics(
     paths = _photos_of(folders, [lens.camera.name for lens in lenses])
     board, found, faults = _sightings_of(list(paths.values()), board)
     sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
+    world_from_board = np.eye(4)
+    world_from_board[:3, :3] = so3.exp([0, 0, np.deg2rad(yaw)])
+    world_from_board[:3, 3] = (*center, height)
     with _naming(faults):
-        placed = place_cameras(lenses, sightings, given.world_from_board())
+        placed = place_cameras(lenses, sightings, world_from_board)
     files = smaller.write((one, targets[one.camera.name]) for one in placed.cameras)
     for number, one in enumerate(placed.cameras):
         if (picture := plots.get(one.camera.name)) is not None:

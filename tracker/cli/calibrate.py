@@ -15,8 +15,8 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
-from tracker.cli.options import argument, gathered, option
-from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option, output_option
+from tracker.cli.options import command, flag, gathered, several
+from tracker.cli.outputs import PICTURE, OutFolder, Recording, file_option, output_option
 from tracker.cli.stills import NO_IMAGE, read_images
 from tracker.cli.terminal import bar, listing, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from tracker.calibration.by_object.table import FoundTable
 
 
-@click.group(no_args_is_help=False, short_help="Calibrate cameras; check and mend calibrations.")
+@click.group(
+    no_args_is_help=False,
+    commands=(board, intrinsics, extrinsics),
+    short_help="Calibrate cameras; check and mend calibrations.",
+)
 def calibrate() -> None:
     """Make a calibration from photos of a board, or mend one with a known object.
 
     Commands that mend change no file: they write a new folder. Give it as --calibration from then on.
     """
-
-
-for _one in (board, intrinsics, extrinsics):
-    calibrate.add_command(_one)
 
 
 class Opened(NamedTuple):
@@ -54,12 +54,10 @@ class Opened(NamedTuple):
 class Filmed:
     """Inputs that show a known object: recordings, and images in groups of one moment each."""
 
-    inputs: tuple[str, ...] = argument(
-        "inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE...", type=Recording(str)
-    )
+    inputs: tuple[str, ...] = several("inputs", "RECORDING|IMAGE", Recording(str))
     subject: options.Subject = options.subject
     cameras: options.Cameras = options.cameras
-    stills: bool = option("--stills", is_flag=True, help="The folders hold single images, not films.")
+    stills: bool = flag("--stills", "The folders hold single images, not films.")
     recover: bool = options.recover
     quiet: bool = options.quiet()
 
@@ -127,11 +125,12 @@ def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> 
             )
 
 
-@calibrate.command(cls=Command)
-@_filmed
-@file_option("--plot", *PICTURE, help="Draw what each camera misses (.png, .jpg).")
-@options.as_json
-def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
+@command(calibrate)
+def check(
+    filmed: Filmed = _filmed,
+    plot: Path | None = file_option("--plot", *PICTURE, help="Draw what each camera misses (.png, .jpg)."),
+    as_json: bool = options.as_json,
+) -> None:
     """Check whether a calibration fits, with a still object.
 
     Give RECORDINGs, or single IMAGEs moment by moment: twenty frames or more, with the object in many places.
@@ -274,14 +273,15 @@ def _verdict(found: CalibrationCheck) -> str:
     return f"the calibration does not fit: {why}"
 
 
-@calibrate.command("refine", cls=Command)
-@_filmed
-@_output
-@option("--focal", is_flag=True, help="Fit focal lengths and principal points, too.")
-@options.whole(
-    "--frames", "Frames to use, in different poses; a third only checks.", default=90, least=18, most=1000
-)
-def refine_command(filmed: Filmed, output: Path, focal: bool, frames: int) -> None:
+@command(calibrate)
+def refine(
+    filmed: Filmed = _filmed,
+    output: Path = _output,
+    focal: bool = flag("--focal", "Fit focal lengths and principal points, too."),
+    frames: int = options.whole(
+        "--frames", "Frames to use, in different poses; a third only checks.", default=90, least=18, most=1000
+    ),
+) -> None:
     """Find the cameras' relative positions, with a moving object.
 
     Fits the object's edges in RECORDINGs, or in many IMAGEs. Move the object all over the arena and turn it.
@@ -341,10 +341,8 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
     return f"{table(rows)}\n\n{listing(summary)}"
 
 
-@calibrate.command("table", cls=Command)
-@_filmed
-@_output
-def table_command(filmed: Filmed, output: Path) -> None:
+@command(calibrate, name="table")
+def table_command(filmed: Filmed = _filmed, output: Path = _output) -> None:
     """Find the table, with an object that rests on it.
 
     From RECORDINGs, or single IMAGEs moment by moment. Writes the calibration in a world whose z = 0 is the

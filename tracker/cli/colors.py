@@ -11,8 +11,8 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.options import argument, gathered, option
-from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option
+from tracker.cli.options import command, flag, gathered, option, several
+from tracker.cli.outputs import InFile, OutFile, Recording, file_option
 from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import ColorModelError, ImageError
@@ -38,9 +38,7 @@ def colors() -> None:
 class Lesson:
     """Inputs and options for learning colours."""
 
-    recordings: tuple[Path, ...] = argument(
-        "recordings", nargs=-1, required=True, metavar="RECORDING...", type=Recording()
-    )
+    recordings: tuple[Path, ...] = several("recordings", "RECORDING", Recording())
     output: Path = file_option("-o", ".npz", required=True, help="Colour model (.npz).")
     cameras: options.Cameras = options.cameras
     frames: int = options.whole(
@@ -86,11 +84,12 @@ class Lesson:
 _lesson = gathered(Lesson)
 
 
-@colors.command(cls=Command)
-@_lesson
-@options.object_name()
-@options.colors("start with the one that explains most")
-def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
+@command(colors)
+def adapt(
+    lesson: Lesson = _lesson,
+    object_name: str = options.object_name(),
+    colors_name: str | None = options.colors("start with the one that explains most"),
+) -> None:
     """Fit a colour model to RECORDINGs of a known object, without labels.
 
     Confident poses say which pixels show a face. Colours fitted to these find more poses, round by round.
@@ -107,20 +106,16 @@ def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
     lesson.learn(model, footage, start or nearest(model, footage))
 
 
-@colors.command(cls=Command)
-@_lesson
-@option(
-    "--size",
-    metavar="X,Y,Z",
-    callback=options.numbers(3),
-    help="Edge lengths along the object's axes [m].",
-)
-@option("--faces", metavar="+X=COLOUR,...", help="Colour of each face, e.g. +x=red,-x=magenta,...")
-@option(
-    "--object", "known", metavar="FILE", type=InFile(str), help="The object's TOML file, if there is one."
-)
+@command(colors)
 def new(
-    lesson: Lesson, size: tuple[float, float, float] | None, faces: str | None, known: str | None
+    lesson: Lesson = _lesson,
+    size: tuple[float, float, float] | None = option(
+        "--size", "X,Y,Z", "Edge lengths along the object's axes [m].", callback=options.numbers(3)
+    ),
+    faces: str | None = option("--faces", "+X=COLOUR,...", "Colour of each face, e.g. +x=red,-x=magenta,..."),
+    known: str | None = option(
+        "--object", "FILE", "The object's TOML file, if there is one.", to="known", type=InFile(str)
+    ),
 ) -> None:
     """Fit a colour model to RECORDINGs of a new object.
 
@@ -172,7 +167,7 @@ def _learned(learned: Adapted, output: Path) -> str:
     return "\n".join(["", kinds, *kept, "", summary])
 
 
-_folders = argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording(str))
+_folders = several("folders", "FOLDER", Recording(str))
 
 
 @dataclass(frozen=True)
@@ -181,15 +176,13 @@ class Fitting:
 
     others: tuple[str, ...] = option(
         "--others",
+        "FOLDER",
+        "Labelled images of other objects, for colours of which you have few; repeatable.",
         multiple=True,
-        metavar="FOLDER",
         type=InFile(str),
-        help="Labelled images of other objects, for colours of which you have few; repeatable.",
     )
-    rendered: bool = option(
-        "--rendered",
-        is_flag=True,
-        help="The images come from a renderer with one light: take their colours as they are.",
+    rendered: bool = flag(
+        "--rendered", "The images come from a renderer with one light: take their colours as they are."
     )
     seed: int = options.seed
 
@@ -209,12 +202,16 @@ class Fitting:
         return fit_to
 
 
-@colors.command(cls=Command)
-@_folders
-@option("--name", metavar="NAME", help="Name of the model.  [default: that of the file]")
-@file_option("-o", ".npz", help="The model's file (.npz).  [default: NAME.npz]")
-@gathered(Fitting)
-def fit(folders: tuple[str, ...], name: str | None, output: Path | None, fitting: Fitting) -> None:
+_fitting = gathered(Fitting)
+
+
+@command(colors)
+def fit(
+    folders: tuple[str, ...] = _folders,
+    name: str | None = option("--name", "NAME", "Name of the model.  [default: that of the file]"),
+    output: Path | None = file_option("-o", ".npz", help="The model's file (.npz).  [default: NAME.npz]"),
+    fitting: Fitting = _fitting,
+) -> None:
     """Fit a colour model to the labelled images of the FOLDERs.
 
     Give its file to `tracker detect --colors`, or name it in the object's TOML file.
@@ -233,18 +230,17 @@ def fit(folders: tuple[str, ...], name: str | None, output: Path | None, fitting
     click.echo(f"\n{model.name}: written to {output}")
 
 
-@colors.command(cls=Command)
-@_folders
-@option(
-    "--colors", "name", metavar="NAME", type=InFile(str), help="The colour model to measure, or its file."
-)
-@option("--cross-validate", is_flag=True, help="Measure each image with a fit to all others.")
-@file_option(
-    "--plot", ".png", extra="plot", help="Draw which colours are confused, and how near they are (.png)."
-)
-@gathered(Fitting)
+@command(colors)
 def check(
-    folders: tuple[str, ...], name: str | None, cross_validate: bool, plot: Path | None, fitting: Fitting
+    folders: tuple[str, ...] = _folders,
+    name: str | None = option(
+        "--colors", "NAME", "The colour model to measure, or its file.", to="name", type=InFile(str)
+    ),
+    cross_validate: bool = flag("--cross-validate", "Measure each image with a fit to all others."),
+    plot: Path | None = file_option(
+        "--plot", ".png", extra="plot", help="Draw which colours are confused, and how near they are (.png)."
+    ),
+    fitting: Fitting = _fitting,
 ) -> None:
     """Measure a colour model on the labelled images of the FOLDERs.
 

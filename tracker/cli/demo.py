@@ -10,7 +10,8 @@ from pathlib import Path
 import click
 
 import tracker
-from tracker.cli.outputs import Command, OutFolder
+from tracker.cli.options import command
+from tracker.cli.outputs import OutFolder, output_option
 from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
 from tracker.files import told_as, whole_file
@@ -18,17 +19,18 @@ from tracker.files import told_as, whole_file
 DATA = Path(__file__).parents[1] / "demo"
 
 
-@click.command(cls=Command, short_help="Find a cube in a recording that comes with the package.")
-@click.option(
-    "-o",
-    "--output",
-    type=OutFolder(),
+_output = output_option(
+    OutFolder(),
+    "DIR",
+    "New folder for the recording and the picture.",
+    required=False,
     default="tracker-demo",
     show_default=True,
-    metavar="DIR",
-    help="New folder for the recording and the picture.",
 )
-def demo(output: Path) -> None:
+
+
+@command(short_help="Find a cube in a recording that comes with the package.")
+def demo(output: Path = _output) -> None:
     """Find a cube in a recording that comes with the package, and compare with truth.
 
     The recording has two seconds of the simulated platform: three cameras at 10 Hz. The new folder DIR holds

@@ -14,10 +14,9 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.options import gathered, option
+from tracker.cli.options import argument, command, flag, gathered, option
 from tracker.cli.outputs import (
     AnyPath,
-    Command,
     InFile,
     Recording,
     file_option,
@@ -41,7 +40,7 @@ class Outputs:
     csv: Path | None = file_option("--csv", ".csv", help="The poses as a table, one line per frame.")
     tum: Path | None = file_option("--tum", ".tum", ".txt", help="A trajectory in the TUM format.")
     bop: Path | None = file_option("--bop", ".csv", help="BOP results of the --camera.")
-    camera: str | None = option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60.")
+    camera: str | None = option("--camera", "NAME", "Camera of the BOP results, e.g. camera60.")
     video: Path | None = file_option(
         "--video", ".mp4", extra="video", help="A film of the frames with the pose drawn in (.mp4)."
     )
@@ -153,28 +152,20 @@ def _of_height(picture: Image, height: int) -> Image:
     return np.pad(picture[:height], ((0, max(0, height - len(picture))), (0, 0), (0, 0)), mode="edge")
 
 
-@click.command(cls=Command, short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
-@click.argument("source", metavar="POSES", type=InFile())
-@output_options
-@file_option("--parquet", ".parquet", ".pq", help="The table in Parquet.")
-@click.option("--keypoints", is_flag=True, help="Add the object's corners to --csv and --parquet.")
-@click.option(
-    "--robot-log", metavar="FILE", type=InFile(), help="Add the robot's states to --csv and --parquet."
-)
-@click.option(
-    "--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for the images of --video."
-)
-@options.object_name("that of the POSES")
-@options.quiet("No progress bar.")
+@command(short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
 def export(
-    source: Path,
-    outputs: Outputs,
-    parquet: Path | None,
-    keypoints: bool,
-    robot_log: Path | None,
-    log: Path | None,
-    object_name: str | None,
-    quiet: bool,
+    source: Path = argument("source", "POSES", InFile()),
+    outputs: Outputs = output_options,
+    parquet: Path | None = file_option("--parquet", ".parquet", ".pq", help="The table in Parquet."),
+    keypoints: bool = flag("--keypoints", "Add the object's corners to --csv and --parquet."),
+    robot_log: Path | None = option(
+        "--robot-log", "FILE", "Add the robot's states to --csv and --parquet.", type=InFile()
+    ),
+    log: Path | None = option(
+        "--log", "LOG", "The recording of the POSES, for the images of --video.", type=Recording()
+    ),
+    object_name: str | None = options.object_name("that of the POSES"),
+    quiet: bool = options.quiet("No progress bar."),
 ) -> None:
     """Write the poses of a file that `tracker track` made in other formats.
 
@@ -215,17 +206,18 @@ def export(
             write_tracked_film(video, opened, model, poses, progress)
 
 
-@click.command(cls=Command)
-@click.argument("source", metavar="LOG", type=Recording())
-@output_option(
-    AnyPath(path_type=Path),
-    "FILE|DIR",
-    "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
-)
-@options.cameras
-@options.part
-@options.quiet("No progress bar.")
-def convert(source: Path, output: Path, cameras: options.Cameras, part: options.Part, quiet: bool) -> None:
+@command()
+def convert(
+    source: Path = argument("source", "LOG", Recording()),
+    output: Path = output_option(
+        AnyPath(path_type=Path),
+        "FILE|DIR",
+        "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
+    ),
+    cameras: options.Cameras = options.cameras,
+    part: options.Part = options.part,
+    quiet: bool = options.quiet("No progress bar."),
+) -> None:
     """Write a recording in another format.
 
     An HDF5 log (the platform's version 2.1) keeps raw pixels, stamps, poses and the calibration exactly.
@@ -264,30 +256,23 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 """Arguments of `Scene.show` for each frame."""
 
 
-@click.command(cls=Command, short_help="Show a recording in time and space.")
-@click.argument("source", metavar="LOG|POSES", type=Recording())
-@click.option("--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for its images.")
-@options.object_name("that of the POSES")
-@options.cameras
-@file_option(
-    "-o",
-    ".rrd",
-    help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
-)
-@options.colors()
-@options.part
-@options.whole("--every", "Show every Nth frame.", default=1)
-@options.quiet("No progress bar, and nothing about the file.")
+@command(short_help="Show a recording in time and space.")
 def view(
-    source: Path,
-    log: Path | None,
-    object_name: str | None,
-    cameras: options.Cameras,
-    output: Path | None,
-    colors_name: str | None,
-    part: options.Part,
-    every: int,
-    quiet: bool,
+    source: Path = argument("source", "LOG|POSES", Recording()),
+    log: Path | None = option(
+        "--log", "LOG", "The recording of the POSES, for its images.", type=Recording()
+    ),
+    object_name: str | None = options.object_name("that of the POSES"),
+    cameras: options.Cameras = options.cameras,
+    output: Path | None = file_option(
+        "-o",
+        ".rrd",
+        help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
+    ),
+    colors_name: str | None = options.colors(),
+    part: options.Part = options.part,
+    every: int = options.whole("--every", "Show every Nth frame.", default=1),
+    quiet: bool = options.quiet("No progress bar, and nothing about the file."),
 ) -> None:
     """Show a recording and its poses in the viewer Rerun.
 

@@ -10,6 +10,7 @@ import click
 
 import tracker
 from tracker.cli import options
+from tracker.cli.options import argument, command, flag
 from tracker.cli.outputs import InFile
 from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
@@ -17,11 +18,12 @@ from tracker.errors import TrackerError
 _GAP = 1.5  # a time between frames is a gap if it exceeds this multiple of the median
 
 
-@click.command()
-@click.argument("source", metavar="LOG|POSES", type=InFile())
-@click.option("--recover", is_flag=True, help="Leave out damaged parts of a recording, and report them.")
-@options.as_json
-def info(source: Path, recover: bool, as_json: bool) -> None:
+@command()
+def info(
+    source: Path = argument("source", "LOG|POSES", InFile()),
+    recover: bool = flag("--recover", "Leave out damaged parts of a recording, and report them."),
+    as_json: bool = options.as_json,
+) -> None:
     """Show what is in a recording or in a file of poses.
 
     Reads all of it: format, frames, cameras and sizes, stamps and gaps, missing images, poses, and whether

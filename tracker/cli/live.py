@@ -17,8 +17,8 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.live_outputs import LiveOutputs, Lookout, Requested, Statistics, check_cameras
-from tracker.cli.options import gathered, option
-from tracker.cli.outputs import Command, InFile, Recording
+from tracker.cli.options import argument, command, flag, gathered, option
+from tracker.cli.outputs import InFile, Recording
 from tracker.cli.terminal import Ended, say
 from tracker.errors import LiveError
 
@@ -47,17 +47,12 @@ class Pace:
     """Options for a source's rate and settings. Each option applies to some sources only."""
 
     rate: float | None = option(
-        "--rate",
-        metavar="HZ",
-        type=_Range(0, 1000, min_open=True),
-        help="Sets of images per second.  [default: 10]",
+        "--rate", "HZ", "Sets of images per second.  [default: 10]", type=_Range(0, 1000, min_open=True)
     )
     settings: Path | None = option(
-        "--settings", metavar="FILE", type=InFile(), help="Settings of pylon's cameras (TOML, GenICam names)."
+        "--settings", "FILE", "Settings of pylon's cameras (TOML, GenICam names).", type=InFile()
     )
-    speed: float | None = option(
-        "--speed", metavar="X", type=_POSITIVE, help="Replay a recording X times as fast."
-    )
+    speed: float | None = option("--speed", "X", "Replay a recording X times as fast.", type=_POSITIVE)
 
     def refuse_what_does_nothing(self, source: str, cameras: options.Cameras) -> None:
         """Raise UsageError for options that have no effect on the source."""
@@ -80,29 +75,24 @@ class Pace:
             )
 
 
-@click.command(cls=Command)
-@click.argument("source", metavar="SOURCE", type=Recording(str))
-@options.subject
-@options.cameras
-@gathered(Requested)
-@option(
-    "--seconds",
-    metavar="S",
-    type=_POSITIVE,
-    help="Stop after S seconds.  [default: at the source's end, or with Ctrl-C]",
-)
-@gathered(Pace)
-@click.option("--check", is_flag=True, help="Measure the cameras for ten seconds, and report their faults.")
-@options.quiet()
+_requested, _pace = gathered(Requested), gathered(Pace)
+
+
+@command()
 def live(
-    source: str,
-    subject: options.Subject,
-    cameras: options.Cameras,
-    requested: Requested,
-    seconds: float | None,
-    pace: Pace,
-    check: bool,
-    quiet: bool,
+    source: str = argument("source", "SOURCE", Recording(str)),
+    subject: options.Subject = options.subject,
+    cameras: options.Cameras = options.cameras,
+    requested: Requested = _requested,
+    seconds: float | None = option(
+        "--seconds",
+        "S",
+        "Stop after S seconds.  [default: at the source's end, or with Ctrl-C]",
+        type=_POSITIVE,
+    ),
+    pace: Pace = _pace,
+    check: bool = flag("--check", "Measure the cameras for ten seconds, and report their faults."),
+    quiet: bool = options.quiet(),
 ) -> None:
     """Track an object while cameras run.
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tracker
-from tracker.cli.options import option
+from tracker.cli.options import flag, option
 from tracker.cli.outputs import file_option
 from tracker.cli.terminal import listing, say, table
 
@@ -32,27 +32,25 @@ class Requested:
 
     addresses: Sequence[str] = option(
         "--publish",
-        "addresses",
-        metavar="ADDRESS",
+        "ADDRESS",
+        "Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
+        to="addresses",
         multiple=True,
-        help="Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
     )
-    public: bool = option("--public", is_flag=True, help="Let other machines receive what is published.")
+    public: bool = flag("--public", "Let other machines receive what is published.")
     body: str | None = option(
-        "--body",
-        metavar="NAME",
-        help="Name of the object in LCM messages.  [default: cube, of another shape cuboid]",
+        "--body", "NAME", "Name of the object in LCM messages.  [default: cube, of another shape cuboid]"
     )
     record: Path | None = file_option("--record", ".h5", ".hdf5", help="Record images and poses (.h5).")
-    view: bool = option("--view", is_flag=True, help="Show images and poses in the viewer Rerun.")
+    view: bool = flag("--view", "Show images and poses in the viewer Rerun.")
     rrd: Path | None = file_option("--rrd", ".rrd", help="Write what --view shows into a file (.rrd).")
     page: int | None = option(
         "--page",
-        metavar="PORT",
+        "PORT",
+        "Show images, pose and cameras in a browser on this machine, http://127.0.0.1:PORT.",
         type=click.IntRange(0, 65535),
-        help="Show images, pose and cameras in a browser on this machine, http://127.0.0.1:PORT.",
     )
-    as_json: bool = option("--json", "as_json", is_flag=True, help="Print each message as it is published.")
+    as_json: bool = flag("--json", "Print each message as it is published.", to="as_json")
 
     def __bool__(self) -> bool:
         """Whether any receiver is requested."""

@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 import tracker
-from tracker.cli.outputs import InFile
+from tracker.cli.outputs import Command, InFile
 from tracker.errors import LogError
 
 _ROOMS = Path(__file__).parents[1]
@@ -24,9 +24,30 @@ COLORS = tuple(sorted(path.stem for path in (_ROOMS / "segmentation" / "data").g
 """The colour models that come with the package."""
 
 
-option: Any = click.option
-argument: Any = click.argument
-"""Click's decorators, typed as Any, so that they can be fields of a `gathered` class."""
+def option(name: str, metavar: str | None, help: str, *, to: str = "", **how: Any) -> Any:
+    """Make an option; `to`: name of its argument. Like all of these, it can be a default of any type."""
+    return click.option(*((name, to) if to else (name,)), metavar=metavar, help=help, **how)
+
+
+def argument(name: str, metavar: str, kind: Any, **how: Any) -> Any:
+    """Make an argument."""
+    return click.argument(name, metavar=metavar, type=kind, **how)
+
+
+def several(name: str, metavar: str, kind: Any) -> Any:
+    """Make an argument that is given once or more."""
+    return argument(name, f"{metavar}...", kind, nargs=-1, required=True)
+
+
+def command(group: Any = click, **how: Any) -> Any:
+    """Make a command of a function that has a decorator of click as the default of each argument."""
+
+    def make(function: Callable[..., Any]) -> Any:
+        for its in reversed(function.__defaults__ or ()):
+            function = its(function)
+        return group.command(cls=Command, **how)(function)
+
+    return make
 
 
 def gathered(kind: type[Any]) -> Any:
@@ -49,20 +70,23 @@ def whole(
     name: str, help: str, *, default: int | None = None, least: int = 1, most: int | None = None, to: str = ""
 ) -> Any:
     """Make an option for an integer whose help shows its default; `to`: name of its argument."""
-    kind, names = click.IntRange(least, most), (name, to) if to else (name,)
-    return option(
-        *names, metavar="N", type=kind, default=default, show_default=default is not None, help=help
-    )
+    kind = click.IntRange(least, most)
+    return option(name, "N", help, to=to, type=kind, default=default, show_default=default is not None)
+
+
+def flag(name: str, help: str, *, to: str = "") -> Any:
+    """Make an option without a value."""
+    return option(name, None, help, to=to, is_flag=True)
 
 
 def quiet(text: str = "Print errors only.") -> Any:
     """Make `--quiet`, with `text` as its help."""
-    return option("-q", "--quiet", is_flag=True, help=text)
+    return click.option("-q", "--quiet", is_flag=True, help=text)
 
 
-recover = option("--recover", is_flag=True, help="Leave out damaged parts of a recording.")
+recover = flag("--recover", "Leave out damaged parts of a recording.")
 seed = whole("--seed", "Seed of random choices.", least=0, default=0)
-as_json = option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+as_json = flag("--json", "Print one JSON object.", to="as_json")
 
 
 def _name_or_file(name: str, to: str, known: tuple[str, ...], text: str, *, required: bool = False) -> Any:
@@ -72,8 +96,8 @@ def _name_or_file(name: str, to: str, known: tuple[str, ...], text: str, *, requ
         found = [CompletionItem(one) for one in known if one.startswith(incomplete)]
         return found or [CompletionItem(incomplete, type="file")]
 
-    kind = {"metavar": "NAME", "type": InFile(str), "shell_complete": complete}
-    return option(name, to, required=required, help=text, **kind)
+    how = {"type": InFile(str), "shell_complete": complete}
+    return option(name, "NAME", text, to=to, required=required, **how)
 
 
 def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
@@ -125,25 +149,20 @@ class Cameras:
 
     calibration: tuple[str, ...] = option(
         "--calibration",
-        multiple=True,
-        metavar="PATH",
-        type=InFile(str),
-        help="Folder of calibration files; or a file, repeated for each camera in the order of the images.  "
+        "PATH",
+        "Folder of calibration files; or a file, repeated for each camera in the order of the images.  "
         "[default: that of the recording]",
+        multiple=True,
+        type=InFile(str),
     )
     pattern: str | None = option(
-        "--pattern",
-        metavar="GLOB",
-        help="Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml']",
+        "--pattern", "GLOB", "Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml']"
     )
-    correct_halved_principal_point: bool = option(
+    correct_halved_principal_point: bool = flag(
         "--correct-halved-principal-point",
-        is_flag=True,
-        help="The calibration was halved without the quarter pixel, as in the platform's downsampled files.",
+        "The calibration was halved without the quarter pixel, as in the platform's downsampled files.",
     )
-    resize_calibration: bool = option(
-        "--resize-calibration", is_flag=True, help="The images were scaled after the calibration."
-    )
+    resize_calibration: bool = flag("--resize-calibration", "The images were scaled after the calibration.")
 
     def __post_init__(self) -> None:
         if self.pattern is not None and not self.calibration:

@@ -85,9 +85,9 @@ def file_option(name: str, *suffixes: str, help: str, required: bool = False, **
     return click.option(*names, metavar="FILE", required=required, type=written, help=help)
 
 
-def output_option(kind: click.ParamType[Any], metavar: str, help: str) -> Any:
-    """Make a required `-o` for an output that is not a file of one format."""
-    return click.option("-o", "--output", required=True, metavar=metavar, type=kind, help=help)
+def output_option(kind: Any, metavar: str, help: str, *, required: bool = True, **how: Any) -> Any:
+    """Make `-o` for an output that is not a file of one format."""
+    return click.option("-o", "--output", required=required, metavar=metavar, type=kind, help=help, **how)
 
 
 class OutFolder(_Output):

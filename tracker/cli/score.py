@@ -11,6 +11,7 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.export import poses_of
+from tracker.cli.options import argument, command, flag, option
 from tracker.cli.outputs import InFile
 from tracker.cli.terminal import bar, listing
 from tracker.errors import LogError
@@ -20,24 +21,20 @@ if TYPE_CHECKING:
     from tracker.tasks.job_goal import JobGoal
 
 
-@click.command(short_help="Compute the rewards of a job's folder for its task.")
-@click.argument("job", metavar="JOB", type=InFile())
-@click.option("--goal", "goal_path", metavar="FILE", type=InFile(), help="Goal.  [default: JOB/goal.json]")
-@click.option("--poses", "poses_path", metavar="POSES", type=InFile(), help="Poses, instead of tracking.")
-@options.object_name("that of the --poses")
-@options.cameras
-@options.whole("--every", "Look for dice in every Nth frame.", default=1)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object, with the reward of each frame.")
-@options.quiet("No progress bar.")
+@command(short_help="Compute the rewards of a job's folder for its task.")
 def score(
-    job: Path,
-    goal_path: Path | None,
-    poses_path: Path | None,
-    object_name: str | None,
-    cameras: options.Cameras,
-    every: int,
-    as_json: bool,
-    quiet: bool,
+    job: Path = argument("job", "JOB", InFile()),
+    goal_path: Path | None = option(
+        "--goal", "FILE", "Goal.  [default: JOB/goal.json]", to="goal_path", type=InFile()
+    ),
+    poses_path: Path | None = option(
+        "--poses", "POSES", "Poses, instead of tracking.", to="poses_path", type=InFile()
+    ),
+    object_name: str | None = options.object_name("that of the --poses"),
+    cameras: options.Cameras = options.cameras,
+    every: int = options.whole("--every", "Look for dice in every Nth frame.", default=1),
+    as_json: bool = flag("--json", "Print one JSON object, with the reward of each frame.", to="as_json"),
+    quiet: bool = options.quiet("No progress bar."),
 ) -> None:
     """Compute the rewards of a job's folder for its task.
 

@@ -18,7 +18,8 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.outputs import PICTURE, Command, InFile, OutFolder, Recording, file_option
+from tracker.cli.options import command, flag, option, several
+from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording, file_option
 from tracker.cli.terminal import listing, say, table
 from tracker.errors import ImageError, LogError
 
@@ -30,8 +31,8 @@ NO_IMAGE = "none"  # stands for a missing image
 
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
-_images = click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording(str))
-_frame_option = options.whole("--frame", "Which frame of a recording or folder.  [default: 0]", least=0)
+_images = several("images", "IMAGE", Recording(str))
+_frame = options.whole("--frame", "Which frame of a recording or folder.  [default: 0]", least=0)
 
 
 def _one_set(
@@ -146,22 +147,17 @@ def silent_libraries() -> Iterator[None]:
         os.close(nowhere)
 
 
-@click.command(cls=Command)
-@_images
-@options.subject
-@options.cameras
-@_frame_option
-@options.as_json
-@file_option("--overlay", *PICTURE, help="Write the images with the pose drawn in (.png, .jpg).")
-@click.option("--exit-code", "tell", is_flag=True, help="Exit with 1 if the object is not found.")
+@command()
 def detect(
-    images: tuple[str, ...],
-    subject: options.Subject,
-    cameras: options.Cameras,
-    frame: int | None,
-    as_json: bool,
-    overlay: Path | None,
-    tell: bool,
+    images: tuple[str, ...] = _images,
+    subject: options.Subject = options.subject,
+    cameras: options.Cameras = options.cameras,
+    frame: int | None = _frame,
+    as_json: bool = options.as_json,
+    overlay: Path | None = file_option(
+        "--overlay", *PICTURE, help="Write the images with the pose drawn in (.png, .jpg)."
+    ),
+    tell: bool = flag("--exit-code", "Exit with 1 if the object is not found.", to="tell"),
 ) -> None:
     """Find an object in one IMAGE per camera.
 
@@ -222,32 +218,26 @@ def _pose_rows(pose: tracker.PoseEstimate) -> list[list[str]]:
     return [*rows, ["confidence", f"{pose.confidence:.4f}, of being within 5 mm and 5°"]]
 
 
-@click.command(cls=Command, short_help="Find the dice in one IMAGE per camera, and the error.")
-@_images
-@options.cameras
-@_frame_option
-@click.option(
-    "--goal",
-    "goal_path",
-    metavar="FILE",
-    type=InFile(),
-    help="The goal: JSON, or a pattern of 17 rows of characters.",
-)
-@click.option(
-    "--exact", is_flag=True, help="Goal areas to the pixel, not cut to whole pixels as the platform's."
-)
-@options.as_json
-@file_option("--overlay", *PICTURE, help="Write the images with dice and goal drawn in (.png, .jpg).")
-@click.option("--masks", metavar="DIR", type=OutFolder(), help="Write the masks of dice and goal (.png).")
+@command(short_help="Find the dice in one IMAGE per camera, and the error.")
 def dice(
-    images: tuple[str, ...],
-    cameras: options.Cameras,
-    frame: int | None,
-    goal_path: Path | None,
-    exact: bool,
-    as_json: bool,
-    overlay: Path | None,
-    masks: Path | None,
+    images: tuple[str, ...] = _images,
+    cameras: options.Cameras = options.cameras,
+    frame: int | None = _frame,
+    goal_path: Path | None = option(
+        "--goal",
+        "FILE",
+        "The goal: JSON, or a pattern of 17 rows of characters.",
+        to="goal_path",
+        type=InFile(),
+    ),
+    exact: bool = flag("--exact", "Goal areas to the pixel, not cut to whole pixels as the platform's."),
+    as_json: bool = options.as_json,
+    overlay: Path | None = file_option(
+        "--overlay", *PICTURE, help="Write the images with dice and goal drawn in (.png, .jpg)."
+    ),
+    masks: Path | None = option(
+        "--masks", "DIR", "Write the masks of dice and goal (.png).", type=OutFolder()
+    ),
 ) -> None:
     """Find the dice in one IMAGE per camera, and the task's error.
 

@@ -14,9 +14,9 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.export import Outputs, output_options, write_tracked_film
+from tracker.cli.options import command, flag, several
 from tracker.cli.outputs import (
     AnyPath,
-    Command,
     OutFile,
     OutFolder,
     Recording,
@@ -36,26 +36,19 @@ CONTRADICTED = 0.02
 """Share of frames with a pose that cameras contradict at which the calibration is reported."""
 
 
-@click.command(cls=Command)
-@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=Recording())
-@output_option(AnyPath(path_type=Path), "FILE|DIR", "File of poses (.h5), or a folder.")
-@click.option("--overwrite", is_flag=True, help="Replace poses of another object.")
-@options.asked
-@output_options
-@file_option("--health", ".html", extra="plot", help="A page on cameras, light and calibration (.html).")
-@options.whole("--jobs", "Processes that share the LOGs.", default=1)
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object per recording.")
-@options.quiet("No progress bar, and no summary unless with --json.")
+@command()
 def track(
-    logs: tuple[Path, ...],
-    output: Path,
-    overwrite: bool,
-    asked: options.Asked,
-    outputs: Outputs,
-    health: Path | None,
-    jobs: int,
-    as_json: bool,
-    quiet: bool,
+    logs: tuple[Path, ...] = several("logs", "LOG", Recording()),
+    output: Path = output_option(AnyPath(path_type=Path), "FILE|DIR", "File of poses (.h5), or a folder."),
+    overwrite: bool = flag("--overwrite", "Replace poses of another object."),
+    asked: options.Asked = options.asked,
+    outputs: Outputs = output_options,
+    health: Path | None = file_option(
+        "--health", ".html", extra="plot", help="A page on cameras, light and calibration (.html)."
+    ),
+    jobs: int = options.whole("--jobs", "Processes that share the LOGs.", default=1),
+    as_json: bool = flag("--json", "Print the summary as one JSON object per recording.", to="as_json"),
+    quiet: bool = options.quiet("No progress bar, and no summary unless with --json."),
 ) -> None:
     """Find an object's pose in every frame of a recording.
 
