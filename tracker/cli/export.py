@@ -210,7 +210,7 @@ def export(
 def convert(
     source: Path = argument("source", "LOG", Recording()),
     output: Path = output_option(
-        AnyPath(path_type=Path),
+        AnyPath(),
         "FILE|DIR",
         "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
     ),

@@ -25,58 +25,45 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 class AnyPath(click.Path):
     """A path that is not empty: otherwise, an unset variable would mean the working folder."""
 
+    def __init__(self, path_type: type = Path) -> None:
+        super().__init__(path_type=path_type)
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """See click.ParamType."""
         if value == "":
             self.fail("found an empty path, expected a file or a folder", param, ctx)
-        return super().convert(value, param, ctx)
+        path: Any = super().convert(value, param, ctx)
+        self.check(param.opts[0] if param else "output", path)
+        return path
+
+    def check(self, name: str, path: Path) -> None:
+        """Raise click.ClickException if the path of option `name` is an invalid output."""
 
 
 class InFile(AnyPath):
     """An input file or folder."""
-
-    def __init__(self, path_type: type = Path) -> None:
-        super().__init__(path_type=path_type)
 
 
 class Recording(InFile):
     """An input recording or images, including the calibration and other files beside them."""
 
 
-class _Output(AnyPath):
-    """An output, refused before any work is done if its name or folder is invalid."""
-
-    def __init__(self) -> None:
-        super().__init__(path_type=Path)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """See click.ParamType."""
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        self.check(param.opts[0] if param else "output", path)
-        return path
-
-    def check(self, name: str, path: Path) -> None:
-        """Raise click.ClickException if the path of option `name` is invalid."""
-        raise NotImplementedError
-
-
-class OutFile(_Output):
+class OutFile(AnyPath):
     """A file to write, with one of the suffixes; `extra`: the extra whose package is needed."""
 
-    def __init__(self, *suffixes: str, extra: str | None = None, new_folders: bool = False) -> None:
+    def __init__(self, *suffixes: str, extra: str = "", new_folders: bool = False) -> None:
         super().__init__()
         self.suffixes, self.extra, self.new_folders = suffixes, extra, new_folders
 
     def check(self, name: str, path: Path) -> None:
-        """See _Output."""
+        """See AnyPath."""
         check_suffix(path, self.suffixes, name, click.UsageError)
         if path.is_dir():
             raise click.UsageError(f"{name} {path}: found a folder, expected a file")
         require_folder(name, path, path.absolute().parent, made=self.new_folders)
-        if self.extra is not None and find_spec(_PACKAGES[self.extra]) is None:
-            raise click.ClickException(
-                f"{name} needs the package {_PACKAGES[self.extra]}: {install(self.extra)}"
-            )
+        package = _PACKAGES.get(self.extra)
+        if package is not None and find_spec(package) is None:
+            raise click.ClickException(f"{name} needs the package {package}: {install(self.extra)}")
 
 
 def file_option(name: str, *suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
@@ -90,7 +77,7 @@ def output_option(kind: Any, metavar: str, help: str, *, required: bool = True, 
     return click.option("-o", "--output", required=required, metavar=metavar, type=kind, help=help, **how)
 
 
-class OutFolder(_Output):
+class OutFolder(AnyPath):
     """A folder to write to; it is made, with its parents, if missing. `new`: it must be empty or missing."""
 
     def __init__(self, *, new: bool = False) -> None:
@@ -98,7 +85,7 @@ class OutFolder(_Output):
         self.new = new
 
     def check(self, name: str, path: Path) -> None:
-        """See _Output."""
+        """See AnyPath."""
         if path.exists() and not path.is_dir():
             raise click.UsageError(f"{name} {path}: found a file, expected a folder")
         require_folder(name, path, path.absolute(), made=True)
@@ -138,12 +125,12 @@ def refuse_overwriting(
         other = seen.setdefault(os.path.realpath(path), name)
         if other != name:
             raise click.UsageError(f"{name} {path}: found the same file as for {other}")
-    existing = {identity: name for name, path in files.items() if (identity := _identity(path))}
-    if existing:
-        for kind, path in _inputs(recordings, others):
-            hit = existing.get(_identity(path) or (0, 0))
-            if hit is not None:
-                raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
+    existing: dict[object, str] = {
+        identity: name for name, path in files.items() if (identity := _identity(path))
+    }
+    for kind, path in _inputs(recordings, others) if existing else ():
+        if hit := existing.get(_identity(path)):
+            raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
     _refuse_new_recordings(files, recordings)
 
 
@@ -203,29 +190,24 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
 
 def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
-    """Refuse outputs that the next run would read as the recording of a folder or as part of it.
-
-    The latter are images and films in an input folder.
-    """
+    """Refuse outputs that the next run would read as an input folder's recording, or as images of it."""
     from tracker.logs.opening import JOB_LOGS
 
     opened = {os.path.realpath(recording): recording for recording in recordings if recording.is_dir()}
     folders = {real for real, one in opened.items() if not any((one / name).exists() for name in JOB_LOGS)}
     for name, path in files.items():
-        recording = opened.get(os.path.dirname(os.path.realpath(path)))
-        if recording is not None and path.name in JOB_LOGS:
+        parents = [str(parent) for parent in Path(os.path.realpath(path)).parents]
+        if path.name in JOB_LOGS and (recording := opened.get(parents[0])):
             raise click.UsageError(
                 f"{name} {path}: would be read in place of {recording}, expected another name"
             )
-        inside = not folders.isdisjoint(map(str, Path(os.path.realpath(path)).parents))
-        if inside and path.suffix.lower() in (*PICTURE, ".mp4"):
+        if not folders.isdisjoint(parents) and path.suffix.lower() in (*PICTURE, ".mp4"):
             raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
     """Return a file's device and inode, the same for all links to it; None if there is no file."""
-    try:
+    with suppress(OSError):
         about = path.stat()
-    except OSError:
-        return None
-    return about.st_dev, about.st_ino
+        return about.st_dev, about.st_ino
+    return None

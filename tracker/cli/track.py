@@ -39,7 +39,7 @@ CONTRADICTED = 0.02
 @command()
 def track(
     logs: tuple[Path, ...] = several("logs", "LOG", Recording()),
-    output: Path = output_option(AnyPath(path_type=Path), "FILE|DIR", "File of poses (.h5), or a folder."),
+    output: Path = output_option(AnyPath(), "FILE|DIR", "File of poses (.h5), or a folder."),
     overwrite: bool = flag("--overwrite", "Replace poses of another object."),
     asked: options.Asked = options.asked,
     outputs: Outputs = output_options,
