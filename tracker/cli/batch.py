@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli import options
-from tracker.cli.options import argument, command, flag, option, several
-from tracker.cli.outputs import InFile, OutFolder, output_option
+from tracker.cli.options import argument, command, flag, option, output_option, several
+from tracker.cli.outputs import InFile, OutFolder
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import LogError
 

@@ -13,16 +13,8 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli.options import command, flag, gathered, numbers, option, several
-from tracker.cli.outputs import (
-    PICTURE,
-    InFile,
-    OutFolder,
-    Recording,
-    file_option,
-    output_option,
-    refuse_overwriting,
-)
+from tracker.cli.options import command, file_option, flag, gathered, numbers, option, output_option, several
+from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording, refuse_overwriting
 from tracker.cli.stills import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError

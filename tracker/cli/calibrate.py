@@ -15,8 +15,8 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
-from tracker.cli.options import command, flag, gathered, several
-from tracker.cli.outputs import PICTURE, OutFolder, Recording, file_option, output_option
+from tracker.cli.options import command, file_option, flag, gathered, output_option, several
+from tracker.cli.outputs import PICTURE, OutFolder, Recording
 from tracker.cli.stills import NO_IMAGE, read_images
 from tracker.cli.terminal import bar, listing, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError

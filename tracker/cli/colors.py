@@ -11,8 +11,8 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.options import command, flag, gathered, option, several
-from tracker.cli.outputs import InFile, OutFile, Recording, file_option
+from tracker.cli.options import command, file_option, flag, gathered, option, several
+from tracker.cli.outputs import InFile, OutFile, Recording
 from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import ColorModelError, ImageError

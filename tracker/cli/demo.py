@@ -10,8 +10,8 @@ from pathlib import Path
 import click
 
 import tracker
-from tracker.cli.options import command
-from tracker.cli.outputs import OutFolder, output_option
+from tracker.cli.options import command, output_option
+from tracker.cli.outputs import OutFolder
 from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
 from tracker.files import told_as, whole_file

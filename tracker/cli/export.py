@@ -14,16 +14,8 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.options import argument, command, flag, gathered, option
-from tracker.cli.outputs import (
-    AnyPath,
-    InFile,
-    Recording,
-    file_option,
-    output_option,
-    refuse_overwriting,
-    require_folder,
-)
+from tracker.cli.options import argument, command, file_option, flag, gathered, option, output_option
+from tracker.cli.outputs import AnyPath, InFile, Recording, refuse_overwriting, require_folder
 from tracker.cli.terminal import bar, say
 
 if TYPE_CHECKING:

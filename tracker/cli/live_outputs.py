@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tracker
-from tracker.cli.options import flag, option
-from tracker.cli.outputs import file_option
+from tracker.cli.options import file_option, flag, option
 from tracker.cli.terminal import listing, say, table
 
 if TYPE_CHECKING:

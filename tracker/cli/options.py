@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 import tracker
-from tracker.cli.outputs import Command, InFile
+from tracker.cli.outputs import Command, InFile, OutFile
 from tracker.errors import LogError
 
 _ROOMS = Path(__file__).parents[1]
@@ -82,6 +82,17 @@ def flag(name: str, help: str, *, to: str = "") -> Any:
 def quiet(text: str = "Print errors only.") -> Any:
     """Make `--quiet`, with `text` as its help."""
     return click.option("-q", "--quiet", is_flag=True, help=text)
+
+
+def file_option(name: str, *suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
+    """Make an option for a file to write, see OutFile; `-o` is also `--output`."""
+    names, written = ("-o", "--output") if name == "-o" else (name,), OutFile(*suffixes, **kind)
+    return click.option(*names, metavar="FILE", required=required, type=written, help=help)
+
+
+def output_option(kind: Any, metavar: str, help: str, *, required: bool = True, **how: Any) -> Any:
+    """Make `-o` for an output that is not a file of one format."""
+    return click.option("-o", "--output", required=required, metavar=metavar, type=kind, help=help, **how)
 
 
 recover = flag("--recover", "Leave out damaged parts of a recording.")

@@ -66,17 +66,6 @@ class OutFile(AnyPath):
             raise click.ClickException(f"{name} needs the package {package}: {install(self.extra)}")
 
 
-def file_option(name: str, *suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
-    """Make an option for a file to write, see OutFile; `-o` is also `--output`."""
-    names, written = ("-o", "--output") if name == "-o" else (name,), OutFile(*suffixes, **kind)
-    return click.option(*names, metavar="FILE", required=required, type=written, help=help)
-
-
-def output_option(kind: Any, metavar: str, help: str, *, required: bool = True, **how: Any) -> Any:
-    """Make `-o` for an output that is not a file of one format."""
-    return click.option("-o", "--output", required=required, metavar=metavar, type=kind, help=help, **how)
-
-
 class OutFolder(AnyPath):
     """A folder to write to; it is made, with its parents, if missing. `new`: it must be empty or missing."""
 

@@ -18,8 +18,8 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.options import command, flag, option, several
-from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording, file_option
+from tracker.cli.options import command, file_option, flag, option, several
+from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording
 from tracker.cli.terminal import listing, say, table
 from tracker.errors import ImageError, LogError
 

@@ -14,17 +14,8 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.export import Outputs, output_options, write_tracked_film
-from tracker.cli.options import command, flag, several
-from tracker.cli.outputs import (
-    AnyPath,
-    OutFile,
-    OutFolder,
-    Recording,
-    file_option,
-    output_option,
-    refuse_other_poses,
-    refuse_overwriting,
-)
+from tracker.cli.options import command, file_option, flag, output_option, several
+from tracker.cli.outputs import AnyPath, OutFile, OutFolder, Recording, refuse_other_poses, refuse_overwriting
 from tracker.cli.terminal import bar, listing, say
 from tracker.errors import TrackerError, reason
 
