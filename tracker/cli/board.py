@@ -62,13 +62,12 @@ def _sightings_of(
     from tracker.calibration.board import sighting
     from tracker.color_learning.labelled import read_image
 
-    photos = [str(path) for path in paths]
     with silent_libraries():
         images = [read_image(path) for path in paths]
     board = sighting.pattern_seen(images, board)
     found: list[BoardView | None] = []
     faults: dict[str, str] = {}
-    for photo, image in zip(photos, images, strict=True):
+    for photo, image in zip(map(str, paths), images, strict=True):
         one = sighting.find_board(photo, image, board)
         if one is None:
             faults[photo] = sighting.why_no_board(image, board)
@@ -79,11 +78,11 @@ def _sightings_of(
     if all(one is None for one in found):
         why = "; ".join(f"{fault} ({count} ×)" for fault, count in Counter(faults.values()).most_common(3))
         raise CalibrationError(
-            f"board: found in none of {len(photos)} photos: {why}; expected photos of the board that "
+            f"board: found in none of {len(paths)} photos: {why}; expected photos of the board that "
             "--dictionary, --squares, --square and --marker say"
         )
     clearest = max(range(len(found)), key=lambda n: len(found[n] or ()))
-    sighting.require_size(photos[clearest], images[clearest], board)
+    sighting.require_size(str(paths[clearest]), images[clearest], board)
     return board, found, faults
 
 
@@ -102,12 +101,11 @@ def _draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray,
     from tracker.viz.calibration import residual_picture
 
     camera, used = calibrated.camera, sum(counts for *_, counts in photos)
-    title = f"{camera.name}, {used} photos"
-    tracker.viz.write_image(path, residual_picture(title, (camera.width, camera.height), photos))
+    picture = residual_picture(f"{camera.name}, {used} photos", (camera.width, camera.height), photos)
+    tracker.viz.write_image(path, picture)
 
 
 def _told_pattern(board: Board) -> str:
-    """Describe the pattern of a board if it is known."""
     if not board.two_patterns:
         return f"{board} (with {board.rows} rows the old and the new pattern are the same)"
     return f"{board}" if board.legacy else f"{board}, today's pattern"
@@ -233,7 +231,7 @@ def _lens_table(lens: Lens, faults: dict[str, str]) -> str:
 
 
 def _photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str:
-    """Return a table of photos, with the reasons why the others are not used."""
+    """Return a table of photos, with the reasons why others are not used."""
     return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in faults.items())])
 
 
@@ -299,7 +297,6 @@ def extrinsics(
 
     from tracker.calibration.board.extrinsics import place_cameras
     from tracker.calibration.files.platform import read_all_calibrated
-    from tracker.geometry import so3
 
     lenses = read_all_calibrated(intrinsics, pattern)
     targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}
@@ -312,7 +309,7 @@ def extrinsics(
     board, found, faults = _sightings_of(list(paths.values()), board)
     sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
     world_from_board = np.eye(4)
-    world_from_board[:3, :3] = so3.exp([0, 0, np.deg2rad(yaw)])
+    world_from_board[:3, :3] = tracker.geometry.so3.exp([0, 0, np.deg2rad(yaw)])
     world_from_board[:3, 3] = (*center, height)
     with _naming(faults):
         placed = place_cameras(lenses, sightings, world_from_board)
@@ -328,11 +325,7 @@ def extrinsics(
 
 
 def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Path]:
-    """Return the photos by numbers of (camera, folder); some folders may lack a photo of a camera.
-
-    Raises:
-        CalibrationError: a folder is missing, has no photos, several of one camera, or one of another camera.
-    """
+    """Return the photos by numbers of (camera, folder); some folders may lack a photo of a camera."""
     photos: dict[Photo, Path] = {}
     for place, folder in enumerate(folders):
         if not folder.is_dir():

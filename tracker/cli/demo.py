@@ -66,8 +66,7 @@ def demo(output: Path = _output) -> None:
         ("median time", f"{time:.1f} ms a frame"),
         ("picture", str(output / "overlay.png")),
     ]
-    click.echo(listing(rows))
-    click.echo("\nnext:")
+    click.echo(f"{listing(rows)}\n\nnext:")
     click.echo(f"  tracker detect --object {model.name} {output} --frame 7")
     click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
 
@@ -85,9 +84,8 @@ def _error(pose: tracker.PoseEstimate | None, truth: dict[str, list[float]]) -> 
     """Return distance [mm] and angle [deg] from the ground truth; NaN without a pose."""
     import numpy as np
 
-    from tracker.geometry import so3
-
     if pose is None:
         return math.nan, math.nan
+    so3 = tracker.geometry.so3
     angle = so3.angle_between(pose.rotation, so3.matrix_from_quaternion(truth["orientation"]))
     return 1e3 * float(np.linalg.norm(pose.position - truth["position"])), math.degrees(angle)

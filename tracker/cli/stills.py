@@ -38,11 +38,7 @@ _frame = options.whole("--frame", "Which frame of a recording or folder.  [defau
 def _one_set(
     images: Sequence[str], cameras: options.Cameras, frame: int | None
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
-    """Return the cameras and their images in order; None for a missing image.
-
-    A single path that is not an image is a recording or a folder of images, with its own calibration unless
-    another is given. `of_cameras` assigns several files to cameras.
-    """
+    """Return the cameras and their images in order; a path alone that is no image is a recording."""
     if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in PICTURES:
         path, number = Path(images[0]), frame or 0
         with tracker.open_log(path) as log:
@@ -61,10 +57,10 @@ def _one_set(
 
 
 def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Return one set of files in the order of the cameras; NO_IMAGE stands for a missing image.
+    """Return one set of files in the order of the cameras that they or their folders are named after.
 
-    Files are assigned by the camera name in their own name or their folder's; if there is none, in the given
-    order. ImageError if there are too few or too many, or if names contradict the cameras.
+    If there is no such name, in the given order. NO_IMAGE stands for a missing image. ImageError if there are
+    too few or too many, or if names contradict the cameras.
     """
     each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' where a camera gave none)"
     if len(paths) != len(names):
@@ -93,8 +89,7 @@ def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
 def camera_in(text: str, names: Sequence[str]) -> str | None:
     """Return the camera named in a file's or folder's name, not as part of a longer word or number.
 
-    The result need not be one of `names`: a name that differs only in its number is another camera. Several
-    cameras are joined by "and".
+    A name that differs from one of `names` only in its number is another camera. Several are joined by "and".
     """
     words = {name.rstrip("0123456789") for name in names if name[-1].isdigit()} - {""}
     patterns = [*map(re.escape, names), *(rf"{re.escape(word)}\d+" for word in words)]
@@ -118,15 +113,13 @@ def read_images(
     images: list[Image | None] = []
     cameras = []
     for path, camera in zip(of_cameras(paths, rig.names), rig, strict=True):
-        if path == NO_IMAGE:
-            images.append(None)
-            cameras.append(camera)
-            continue
-        with silent_libraries():
-            image = read_image(Path(path))
-        size = image.shape[1], image.shape[0]
-        cameras.append(sized_for(size, camera, f"image {path}", resize=resize))
+        image = None
+        if path != NO_IMAGE:
+            with silent_libraries():
+                image = read_image(Path(path))
+            camera = sized_for((image.shape[1], image.shape[0]), camera, f"image {path}", resize=resize)
         images.append(image)
+        cameras.append(camera)
     return dataclasses.replace(rig, cameras=tuple(cameras)), images
 
 
@@ -203,15 +196,13 @@ def detect(
 def _pose_rows(pose: tracker.PoseEstimate) -> list[list[str]]:
     import numpy as np
 
-    from tracker.geometry import so3
-
     std = np.sqrt(np.diag(pose.covariance))
     rows = [["", "".join(f"{axis:>11}" for axis in "xyzw")]]
     for label, values, digits in (
         ("position [mm]", 1e3 * pose.position, 3),
         ("  std [mm]", 1e3 * std[:3], 3),
         ("orientation", pose.orientation, 6),
-        ("rotation vector [°]", np.degrees(so3.log(pose.rotation)), 3),
+        ("rotation vector [°]", np.degrees(tracker.geometry.so3.log(pose.rotation)), 3),
         ("  std [°]", np.degrees(std[3:]), 3),
     ):
         rows.append([label, "".join(f"{value:11.{digits}f}" for value in values)])
@@ -275,19 +266,19 @@ def _evaluate(
     marks = [time.perf_counter()]
     masks = [None if image is None else task.segment_dice(image) for image in images]
     marks.append(time.perf_counter())
-    goals, errors = None, None
+    goals, errors, error = None, None, None
     if goal is not None:
         goals = task.goal_masks(rig, goal, exact=exact)
         errors = {
             name: None if mask is None else task.error([goal_mask], [mask])
             for name, goal_mask, mask in zip(rig.names, goals, masks, strict=True)
         }
+        error = sum(filter(None, errors.values()))
     marks.append(time.perf_counter())
     dice = task.locate(rig, masks, images)
     assignment = None if goal is None else task.assign(goal, [die.position for die in dice])
     marks.append(time.perf_counter())
     stages = zip(("segmentation", "error", "location"), marks[:-1], marks[1:], strict=True)
-    error = None if errors is None else sum(filter(None, errors.values()))
     found = {
         "error": error,
         "error_per_camera": errors,
