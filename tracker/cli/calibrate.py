@@ -161,28 +161,23 @@ def check(
 
 def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, float], list[str]]:
     """Return the stated standard deviations of focal lengths, and warnings about halved calibrations."""
-    from tracker.calibration.files.platform import (
-        calibration_files,
-        focal_deviations,
-        halved_by_rows,
-        read_calibrated,
-    )
-    from tracker.logs.opening import calibration_files as files_of
+    from tracker.calibration.files import platform
+    from tracker.logs.opening import calibration_files
 
     paths = [Path(path) for path in cameras.calibration]
     if len(paths) == 1 and paths[0].is_dir():
-        paths = calibration_files(paths[0], cameras.pattern)
+        paths = platform.calibration_files(paths[0], cameras.pattern)
     for recording in () if paths else inputs:
         with suppress(OSError):  # opening it reports what cannot be read
-            paths += files_of(Path(recording))
+            paths += calibration_files(Path(recording))
     found = {}
     for path in paths:
         with suppress(TrackerError):
-            found[path] = read_calibrated(path)
+            found[path] = platform.read_calibrated(path)
     fault = "its principal point was halved to c/2, expected c/2 - 0.25 px"
     remedy = "--correct-halved-principal-point mends it while it is read"
-    halved = filter(halved_by_rows, () if cameras.correct_halved_principal_point else found)
-    return focal_deviations(found.values()), [f"{path}: {fault}: {remedy}" for path in halved]
+    halved = filter(platform.halved_by_rows, () if cameras.correct_halved_principal_point else found)
+    return platform.focal_deviations(found.values()), [f"{path}: {fault}: {remedy}" for path in halved]
 
 
 def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
@@ -191,7 +186,7 @@ def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
 
     cameras = []
     for one in found.cameras:
-        focal = one.focal
+        focal, corners = one.focal, vars(one.corners)
         numbers = {
             "name": one.name,
             "looks": one.looks,
@@ -201,10 +196,7 @@ def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
             "correction": one.correction.tolist(),
             "shift_mm": 1e3 * one.shift,
             "turn_deg": math.degrees(one.turn),
-            **{
-                f"corners_{name}_px": getattr(one.corners, name)
-                for name in ("seen", "stated", "shift", "shape")
-            },
+            **{f"corners_{name}_px": corners[name] for name in ("seen", "stated", "shift", "shape")},
             "distance_m": focal.distance,
             "focal_ratio": focal.ratio,
             "focal_off_percent": 100.0 * focal.off,
@@ -241,10 +233,9 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
         expected.append([one.name, *pixels, f"{focal.ratio:.4f}", *off])
     asked = [one.focal.needed for one in found.cameras if not math.isnan(one.focal.distance)]
     needed = number(100.0 * min(asked, default=math.nan), 2)
-    seen = f"how far a camera misses the object's corners [px at a focal length of {FOCAL:g} px]"
     depth = f"error of one camera's depth; {1e3 * DEPTH:g} mm need its focal length right to {needed} %"
     below = [
-        ["corners", seen],
+        ["corners", f"how far a camera misses the object's corners [px at a focal length of {FOCAL:g} px]"],
         ["stated", "the same as the files' deviations predict"],
         ["depth", depth],
         *(["warning", one] for one in warnings),
@@ -257,9 +248,9 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
 def _verdict(found: CalibrationCheck) -> str:
     from tracker.calibration.by_object.check import LIMIT
 
+    disagree = f"cameras disagree by {1e3 * found.miss:.1f} mrad (median"
     if found.fits:
-        miss = f"{1e3 * found.miss:.1f} mrad (median; limit {1e3 * LIMIT:.1f})"
-        return f"the calibration fits: cameras disagree by {miss}"
+        return f"the calibration fits: {disagree}; limit {1e3 * LIMIT:.1f})"
     moved = [one.name for one in found.cameras if one.moved]
     lost = [one.name for one in found.cameras if found.is_lost(one) and not one.moved]
     if len(moved) > 1:
@@ -269,7 +260,7 @@ def _verdict(found: CalibrationCheck) -> str:
     elif lost:
         why = f"{', '.join(lost)} should see the object but cannot use their views"
     else:
-        why = f"cameras disagree by {1e3 * found.miss:.1f} mrad (median)"
+        why = f"{disagree})"
     return f"the calibration does not fit: {why}"
 
 

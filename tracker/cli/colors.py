@@ -53,11 +53,10 @@ class Lesson:
         """Read frames from the recordings; TrackerError if that fails or there are too few."""
         from tracker.color_learning.lessons import FEWEST_FRAMES, frames_of, shares
 
-        lengths = []
+        lengths, result = [], []
         for path in self.recordings:
             with tracker.open_log(path, recover=self.recover) as log:
                 lengths.append(len(log))
-        result = []
         for path, count in zip(self.recordings, shares(lengths, self.frames), strict=True):
             with tracker.open_log(path, recover=self.recover) as log:
                 result.append(frames_of(log, self.cameras.rig_of(path, log), count))
@@ -159,12 +158,11 @@ def described(
 
 
 def _learned(learned: Adapted, output: Path) -> str:
-    kinds = table([["pixels that taught", *learned.pixels], ["", *map(str, learned.pixels.values())]])
-    unseen = [color for color, count in learned.pixels.items() if not count]
-    judged = f"{learned.before} of {learned.before.frames} held-out frames"
-    summary = listing([["before", judged], ["after", str(learned.after)], ["colours", str(output)]])
-    kept = [f"{color} was hardly seen and stays as it was" for color in unseen]
-    return "\n".join(["", kinds, *kept, "", summary])
+    pixels, before = learned.pixels, learned.before
+    kinds = table([["pixels that taught", *pixels], ["", *map(str, pixels.values())]])
+    kept = [f"{color} was hardly seen and stays as it was" for color, count in pixels.items() if not count]
+    judged = ["before", f"{before} of {before.frames} held-out frames"], ["after", str(learned.after)]
+    return "\n".join(["", kinds, *kept, "", listing([*judged, ["colours", str(output)]])])
 
 
 _folders = several("folders", "FOLDER", Recording(str))

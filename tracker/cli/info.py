@@ -120,9 +120,7 @@ def _times(stamps: tracker.conventions.FloatArray) -> dict[str, Any]:
 
 def _shown(value: Any) -> str:
     if isinstance(value, list):
-        if value and isinstance(value[0], list):
-            return ", ".join("×".join(map(str, size)) for size in value)
-        return ", ".join(map(str, value))
+        return ", ".join("×".join(map(str, one)) if isinstance(one, list) else str(one) for one in value)
     if isinstance(value, dict):
         return ", ".join(f"{name} {_shown(one)}" for name, one in value.items()) or "none"
     return "none" if value is None else str(value)
