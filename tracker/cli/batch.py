@@ -88,10 +88,10 @@ def run(
 
     sought = asked.options()
     stores = _stores(recordings, output, sought, robot)
-    work = stores or Batch.of(recordings, output, sought)
+    work = stores.batch if stores else Batch.of(recordings, output, sought)
     if engine.submits is None:
-        _run(work, engine, as_csv, quiet)
-    elif isinstance(work, Batch):
+        _run(work, stores, engine, as_csv, quiet)
+    elif stores is None:
         _submit(work, engine.submits, engine.dry_run, quiet)
     else:
         raise click.UsageError("image stores of several robots: expected --jobs or --scheduler")
@@ -115,18 +115,15 @@ def _stores(
     return None
 
 
-def _run(work: Batch | Retracking, engine: Engine, as_csv: bool, quiet: bool) -> None:
+def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, quiet: bool) -> None:
     from tracker.batch.results import FAILURES
-    from tracker.batch.run import Batch, only_run, run_batch, write_batch
+    from tracker.batch.run import only_run, run_batch, write_batch
     from tracker.batch.tables import state, write_tables
     from tracker.batch.workers import cores, dask_workers, processes
     from tracker.recordings import Recipe
 
-    if isinstance(work, Batch):
-        batch, stores = work, None
+    if stores is None:
         Recipe.of(batch.options)  # report faults before anything begins
-    else:
-        batch, stores = work.batch, work
     count = min(engine.jobs or cores(), len(batch.pairs))
     failures: dict[str, str] = {}
     fault = None
@@ -140,9 +137,9 @@ def _run(work: Batch | Retracking, engine: Engine, as_csv: bool, quiet: bool) ->
         write_batch(batch)
         try:
             with bar("recordings", len(batch.pairs), quiet, "recordings") as advance:
-                address = engine.scheduler
-                local = functools.partial(processes, count)
-                begin = local if address is None else functools.partial(dask_workers, address)
+                begin = functools.partial(processes, count)
+                if engine.scheduler is not None:
+                    begin = functools.partial(dask_workers, engine.scheduler)
                 stores.run(begin, tell) if stores else run_batch(batch, begin, tell)
         except BaseException:
             with suppress(LogError):  # report why the run ended instead

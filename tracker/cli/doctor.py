@@ -12,6 +12,7 @@ import re
 import statistics
 import timeit
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
@@ -38,8 +39,7 @@ CORE = {
 REFERENCE_ROUNDS = 20
 DETECTION = 1.5  # approximate time of a detection, relative to that of the reference work
 
-_EXTRA = re.compile(r"""extra *== *['"](?P<extra>[\w-]+)['"]""")
-_PACKAGE = re.compile(r"[\w.-]+")
+_PACKAGE_OF_EXTRA = re.compile(r"""([\w.-]+).*?extra *== *['"]([\w-]+)['"]""")
 
 
 class Finding(NamedTuple):
@@ -185,12 +185,9 @@ def _speed() -> Finding:
 def _extras() -> dict[str, list[str]]:
     """Return the packages in each extra, except those for development."""
     extras: dict[str, list[str]] = {}
-    try:
-        requirements = metadata.requires(NAME) or []
-    except metadata.PackageNotFoundError:
-        return {}
-    for requirement in requirements:
-        package, extra = _PACKAGE.match(requirement), _EXTRA.search(requirement)
-        if package and extra and extra["extra"] not in ("all", "dev", "docs") and package[0] != NAME:
-            extras.setdefault(extra["extra"], []).append(package[0])
+    with suppress(metadata.PackageNotFoundError):
+        for requirement in filter(None, map(_PACKAGE_OF_EXTRA.match, metadata.requires(NAME) or [])):
+            package, extra = requirement.groups()
+            if extra not in ("all", "dev", "docs") and package != NAME:
+                extras.setdefault(extra, []).append(package)
     return extras

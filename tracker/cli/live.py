@@ -205,11 +205,7 @@ def _follow(
     lookout: Lookout,
     statistics: Statistics | None,
 ) -> KeyboardInterrupt | None:
-    """Wait for the end; print the statistics once per second, and faults immediately.
-
-    Returns:
-        The interrupt that ended it, or None.
-    """
+    """Print the statistics once per second, and faults immediately; return the interrupt that ended it."""
     end = None if seconds is None else time.monotonic() + seconds
     try:
         while follower.running:

@@ -115,8 +115,8 @@ class LiveOutputs:
 
     def faults(self) -> list[str]:
         """Return the messages of outputs that ended or failed, except the recorder."""
-        failed = self._fallible.items()
-        return [f"{what}{one.fault}" for one, what in failed if one.fault and one is not self.recorder]
+        failed = ((one, what) for one, what in self._fallible.items() if one.fault)
+        return [f"{what}{one.fault}" for one, what in failed if one is not self.recorder]
 
     def tell(self) -> None:
         """Report each output that has ended or failed once, on stderr."""
@@ -132,8 +132,7 @@ _SILENT = 10  # after so many lines, one per second, without images, print nothi
 _NEVER = "never found: check the object, its colours and the calibration; --check measures the cameras"
 _NO_IMAGE = "no camera ever gave an image"
 
-_STAMPS = ""
-"""Key of faults in all cameras' timestamps, among faults by camera name; no camera's name is empty."""
+_STAMPS = ""  # key of faults in all cameras' timestamps, among faults by camera name, which is never empty
 
 
 class Statistics:
@@ -233,10 +232,6 @@ class Lookout:
     """Checks running cameras for swaps until an object is found with certainty.
 
     A check has its own tracker and takes as long as several detections; the pause doubles after each.
-
-    Args:
-        make_tracker: returns a tracker, new or used before.
-        names: names of the cameras.
     """
 
     def __init__(self, make_tracker: Callable[[], tracker.ObjectTracker], names: Sequence[str]) -> None:

@@ -55,20 +55,17 @@ def score(
     else:
         seconds, rewards = _of_object(job, goal, cameras, poses_path, object_name, quiet)
     listed = [None if value != value else value for value in rewards.tolist()]
-    found: dict[str, Any] = {
-        "level": goal.level,
-        "frames": len(listed),
-        "scored_frames": len(listed) - listed.count(None),
-    }
+    scored = len(listed) - listed.count(None)
+    found: dict[str, Any] = {"level": goal.level, "frames": len(listed), "scored_frames": scored}
     found |= totals(rewards, seconds)
     if as_json:
         every_frame = {"seconds": seconds.tolist(), "rewards": listed}
         click.echo(json.dumps({"task": goal.task, **found, **every_frame}, allow_nan=False))
         return
-    rows = [
-        [name.replace("_", " "), "none" if value is None else f"{value:.6g}"] for name, value in found.items()
-    ]
-    click.echo(listing([["task", goal.task], *rows]))
+    shown = {name: "none" if value is None else f"{value:.6g}" for name, value in found.items()}
+    click.echo(
+        listing([["task", goal.task], *([name.replace("_", " "), text] for name, text in shown.items())])
+    )
 
 
 def _of_object(
@@ -113,7 +110,7 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
 def _of_dice(
     job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Like `_of_object`, for dice: rewards are minus the number of pixels that show dice outside the goal."""
+    """Like `_of_object`; the rewards are minus the number of pixels that show dice outside the goal."""
     import numpy as np
 
     from tracker.tasks import rearrange_dice

@@ -181,8 +181,7 @@ def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
 
 def _text(result: dict[str, Any]) -> str:
     rows = [["log", result["log"]], ["poses", result["output"]], ["frames", str(result["frames"])]]
-    if result["frames"]:
-        frames = result["frames"]
+    if frames := result["frames"]:
         counts = (f"{round(result[kind] * frames)} of {frames} {kind}" for kind in ("measured", "filtered"))
         rows.append(["with a pose", ", ".join(counts)])
         for name, numbers in sorted(result["statuses"].items(), key=lambda item: -item[1]["share"]):
