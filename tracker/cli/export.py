@@ -138,7 +138,7 @@ def _widest() -> tracker.Observation:
 
 
 def _of_height(picture: Image, height: int) -> Image:
-    """Crop or pad a picture to a given height: captions wrap, but a film's pictures must have one size."""
+    """Crop or pad a picture to a height: captions wrap, but a film's pictures must have one size."""
     import numpy as np
 
     return np.pad(picture[:height], ((0, max(0, height - len(picture))), (0, 0), (0, 0)), mode="edge")
@@ -239,9 +239,8 @@ def convert(
                 rig = cameras.rig_of(source, log)
                 write = write_folder if not suffix else write_hdf5
                 write(output, frames, rig, progress)
-        fault = log.fault
-    if fault is not None:
-        say(f"warning: {fault}")
+    if log.fault is not None:
+        say(f"warning: {log.fault}")
 
 
 _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | None"], "Sample | None"]]
@@ -345,10 +344,9 @@ def _looked_at(
 
 def _target(source: Path, output: Path | None) -> Path | None:
     """Return the file to write, or None to open a viewer."""
-    if output is not None:
+    screen = sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if output is not None or screen:
         return output
-    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        return None
     target = Path(f"{source.resolve().stem}.rrd")
     if target.exists():
         raise click.UsageError(f"no screen for the viewer, and {target} exists; expected -o FILE")

@@ -62,10 +62,10 @@ def score(
         every_frame = {"seconds": seconds.tolist(), "rewards": listed}
         click.echo(json.dumps({"task": goal.task, **found, **every_frame}, allow_nan=False))
         return
-    shown = {name: "none" if value is None else f"{value:.6g}" for name, value in found.items()}
-    click.echo(
-        listing([["task", goal.task], *([name.replace("_", " "), text] for name, text in shown.items())])
-    )
+    rows = [["task", goal.task]]
+    for name, value in found.items():
+        rows.append([name.replace("_", " "), "none" if value is None else f"{value:.6g}"])
+    click.echo(listing(rows))
 
 
 def _of_object(
