@@ -1,6 +1,8 @@
 import dataclasses
+import functools
 import json
 import re
+import shutil
 
 import cv2
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 import tracker
 from tests.calibration.board.test_extrinsics import GIVEN, PLACES, TRUE
 from tests.helpers.boards import LENS, photo, pose_towards, write_photos
-from tests.helpers.command import assert_one_line_error, assert_refused, well
+from tests.helpers.command import assert_refused, well
 from tests.helpers.filmed import RIG, write_recording
 from tests.helpers.kept_stills import bare
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
@@ -21,6 +23,11 @@ from tracker.geometry import so3
 CUBE = ("--object", "cube_v2")
 BOARD = ("--squares", "5x7", "--square", "0.04", "--marker", "0.03")
 NAMES = ("camera60", "camera180", "camera300")
+
+
+@pytest.fixture
+def run_here(run_here):
+    return functools.partial(run_here, "calibrate")
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +54,7 @@ def triplets(tmp_path_factory):
 def test_a_lens_is_written_with_its_deviations_and_smaller_images(photos, tmp_path, run_here):
     target = tmp_path / "lenses" / "camera60.yml"
     arguments = (*BOARD, "--name", "camera60", "-o", target, "--crop", "270x270+44+0", "--halve")
-    result = well(run_here("calibrate", "intrinsics", *arguments, "--plot", tmp_path / "r.png", *photos))
+    result = well(run_here("intrinsics", *arguments, "--plot", tmp_path / "r.png", *photos))
     assert "08.png: the photo is blurred" in result.stdout
     assert "09.png: the photo is mirrored" in result.stdout
     assert "photos used      8" in result.stdout
@@ -68,7 +75,7 @@ def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
     yaw = np.rad2deg(np.arctan2(GIVEN[1, 0], GIVEN[0, 0]))
     place = ("--center", ",".join(map(str, GIVEN[:2, 3])), "--height", GIVEN[2, 3], "--yaw", yaw)
     arguments = (*BOARD, "--intrinsics", triplets / "lenses", *place, "-o", tmp_path / "rig")
-    well(run_here("calibrate", "extrinsics", *arguments, "--plot", tmp_path, triplets / "0", triplets / "1"))
+    well(run_here("extrinsics", *arguments, "--plot", tmp_path, triplets / "0", triplets / "1"))
     rig = tracker.CameraRig.load(tmp_path / "rig")
     assert rig.names == NAMES
     for camera, true in zip(rig, TRUE, strict=True):
@@ -80,54 +87,42 @@ def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
 
 def test_a_board_is_printed(tmp_path, run_here):
     for suffix in ("pdf", "svg", "png"):
-        result = well(run_here("calibrate", "board", *BOARD, "-o", tmp_path / f"board.{suffix}"))
+        result = well(run_here("board", *BOARD, "-o", tmp_path / f"board.{suffix}"))
         assert "on a page of 210x297 mm" in result.stdout
         assert (tmp_path / f"board.{suffix}").stat().st_size > 5000
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "first", "words"),
     [
-        (["--squares", "7x5"], ["found in none of 10 photos", "do not lie as on a board of 7x5 squares"]),
-        (["--squares", "5x9"], ["no more than 5x7 squares", "mirrored"]),
-        (["--crop", "300x300+0+0"], ["300x300+0+0", "360x270"]),
+        ("--squares 7x5", 0, ["found in none of 10 photos", "do not lie as on a board of 7x5 squares"]),
+        ("--squares 5x9", 0, ["no more than 5x7 squares", "mirrored"]),
+        ("--crop 300x300+0+0", 0, ["300x300+0+0", "360x270"]),
+        ("", 5, ["found 3 photos", "at least 6", "08.png: the photo is blurred", "mirrored"]),
     ],
 )
-def test_a_fault_of_a_lens_is_named(arguments, words, photos, tmp_path, run_here):
-    given = (*BOARD, "--name", "camera60", "-o", "camera60.yml", *arguments)
-    assert_refused(run_here, tmp_path, ["calibrate", "intrinsics", *given, *photos], *words)
-
-
-def test_too_few_photos_are_named_with_what_is_wrong_with_the_others(photos, tmp_path, run_here):
-    arguments = (*BOARD, "--name", "camera60", "-o", tmp_path / "camera60.yml")
-    result = run_here("calibrate", "intrinsics", *arguments, *photos[5:])
-    assert_one_line_error(result, "found 3 photos", "at least 6", "08.png: the photo is blurred", "mirrored")
+def test_a_fault_of_a_lens_and_of_photos_is_named(arguments, first, words, photos, tmp_path, run_here):
+    given = (*BOARD, "--name", "camera60", "-o", "camera60.yml", *arguments.split(), *photos[first:])
+    assert_refused(run_here, tmp_path, ["intrinsics", *given], *words)
 
 
 @pytest.mark.parametrize(
-    ("folders", "words"),
+    ("files", "folder", "words"),
     [
-        (["nowhere"], ["nowhere", "no such folder"]),
-        (["lenses"], ["found no photo of camera60", "camera60.png"]),
-        (["one"], ["camera180, camera300", "found no photo of the board in its given place"]),
-        (["two"], ["camera60.png, camera60b.png", "one photo of camera60"]),
-        (["other"], ["camera90.png: named after camera90", "camera60, camera180, camera300"]),
+        ([], "nowhere", ["nowhere", "no such folder"]),
+        ([], "lenses", ["found no photo of camera60", "camera60.png"]),
+        (["camera60"], "one", ["camera180, camera300", "found no photo of the board in its given place"]),
+        (["camera60", "camera60b"], "two", ["camera60.png, camera60b.png", "one photo of camera60"]),
+        (["camera60", "camera90"], "other", ["camera90.png: named after camera90", ", ".join(NAMES)]),
+        ([], "0 -o lenses", ["that is an input"]),
     ],
 )
-def test_a_fault_of_photos_of_the_arena_is_named(folders, words, triplets, tmp_path, run_here):
-    given = {"one": ["camera60"], "two": ["camera60", "camera60b"], "other": ["camera60", "camera90"]}
-    for name, files in given.items():
-        (triplets / name).mkdir(exist_ok=True)
-        for file in files:
-            (triplets / name / f"{file}.png").write_bytes((triplets / "0" / "camera60.png").read_bytes())
-    arguments = (*BOARD, "--intrinsics", triplets / "lenses", "-o", tmp_path / "rig")
-    photos = [triplets / one for one in folders]
-    assert_refused(run_here, tmp_path, ["calibrate", "extrinsics", *arguments, *photos], *words)
-
-
-def test_lenses_are_not_overwritten_by_the_cameras_that_have_them(triplets, run_here):
-    given = (*BOARD, "--intrinsics", "lenses", "-o", "lenses", "0")
-    assert_refused(run_here, triplets, ["calibrate", "extrinsics", *given], "that is an input")
+def test_a_fault_of_photos_of_the_arena_is_named(files, folder, words, triplets, run_here):
+    for file in files:
+        (triplets / folder).mkdir(exist_ok=True)
+        shutil.copy(triplets / "0" / "camera60.png", triplets / folder / f"{file}.png")
+    given = (*BOARD, "--intrinsics", "lenses", "-o", "rig", *folder.split())
+    assert_refused(run_here, triplets, ["extrinsics", *given], *words)
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +144,7 @@ def pictures(rig, tmp_path_factory):
 
 def test_a_right_calibration_fits(pictures, run_here):
     folder, files = pictures
-    result = well(run_here("calibrate", "check", *files, *CUBE, "--calibration", folder / "right"))
+    result = well(run_here("check", *files, *CUBE, "--calibration", folder / "right"))
     assert "the calibration fits" in result.stdout
     assert re.search(r"2 mm need its focal length right to 0\.\d\d %", result.stdout)
     # The simulated rig has the focal lengths of the platform's files.
@@ -158,7 +153,7 @@ def test_a_right_calibration_fits(pictures, run_here):
 
 def test_a_camera_that_was_knocked_is_named_and_drawn(pictures, run_here, tmp_path):
     folder, files = pictures
-    check = ("calibrate", "check", *files, *CUBE, "--calibration", folder / "wrong")
+    check = ("check", *files, *CUBE, "--calibration", folder / "wrong")
     result = run_here(*check, "--json", "--plot", tmp_path / "check.png")
     assert result.returncode == 1, result.stderr
     found = json.loads(result.stdout)
@@ -188,7 +183,7 @@ def wrong(tmp_path_factory):
 def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_path, run_here):
     target = tmp_path / "mended"
     arguments = (moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target)
-    result = well(run_here("calibrate", "refine", *arguments))
+    result = well(run_here("refine", *arguments))
     mine = tracker.load_object(target / "object.toml")
     assert (mine.name, mine.colors) == ("cube_v2", "cube_v2")
     assert f"{1e3 * mine.rim:.2f} ± {1e3 * mine.rim_std:.2f} mm" in result.stdout
@@ -213,7 +208,7 @@ def test_a_rim_below_nothing_is_written_as_none_and_colours_are_found_from_elsew
 
 
 def test_without_a_gain_nothing_is_written(moving, tmp_path, run_here):
-    arguments = ("calibrate", "refine", moving, *CUBE, "--stills", "-o", tmp_path / "mended")
+    arguments = ("refine", moving, *CUBE, "--stills", "-o", tmp_path / "mended")
     assert_refused(run_here, tmp_path, arguments, "refused", "frames held out", "px", code=1)
 
 
@@ -228,7 +223,7 @@ def resting(tmp_path_factory):
 
 def test_a_calibration_on_the_table_is_written_and_summarised(resting, tmp_path, run_here):
     target = tmp_path / "mended"
-    result = well(run_here("calibrate", "table", resting, "--stills", *CUBE, "-o", target))
+    result = well(run_here("table", resting, "--stills", *CUBE, "-o", target))
     assert "in 6 of 6 places" in result.stdout
     assert re.search(r"height \[mm\] +\+(3\.9|4\.0)", result.stdout)
     rig = tracker.CameraRig.load(target)
@@ -242,7 +237,7 @@ def test_a_calibration_on_the_table_is_written_and_summarised(resting, tmp_path,
 def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
     ordered = [frame / f"{name}.png" for frame in sorted(resting.glob("0*")) for name in RIG.names]
     target = tmp_path / "mended"
-    result = run_here("calibrate", "table", *ordered, *CUBE, "--calibration", resting, "-o", target, "-q")
+    result = run_here("table", *ordered, *CUBE, "--calibration", resting, "-o", target, "-q")
     assert (result.returncode, result.stdout) == (0, ""), result.stderr
     assert (target / "arena.toml").exists()
 
@@ -270,4 +265,4 @@ def test_what_cannot_be_done_is_reported_in_a_line(arguments, words, resting, tm
     (used / "camera60.yml").write_text("old")
     folders = {"resting": resting, "one": resting / "000000", "used": used}
     given = arguments.format(**folders, cube=" ".join(CUBE), board=" ".join(BOARD)).split()
-    assert_refused(run_here, tmp_path, ["calibrate", *given], *words)
+    assert_refused(run_here, tmp_path, given, *words)
