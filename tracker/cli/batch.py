@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli import options
-from tracker.cli.options import argument, command, flag, option, output_option, several
+from tracker.cli.options import argument, command, flag, option, several
 from tracker.cli.outputs import InFile, OutFolder
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import LogError
@@ -35,11 +35,11 @@ def batch() -> None:
 class Engine:
     """Options for where the work is done; UsageError if they contradict each other."""
 
-    jobs: int | None = options.whole("--jobs", "Processes on this machine.  [default: one per core]")
-    scheduler: str | None = option("--scheduler", "ADDRESS", "Dask scheduler whose workers track instead.")
-    htcondor: bool = flag("--htcondor", "Submit what is missing to HTCondor.")
-    slurm: bool = flag("--slurm", "Submit what is missing to Slurm.")
-    dry_run: bool = flag("--dry-run", "Print what --htcondor or --slurm would submit.")
+    jobs: int | None = options.whole("Processes on this machine.  [default: one per core]")
+    scheduler: str | None = option("ADDRESS", "Dask scheduler whose workers track instead.")
+    htcondor: bool = flag("Submit what is missing to HTCondor.")
+    slurm: bool = flag("Submit what is missing to Slurm.")
+    dry_run: bool = flag("Print what --htcondor or --slurm would submit.")
 
     def __post_init__(self) -> None:
         every = ("jobs", "scheduler", "htcondor", "slurm")
@@ -55,21 +55,19 @@ class Engine:
         return "htcondor" if self.htcondor else "slurm" if self.slurm else None
 
 
-_engine = options.gathered(Engine)
-_as_csv = flag("--csv", "Write the table as CSV, too.", to="as_csv")
+_engine: Any = Engine
+_as_csv = flag("Write the table as CSV, too.", name="--csv")
 
 
 @command(batch)
 def run(
-    recordings: tuple[str, ...] = several("recordings", "RECORDING", InFile(str)),
-    output: Path = output_option(OutFolder(), "DIR", "Folder of the results."),
+    recordings: tuple[str, ...] = several("RECORDING", InFile(str)),
+    output: Path = option("DIR", "Folder of the results.", type=OutFolder(), required=True),
     asked: options.Asked = options.asked,
-    robot: str | None = option(
-        "--robot", "NAME", "Robot of image stores, e.g. r1.  [default: each episode's]"
-    ),
+    robot: str | None = option("NAME", "Robot of image stores, e.g. r1.  [default: each episode's]"),
     engine: Engine = _engine,
     as_csv: bool = _as_csv,
-    quiet: bool = options.quiet("No progress, and no summary."),
+    quiet: bool = flag("No progress, and no summary."),
 ) -> None:
     """Find an object's pose in every frame of many recordings.
 
@@ -194,8 +192,8 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
 
 @command(batch)
 def status(
-    folder: Path = argument("folder", "DIR", InFile()),
-    write: bool = flag("--write", "Write the table and the failures as they are now."),
+    folder: Path = argument("DIR", InFile()),
+    write: bool = flag("Write the table and the failures as they are now."),
     as_csv: bool = _as_csv,
     as_json: bool = options.as_json,
 ) -> None:
@@ -218,10 +216,7 @@ def status(
 
 
 @command(batch, hidden=True)
-def share(
-    list_path: Path = argument("list_path", "LIST", InFile()),
-    number: int = argument("number", "N", int),
-) -> None:
+def share(list_path: Path = argument("LIST", InFile()), number: int = argument("N", int)) -> None:
     """Do the Nth job of a LIST: jobs of HTCondor and Slurm run this."""
     from tracker.batch.jobs import do_share
 

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import tracker
-from tracker.cli.options import command, file_option, flag, gathered, numbers, option, output_option, several
+from tracker.cli.options import command, file_option, flag, numbers, option, several
 from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording, refuse_overwriting
 from tracker.cli.stills import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
@@ -32,17 +32,11 @@ if TYPE_CHECKING:
 class Printed:
     """Options that describe the printed board."""
 
-    squares: str = option(
-        "--squares", "CxR", "Columns and rows of squares, black and white: 5x7.", required=True
-    )
-    square: float = option("--square", "M", "Edge of a square [m].", required=True, type=float)
-    marker: float = option("--marker", "M", "Edge of a marker [m].", required=True, type=float)
+    squares: str = option("CxR", "Columns and rows of squares, black and white: 5x7.", required=True)
+    square: float = option("M", "Edge of a square [m].", required=True, type=float)
+    marker: float = option("M", "Edge of a marker [m].", required=True, type=float)
     dictionary: str = option(
-        "--dictionary",
-        "NAME",
-        "Set of markers, by OpenCV's name.",
-        default="DICT_APRILTAG_16h5",
-        show_default=True,
+        "NAME", "Set of markers, by OpenCV's name.", default="DICT_APRILTAG_16h5", show_default=True
     )
 
     def board(self, legacy: bool = False) -> Board:
@@ -126,16 +120,14 @@ class Smaller:
     """Options for additional calibration files, for images smaller than the photos."""
 
     crop: tuple[int, ...] | None = option(
-        "--crop",
         "WxH+L+T",
         "Write NAME_cropped.yml too, of the photos' part of W×H px that starts at (L, T): on the platform "
         "540x540+88+0.",
         callback=_part,
     )
     halve: bool = flag(
-        "--halve",
         "Write NAME_downsampled.yml too, with --crop NAME_cropped_and_downsampled.yml: of halved images, the "
-        "quarter pixel right.",
+        "quarter pixel right."
     )
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
@@ -159,16 +151,15 @@ class Smaller:
         return ", ".join(map(str, files))
 
 
-_printed, _smaller = gathered(Printed), gathered(Smaller)
+_printed: Any = Printed
+_smaller: Any = Smaller
 
 
 @command()
 def board(
     printed: Printed = _printed,
-    output: Path = file_option(
-        "-o", ".pdf", ".svg", ".png", required=True, help="The page (.pdf, .svg or .png)."
-    ),
-    legacy: bool = flag("--legacy", "Use the pattern of OpenCV before 4.6 [even rows]."),
+    output: Path = file_option(".pdf", ".svg", ".png", required=True, help="The page (.pdf, .svg or .png)."),
+    legacy: bool = flag("Use the pattern of OpenCV before 4.6 [even rows]."),
 ) -> None:
     """Write a ChArUco board as a page to print at its true size.
 
@@ -186,14 +177,14 @@ def board(
 
 @command()
 def intrinsics(
-    images: tuple[Path, ...] = several("images", "IMAGE", Recording()),
+    images: tuple[Path, ...] = several("IMAGE", Recording()),
     printed: Printed = _printed,
-    name: str = option("--name", "NAME", "The camera's, e.g. camera60.", required=True),
+    name: str = option("NAME", "The camera's, e.g. camera60.", required=True),
     output: Path = file_option(
-        "-o", ".yml", ".yaml", required=True, new_folders=True, help="Calibration file (.yml)."
+        ".yml", ".yaml", required=True, new_folders=True, help="Calibration file (.yml)."
     ),
     smaller: Smaller = _smaller,
-    plot: Path | None = file_option("--plot", *PICTURE, help="Draw the residuals (.png, .jpg)."),
+    plot: Path | None = file_option(*PICTURE, help="Draw the residuals (.png, .jpg)."),
 ) -> None:
     """Find the lens of a camera from photos of a ChArUco board.
 
@@ -259,33 +250,29 @@ def _found(lens: Lens) -> list[list[str]]:
 
 @command()
 def extrinsics(
-    folders: tuple[Path, ...] = several("folders", "FOLDER", Recording()),
+    folders: tuple[Path, ...] = several("FOLDER", Recording()),
     printed: Printed = _printed,
     intrinsics: tuple[Path, ...] = option(
-        "--intrinsics",
         "PATH",
         "Folder of calibration files; or a file, once per camera.",
         required=True,
         multiple=True,
         type=InFile(),
     ),
-    pattern: str | None = option(
-        "--pattern", "GLOB", "Which files of the folder to take, e.g. '*_full.yml'."
-    ),
+    pattern: str | None = option("GLOB", "Which files of the folder to take, e.g. '*_full.yml'."),
     center: tuple[float, float] = option(
-        "--center", "X,Y", "The board's centre [m].  [0,0]", callback=numbers(2), default="0,0"
+        "X,Y", "The board's centre [m].  [0,0]", callback=numbers(2), default="0,0"
     ),
-    height: float = option("--height", "Z", "Height of the board's print [m].  [0]", type=float, default=0.0),
+    height: float = option("Z", "Height of the board's print [m].  [0]", type=float, default=0.0),
     yaw: float = option(
-        "--yaw",
         "DEG",
         "Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
         type=float,
         default=0.0,
     ),
-    output: Path = output_option(OutFolder(), "DIR", "For the calibration files."),
+    output: Path = option("DIR", "For the calibration files.", type=OutFolder(), required=True),
     smaller: Smaller = _smaller,
-    plot: Path | None = option("--plot", "DIR", "Draw the residuals, one PNG per camera.", type=OutFolder()),
+    plot: Path | None = option("DIR", "Draw the residuals, one PNG per camera.", type=OutFolder()),
 ) -> None:
     """Find where cameras are, from photos of a ChArUco board.
 

@@ -15,7 +15,7 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
-from tracker.cli.options import command, file_option, flag, gathered, output_option, several
+from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import PICTURE, OutFolder, Recording
 from tracker.cli.stills import NO_IMAGE, read_images
 from tracker.cli.terminal import bar, listing, table
@@ -54,12 +54,12 @@ class Opened(NamedTuple):
 class Filmed:
     """Inputs that show a known object: recordings, and images in groups of one moment each."""
 
-    inputs: tuple[str, ...] = several("inputs", "RECORDING|IMAGE", Recording(str))
+    inputs: tuple[str, ...] = several("RECORDING|IMAGE", Recording(str))
     subject: options.Subject = options.subject
     cameras: options.Cameras = options.cameras
-    stills: bool = flag("--stills", "The folders hold single images, not films.")
+    stills: bool = flag("The folders hold single images, not films.")
     recover: bool = options.recover
-    quiet: bool = options.quiet()
+    quiet: bool = flag("Print errors only.")
 
     @contextmanager
     def opened(self) -> Iterator[Opened]:
@@ -91,8 +91,10 @@ class Filmed:
             yield Opened(model, footage, rig, colors, progress)
 
 
-_filmed = gathered(Filmed)
-_output = output_option(OutFolder(new=True), "DIR", "Folder for the new calibration; new or empty.")
+_filmed: Any = Filmed
+_output = option(
+    "DIR", "Folder for the new calibration; new or empty.", type=OutFolder(new=True), required=True
+)
 
 
 def _sets(
@@ -128,7 +130,7 @@ def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> 
 @command(calibrate)
 def check(
     filmed: Filmed = _filmed,
-    plot: Path | None = file_option("--plot", *PICTURE, help="Draw what each camera misses (.png, .jpg)."),
+    plot: Path | None = file_option(*PICTURE, help="Draw what each camera misses (.png, .jpg)."),
     as_json: bool = options.as_json,
 ) -> None:
     """Check whether a calibration fits, with a still object.
@@ -268,9 +270,9 @@ def _verdict(found: CalibrationCheck) -> str:
 def refine(
     filmed: Filmed = _filmed,
     output: Path = _output,
-    focal: bool = flag("--focal", "Fit focal lengths and principal points, too."),
+    focal: bool = flag("Fit focal lengths and principal points, too."),
     frames: int = options.whole(
-        "--frames", "Frames to use, in different poses; a third only checks.", default=90, least=18, most=1000
+        "Frames to use, in different poses; a third only checks.", default=90, least=18, most=1000
     ),
 ) -> None:
     """Find the cameras' relative positions, with a moving object.

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.options import command, file_option, flag, gathered, option, several
+from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import InFile, OutFile, Recording
 from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
@@ -38,16 +38,16 @@ def colors() -> None:
 class Lesson:
     """Inputs and options for learning colours."""
 
-    recordings: tuple[Path, ...] = several("recordings", "RECORDING", Recording())
-    output: Path = file_option("-o", ".npz", required=True, help="Colour model (.npz).")
+    recordings: tuple[Path, ...] = several("RECORDING", Recording())
+    output: Path = file_option(".npz", required=True, help="Colour model (.npz).")
     cameras: options.Cameras = options.cameras
     frames: int = options.whole(
-        "--frames", "Frames to use, spread evenly; half of them only check.", default=80, least=10, most=2000
+        "Frames to use, spread evenly; half of them only check.", default=80, least=10, most=2000
     )
-    rounds: int = options.whole("--rounds", "Most rounds.", default=8, most=50)
+    rounds: int = options.whole("Most rounds.", default=8, most=50)
     seed: int = options.seed
     recover: bool = options.recover
-    quiet: bool = options.quiet()
+    quiet: bool = flag("Print errors only.")
 
     def footage(self) -> list[Frames]:
         """Read frames from the recordings; TrackerError if that fails or there are too few."""
@@ -80,7 +80,7 @@ class Lesson:
             click.echo(_learned(learned, self.output))
 
 
-_lesson = gathered(Lesson)
+_lesson: Any = Lesson
 
 
 @command(colors)
@@ -109,11 +109,11 @@ def adapt(
 def new(
     lesson: Lesson = _lesson,
     size: tuple[float, float, float] | None = option(
-        "--size", "X,Y,Z", "Edge lengths along the object's axes [m].", callback=options.numbers(3)
+        "X,Y,Z", "Edge lengths along the object's axes [m].", callback=options.numbers(3)
     ),
-    faces: str | None = option("--faces", "+X=COLOUR,...", "Colour of each face, e.g. +x=red,-x=magenta,..."),
+    faces: str | None = option("+X=COLOUR,...", "Colour of each face, e.g. +x=red,-x=magenta,..."),
     known: str | None = option(
-        "--object", "FILE", "The object's TOML file, if there is one.", to="known", type=InFile(str)
+        "FILE", "The object's TOML file, if there is one.", name="--object", type=InFile(str)
     ),
 ) -> None:
     """Fit a colour model to RECORDINGs of a new object.
@@ -165,7 +165,7 @@ def _learned(learned: Adapted, output: Path) -> str:
     return "\n".join(["", kinds, *kept, "", listing([*judged, ["colours", str(output)]])])
 
 
-_folders = several("folders", "FOLDER", Recording(str))
+_folders = several("FOLDER", Recording(str))
 
 
 @dataclass(frozen=True)
@@ -173,15 +173,12 @@ class Fitting:
     """Options for fitting colours to labelled images."""
 
     others: tuple[str, ...] = option(
-        "--others",
         "FOLDER",
         "Labelled images of other objects, for colours of which you have few; repeatable.",
         multiple=True,
         type=InFile(str),
     )
-    rendered: bool = flag(
-        "--rendered", "The images come from a renderer with one light: take their colours as they are."
-    )
+    rendered: bool = flag("The images come from a renderer with one light: take their colours as they are.")
     seed: int = options.seed
 
     def to(self, images: Sequence[LabelledImage]) -> Callable[[Sequence[int], str], tracker.ColorModel]:
@@ -200,14 +197,14 @@ class Fitting:
         return fit_to
 
 
-_fitting = gathered(Fitting)
+_fitting: Any = Fitting
 
 
 @command(colors)
 def fit(
     folders: tuple[str, ...] = _folders,
-    name: str | None = option("--name", "NAME", "Name of the model.  [default: that of the file]"),
-    output: Path | None = file_option("-o", ".npz", help="The model's file (.npz).  [default: NAME.npz]"),
+    name: str | None = option("NAME", "Name of the model.  [default: that of the file]"),
+    output: Path | None = file_option(".npz", help="The model's file (.npz).  [default: NAME.npz]"),
     fitting: Fitting = _fitting,
 ) -> None:
     """Fit a colour model to the labelled images of the FOLDERs.
@@ -232,11 +229,11 @@ def fit(
 def check(
     folders: tuple[str, ...] = _folders,
     name: str | None = option(
-        "--colors", "NAME", "The colour model to measure, or its file.", to="name", type=InFile(str)
+        "NAME", "The colour model to measure, or its file.", name="--colors", type=InFile(str)
     ),
-    cross_validate: bool = flag("--cross-validate", "Measure each image with a fit to all others."),
+    cross_validate: bool = flag("Measure each image with a fit to all others."),
     plot: Path | None = file_option(
-        "--plot", ".png", extra="plot", help="Draw which colours are confused, and how near they are (.png)."
+        ".png", extra="plot", help="Draw which colours are confused, and how near they are (.png)."
     ),
     fitting: Fitting = _fitting,
 ) -> None:

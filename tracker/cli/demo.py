@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 import tracker
-from tracker.cli.options import command, output_option
+from tracker.cli.options import command, option
 from tracker.cli.outputs import OutFolder
 from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
@@ -19,18 +19,16 @@ from tracker.files import told_as, whole_file
 DATA = Path(__file__).parents[1] / "demo"
 
 
-_output = output_option(
-    OutFolder(),
-    "DIR",
-    "New folder for the recording and the picture.",
-    required=False,
-    default="tracker-demo",
-    show_default=True,
-)
-
-
 @command(short_help="Find a cube in a recording that comes with the package.")
-def demo(output: Path = _output) -> None:
+def demo(
+    output: Path = option(
+        "DIR",
+        "New folder for the recording and the picture.",
+        type=OutFolder(),
+        default="tracker-demo",
+        show_default=True,
+    ),
+) -> None:
     """Find a cube in a recording that comes with the package, and compare with truth.
 
     The recording has two seconds of the simulated platform: three cameras at 10 Hz. The new folder DIR holds

@@ -14,7 +14,7 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.options import argument, command, file_option, flag, gathered, option, output_option
+from tracker.cli.options import argument, command, file_option, flag, option
 from tracker.cli.outputs import AnyPath, InFile, Recording, refuse_overwriting, require_folder
 from tracker.cli.terminal import bar, say
 
@@ -29,16 +29,14 @@ if TYPE_CHECKING:
 class Outputs:
     """Options for files with poses in other formats; None: not requested."""
 
-    csv: Path | None = file_option("--csv", ".csv", help="The poses as a table, one line per frame.")
-    tum: Path | None = file_option("--tum", ".tum", ".txt", help="A trajectory in the TUM format.")
-    bop: Path | None = file_option("--bop", ".csv", help="BOP results of the --camera.")
-    camera: str | None = option("--camera", "NAME", "Camera of the BOP results, e.g. camera60.")
+    csv: Path | None = file_option(".csv", help="The poses as a table, one line per frame.")
+    tum: Path | None = file_option(".tum", ".txt", help="A trajectory in the TUM format.")
+    bop: Path | None = file_option(".csv", help="BOP results of the --camera.")
+    camera: str | None = option("NAME", "Camera of the BOP results, e.g. camera60.")
     video: Path | None = file_option(
-        "--video", ".mp4", extra="video", help="A film of the frames with the pose drawn in (.mp4)."
+        ".mp4", extra="video", help="A film of the frames with the pose drawn in (.mp4)."
     )
-    plot: Path | None = file_option(
-        "--plot", ".png", extra="plot", help="A plot of the poses over time (.png)."
-    )
+    plot: Path | None = file_option(".png", extra="plot", help="A plot of the poses over time (.png).")
 
     def __bool__(self) -> bool:
         """Whether any file is requested."""
@@ -73,7 +71,7 @@ class Outputs:
             tracker.viz.write_trajectory_plot(self.plot, poses)
 
 
-output_options = gathered(Outputs)
+output_options: Any = Outputs
 
 
 def write_tracked_film(
@@ -146,18 +144,16 @@ def _of_height(picture: Image, height: int) -> Image:
 
 @command(short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
 def export(
-    source: Path = argument("source", "POSES", InFile()),
+    source: Path = argument("POSES", InFile()),
     outputs: Outputs = output_options,
-    parquet: Path | None = file_option("--parquet", ".parquet", ".pq", help="The table in Parquet."),
-    keypoints: bool = flag("--keypoints", "Add the object's corners to --csv and --parquet."),
-    robot_log: Path | None = option(
-        "--robot-log", "FILE", "Add the robot's states to --csv and --parquet.", type=InFile()
-    ),
+    parquet: Path | None = file_option(".parquet", ".pq", help="The table in Parquet."),
+    keypoints: bool = flag("Add the object's corners to --csv and --parquet."),
+    robot_log: Path | None = option("FILE", "Add the robot's states to --csv and --parquet.", type=InFile()),
     log: Path | None = option(
-        "--log", "LOG", "The recording of the POSES, for the images of --video.", type=Recording()
+        "LOG", "The recording of the POSES, for the images of --video.", type=Recording()
     ),
     object_name: str | None = options.object_name("that of the POSES"),
-    quiet: bool = options.quiet("No progress bar."),
+    quiet: bool = flag("No progress bar."),
 ) -> None:
     """Write the poses of a file that `tracker track` made in other formats.
 
@@ -200,15 +196,16 @@ def export(
 
 @command()
 def convert(
-    source: Path = argument("source", "LOG", Recording()),
-    output: Path = output_option(
-        AnyPath(),
+    source: Path = argument("LOG", Recording()),
+    output: Path = option(
         "FILE|DIR",
         "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
+        type=AnyPath(),
+        required=True,
     ),
     cameras: options.Cameras = options.cameras,
     part: options.Part = options.part,
-    quiet: bool = options.quiet("No progress bar."),
+    quiet: bool = flag("No progress bar."),
 ) -> None:
     """Write a recording in another format.
 
@@ -249,21 +246,18 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 
 @command(short_help="Show a recording in time and space.")
 def view(
-    source: Path = argument("source", "LOG|POSES", Recording()),
-    log: Path | None = option(
-        "--log", "LOG", "The recording of the POSES, for its images.", type=Recording()
-    ),
+    source: Path = argument("LOG|POSES", Recording()),
+    log: Path | None = option("LOG", "The recording of the POSES, for its images.", type=Recording()),
     object_name: str | None = options.object_name("that of the POSES"),
     cameras: options.Cameras = options.cameras,
     output: Path | None = file_option(
-        "-o",
         ".rrd",
         help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
     ),
     colors_name: str | None = options.colors(),
     part: options.Part = options.part,
-    every: int = options.whole("--every", "Show every Nth frame.", default=1),
-    quiet: bool = options.quiet("No progress bar, and nothing about the file."),
+    every: int = options.whole("Show every Nth frame.", default=1),
+    quiet: bool = flag("No progress bar, and nothing about the file."),
 ) -> None:
     """Show a recording and its poses in the viewer Rerun.
 

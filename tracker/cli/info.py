@@ -20,8 +20,8 @@ _GAP = 1.5  # a time between frames is a gap if it exceeds this multiple of the 
 
 @command()
 def info(
-    source: Path = argument("source", "LOG|POSES", InFile()),
-    recover: bool = flag("--recover", "Leave out damaged parts of a recording, and report them."),
+    source: Path = argument("LOG|POSES", InFile()),
+    recover: bool = flag("Leave out damaged parts of a recording, and report them."),
     as_json: bool = options.as_json,
 ) -> None:
     """Show what is in a recording or in a file of poses.

@@ -17,7 +17,7 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.live_outputs import LiveOutputs, Lookout, Requested, Statistics, check_cameras
-from tracker.cli.options import argument, command, flag, gathered, option
+from tracker.cli.options import argument, command, flag, option
 from tracker.cli.outputs import InFile, Recording
 from tracker.cli.terminal import Ended, say
 from tracker.errors import LiveError
@@ -47,12 +47,12 @@ class Pace:
     """Options for a source's rate and settings. Each option applies to some sources only."""
 
     rate: float | None = option(
-        "--rate", "HZ", "Sets of images per second.  [default: 10]", type=_Range(0, 1000, min_open=True)
+        "HZ", "Sets of images per second.  [default: 10]", type=_Range(0, 1000, min_open=True)
     )
     settings: Path | None = option(
-        "--settings", "FILE", "Settings of pylon's cameras (TOML, GenICam names).", type=InFile()
+        "FILE", "Settings of pylon's cameras (TOML, GenICam names).", type=InFile()
     )
-    speed: float | None = option("--speed", "X", "Replay a recording X times as fast.", type=_POSITIVE)
+    speed: float | None = option("X", "Replay a recording X times as fast.", type=_POSITIVE)
 
     def refuse_what_does_nothing(self, source: str, cameras: options.Cameras) -> None:
         """Raise UsageError for options that have no effect on the source."""
@@ -75,24 +75,22 @@ class Pace:
             )
 
 
-_requested, _pace = gathered(Requested), gathered(Pace)
+_requested: Any = Requested
+_pace: Any = Pace
 
 
 @command()
 def live(
-    source: str = argument("source", "SOURCE", Recording(str)),
+    source: str = argument("SOURCE", Recording(str)),
     subject: options.Subject = options.subject,
     cameras: options.Cameras = options.cameras,
     requested: Requested = _requested,
     seconds: float | None = option(
-        "--seconds",
-        "S",
-        "Stop after S seconds.  [default: at the source's end, or with Ctrl-C]",
-        type=_POSITIVE,
+        "S", "Stop after S seconds.  [default: at the source's end, or with Ctrl-C]", type=_POSITIVE
     ),
     pace: Pace = _pace,
-    check: bool = flag("--check", "Measure the cameras for ten seconds, and report their faults."),
-    quiet: bool = options.quiet(),
+    check: bool = flag("Measure the cameras for ten seconds, and report their faults."),
+    quiet: bool = flag("Print errors only."),
 ) -> None:
     """Track an object while cameras run.
 

@@ -30,26 +30,24 @@ class Requested:
     """Options for receivers of poses."""
 
     addresses: Sequence[str] = option(
-        "--publish",
         "ADDRESS",
         "Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
-        to="addresses",
+        name="--publish",
         multiple=True,
     )
-    public: bool = flag("--public", "Let other machines receive what is published.")
+    public: bool = flag("Let other machines receive what is published.")
     body: str | None = option(
-        "--body", "NAME", "Name of the object in LCM messages.  [default: cube, of another shape cuboid]"
+        "NAME", "Name of the object in LCM messages.  [default: cube, of another shape cuboid]"
     )
-    record: Path | None = file_option("--record", ".h5", ".hdf5", help="Record images and poses (.h5).")
-    view: bool = flag("--view", "Show images and poses in the viewer Rerun.")
-    rrd: Path | None = file_option("--rrd", ".rrd", help="Write what --view shows into a file (.rrd).")
+    record: Path | None = file_option(".h5", ".hdf5", help="Record images and poses (.h5).")
+    view: bool = flag("Show images and poses in the viewer Rerun.")
+    rrd: Path | None = file_option(".rrd", help="Write what --view shows into a file (.rrd).")
     page: int | None = option(
-        "--page",
         "PORT",
         "Show images, pose and cameras in a browser on this machine, http://127.0.0.1:PORT.",
         type=click.IntRange(0, 65535),
     )
-    as_json: bool = flag("--json", "Print each message as it is published.", to="as_json")
+    as_json: bool = flag("Print each message as it is published.", name="--json")
 
     def __bool__(self) -> bool:
         """Whether any receiver is requested."""

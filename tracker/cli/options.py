@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,91 +25,88 @@ COLORS = tuple(sorted(path.stem for path in (_ROOMS / "segmentation" / "data").g
 """The colour models that come with the package."""
 
 
-def option(name: str, metavar: str | None, help: str, *, to: str = "", **how: Any) -> Any:
-    """Make an option; `to`: name of its argument. Like all of these, it can be a default of any type."""
-    return click.option(*((name, to) if to else (name,)), metavar=metavar, help=help, **how)
+_SHORT = {"output": ["-o"], "quiet": ["-q"]}
 
 
-def argument(name: str, metavar: str, kind: Any, **how: Any) -> Any:
-    """Make an argument."""
-    return click.argument(name, metavar=metavar, type=kind, **how)
+def option(metavar: str | None, help: str, *, name: str = "", **how: Any) -> Any:
+    """Make an option for the argument that has it as its default; its name is the argument's, or `name`."""
+
+    def of(to: str) -> click.Option:
+        names = [name] if name else [*_SHORT.get(to, ()), f"--{to.replace('_', '-')}"]
+        return click.Option([*names, to], metavar=metavar, help=help, **how)
+
+    return of
 
 
-def several(name: str, metavar: str, kind: Any) -> Any:
-    """Make an argument that is given once or more."""
-    return argument(name, f"{metavar}...", kind, nargs=-1, required=True)
+def argument(metavar: str, kind: Any, **how: Any) -> Any:
+    """Make a positional argument, given exactly once."""
+    return lambda to: click.Argument([to], metavar=metavar, type=kind, **how)
+
+
+def several(metavar: str, kind: Any) -> Any:
+    """Make a positional argument that is given once or more."""
+    return argument(f"{metavar}...", kind, nargs=-1, required=True)
+
+
+def whole(
+    help: str, *, default: int | None = None, least: int = 1, most: int | None = None, name: str = ""
+) -> Any:
+    """Make an option for an integer whose help shows its default."""
+    kind = click.IntRange(least, most)
+    return option("N", help, name=name, type=kind, default=default, show_default=default is not None)
+
+
+def flag(help: str, *, name: str = "") -> Any:
+    """Make an option without a value."""
+    return option(None, help, name=name, is_flag=True)
+
+
+def file_option(*suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
+    """Make an option for a file to write, see OutFile."""
+    return option("FILE", help, required=required, type=OutFile(*suffixes, **kind))
 
 
 def command(group: Any = click, **how: Any) -> Any:
-    """Make a command of a function that has a decorator of click as the default of each argument."""
+    """Make a command of a function whose arguments' defaults are options, or dataclasses with such fields."""
 
     def make(function: Callable[..., Any]) -> Any:
-        for its in reversed(function.__defaults__ or ()):
-            function = its(function)
-        return group.command(cls=Command, **how)(function)
+        @functools.wraps(function)
+        def called(**values: Any) -> None:
+            _call(function, values)
+
+        return group.command(cls=Command, params=_parameters(function), **how)(called)
 
     return make
 
 
-def gathered(kind: type[Any]) -> Any:
-    """Pass the options in a dataclass's fields to a command as one argument, named after the class."""
-
-    def add(command: Callable[..., Any]) -> Callable[..., Any]:
-        @functools.wraps(command)
-        def with_one(**values: Any) -> Any:
-            one = kind(**{its.name: values.pop(its.name) for its in fields(kind)})
-            return command(**{kind.__name__.lower(): one}, **values)
-
-        for its in reversed(fields(kind)):
-            with_one = its.default(with_one)
-        return with_one
-
-    return add
+def _parameters(function: Callable[..., Any]) -> list[click.Parameter]:
+    found: list[click.Parameter] = []
+    for name, its in inspect.signature(function).parameters.items():
+        found += _parameters(its.default) if isinstance(its.default, type) else [its.default(name)]
+    return found
 
 
-def whole(
-    name: str, help: str, *, default: int | None = None, least: int = 1, most: int | None = None, to: str = ""
-) -> Any:
-    """Make an option for an integer whose help shows its default; `to`: name of its argument."""
-    kind = click.IntRange(least, most)
-    return option(name, "N", help, to=to, type=kind, default=default, show_default=default is not None)
+def _call(function: Callable[..., Any], values: dict[str, Any]) -> Any:
+    """Call a function or dataclass with its own among the values of all parameters."""
+    own = {}
+    for name, its in inspect.signature(function).parameters.items():
+        own[name] = _call(its.default, values) if isinstance(its.default, type) else values[name]
+    return function(**own)
 
 
-def flag(name: str, help: str, *, to: str = "") -> Any:
-    """Make an option without a value."""
-    return option(name, None, help, to=to, is_flag=True)
+recover = flag("Leave out damaged parts of a recording.")
+seed = whole("Seed of random choices.", least=0, default=0)
+as_json = flag("Print one JSON object.", name="--json")
 
 
-def quiet(text: str = "Print errors only.") -> Any:
-    """Make `--quiet`, with `text` as its help."""
-    return click.option("-q", "--quiet", is_flag=True, help=text)
-
-
-def file_option(name: str, *suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
-    """Make an option for a file to write, see OutFile; `-o` is also `--output`."""
-    names, written = ("-o", "--output") if name == "-o" else (name,), OutFile(*suffixes, **kind)
-    return click.option(*names, metavar="FILE", required=required, type=written, help=help)
-
-
-def output_option(kind: Any, metavar: str, help: str, *, required: bool = True, **how: Any) -> Any:
-    """Make `-o` for an output that is not a file of one format."""
-    return click.option("-o", "--output", required=required, metavar=metavar, type=kind, help=help, **how)
-
-
-recover = flag("--recover", "Leave out damaged parts of a recording.")
-seed = whole("--seed", "Seed of random choices.", least=0, default=0)
-as_json = flag("--json", "Print one JSON object.", to="as_json")
-
-
-def _name_or_file(name: str, to: str, known: tuple[str, ...], text: str, *, required: bool = False) -> Any:
+def _name_or_file(name: str, known: tuple[str, ...], text: str, *, required: bool = False) -> Any:
     """Make an option for a known name or a file; shells complete matching names, or else files."""
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         found = [CompletionItem(one) for one in known if one.startswith(incomplete)]
         return found or [CompletionItem(incomplete, type="file")]
 
-    how = {"type": InFile(str), "shell_complete": complete}
-    return option(name, "NAME", text, to=to, required=required, **how)
+    return option("NAME", text, name=name, required=required, type=InFile(str), shell_complete=complete)
 
 
 def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
@@ -132,13 +130,13 @@ def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
 def object_name(default: str = "") -> Any:
     """Make `--object`; it is required unless `default` says what is used without it."""
     text = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
-    return _name_or_file("--object", "object_name", OBJECTS, text, required=not default)
+    return _name_or_file("--object", OBJECTS, text, required=not default)
 
 
 def colors(default: str = "the object's") -> Any:
     """Make `--colors`; `default` says what is used without it."""
     text = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
-    return _name_or_file("--colors", "colors_name", COLORS, text)
+    return _name_or_file("--colors", COLORS, text)
 
 
 @dataclass(frozen=True)
@@ -159,7 +157,6 @@ class Cameras:
     """The calibration, and how to change it; UsageError if options contradict each other."""
 
     calibration: tuple[str, ...] = option(
-        "--calibration",
         "PATH",
         "Folder of calibration files; or a file, repeated for each camera in the order of the images.  "
         "[default: that of the recording]",
@@ -167,13 +164,12 @@ class Cameras:
         type=InFile(str),
     )
     pattern: str | None = option(
-        "--pattern", "GLOB", "Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml']"
+        "GLOB", "Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml']"
     )
     correct_halved_principal_point: bool = flag(
-        "--correct-halved-principal-point",
-        "The calibration was halved without the quarter pixel, as in the platform's downsampled files.",
+        "The calibration was halved without the quarter pixel, as in the platform's downsampled files."
     )
-    resize_calibration: bool = flag("--resize-calibration", "The images were scaled after the calibration.")
+    resize_calibration: bool = flag("The images were scaled after the calibration.")
 
     def __post_init__(self) -> None:
         if self.pattern is not None and not self.calibration:
@@ -200,8 +196,8 @@ class Cameras:
 class Part:
     """The part of a recording to read; UsageError if it is empty."""
 
-    first: int = whole("--from", "First frame.", least=0, default=0, to="first")
-    last: int | None = whole("--to", "End: the frame after the last.", to="last")
+    first: int = whole("First frame.", least=0, default=0, name="--from")
+    last: int | None = whole("End: the frame after the last.", name="--to")
     recover: bool = recover
 
     def __post_init__(self) -> None:
@@ -216,7 +212,9 @@ class Part:
         return range(count)[self.first : self.last]
 
 
-subject, cameras, part = gathered(Subject), gathered(Cameras), gathered(Part)
+subject: Any = Subject
+cameras: Any = Cameras
+part: Any = Part
 
 
 @dataclass(frozen=True)
@@ -240,4 +238,4 @@ class Asked:
         )
 
 
-asked = gathered(Asked)
+asked: Any = Asked

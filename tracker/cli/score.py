@@ -23,18 +23,14 @@ if TYPE_CHECKING:
 
 @command(short_help="Compute the rewards of a job's folder for its task.")
 def score(
-    job: Path = argument("job", "JOB", InFile()),
-    goal_path: Path | None = option(
-        "--goal", "FILE", "Goal.  [default: JOB/goal.json]", to="goal_path", type=InFile()
-    ),
-    poses_path: Path | None = option(
-        "--poses", "POSES", "Poses, instead of tracking.", to="poses_path", type=InFile()
-    ),
+    job: Path = argument("JOB", InFile()),
+    goal_path: Path | None = option("FILE", "Goal.  [default: JOB/goal.json]", name="--goal", type=InFile()),
+    poses_path: Path | None = option("POSES", "Poses, instead of tracking.", name="--poses", type=InFile()),
     object_name: str | None = options.object_name("that of the --poses"),
     cameras: options.Cameras = options.cameras,
-    every: int = options.whole("--every", "Look for dice in every Nth frame.", default=1),
-    as_json: bool = flag("--json", "Print one JSON object, with the reward of each frame.", to="as_json"),
-    quiet: bool = options.quiet("No progress bar."),
+    every: int = options.whole("Look for dice in every Nth frame.", default=1),
+    as_json: bool = flag("Print one JSON object, with the reward of each frame.", name="--json"),
+    quiet: bool = flag("No progress bar."),
 ) -> None:
     """Compute the rewards of a job's folder for its task.
 

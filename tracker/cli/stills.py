@@ -31,8 +31,8 @@ NO_IMAGE = "none"  # stands for a missing image
 
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
-_images = several("images", "IMAGE", Recording(str))
-_frame = options.whole("--frame", "Which frame of a recording or folder.  [default: 0]", least=0)
+_images = several("IMAGE", Recording(str))
+_frame = options.whole("Which frame of a recording or folder.  [default: 0]", least=0)
 
 
 def _one_set(
@@ -148,9 +148,9 @@ def detect(
     frame: int | None = _frame,
     as_json: bool = options.as_json,
     overlay: Path | None = file_option(
-        "--overlay", *PICTURE, help="Write the images with the pose drawn in (.png, .jpg)."
+        *PICTURE, help="Write the images with the pose drawn in (.png, .jpg)."
     ),
-    tell: bool = flag("--exit-code", "Exit with 1 if the object is not found.", to="tell"),
+    tell: bool = flag("Exit with 1 if the object is not found.", name="--exit-code"),
 ) -> None:
     """Find an object in one IMAGE per camera.
 
@@ -215,20 +215,14 @@ def dice(
     cameras: options.Cameras = options.cameras,
     frame: int | None = _frame,
     goal_path: Path | None = option(
-        "--goal",
-        "FILE",
-        "The goal: JSON, or a pattern of 17 rows of characters.",
-        to="goal_path",
-        type=InFile(),
+        "FILE", "The goal: JSON, or a pattern of 17 rows of characters.", name="--goal", type=InFile()
     ),
-    exact: bool = flag("--exact", "Goal areas to the pixel, not cut to whole pixels as the platform's."),
+    exact: bool = flag("Goal areas to the pixel, not cut to whole pixels as the platform's."),
     as_json: bool = options.as_json,
     overlay: Path | None = file_option(
-        "--overlay", *PICTURE, help="Write the images with dice and goal drawn in (.png, .jpg)."
+        *PICTURE, help="Write the images with dice and goal drawn in (.png, .jpg)."
     ),
-    masks: Path | None = option(
-        "--masks", "DIR", "Write the masks of dice and goal (.png).", type=OutFolder()
-    ),
+    masks: Path | None = option("DIR", "Write the masks of dice and goal (.png).", type=OutFolder()),
 ) -> None:
     """Find the dice in one IMAGE per camera, and the task's error.
 

@@ -14,7 +14,7 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.export import Outputs, output_options, write_tracked_film
-from tracker.cli.options import command, file_option, flag, output_option, several
+from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import AnyPath, OutFile, OutFolder, Recording, refuse_other_poses, refuse_overwriting
 from tracker.cli.terminal import bar, listing, say
 from tracker.errors import TrackerError, reason
@@ -29,17 +29,17 @@ CONTRADICTED = 0.02
 
 @command()
 def track(
-    logs: tuple[Path, ...] = several("logs", "LOG", Recording()),
-    output: Path = output_option(AnyPath(), "FILE|DIR", "File of poses (.h5), or a folder."),
-    overwrite: bool = flag("--overwrite", "Replace poses of another object."),
+    logs: tuple[Path, ...] = several("LOG", Recording()),
+    output: Path = option("FILE|DIR", "File of poses (.h5), or a folder.", type=AnyPath(), required=True),
+    overwrite: bool = flag("Replace poses of another object."),
     asked: options.Asked = options.asked,
     outputs: Outputs = output_options,
     health: Path | None = file_option(
-        "--health", ".html", extra="plot", help="A page on cameras, light and calibration (.html)."
+        ".html", extra="plot", help="A page on cameras, light and calibration (.html)."
     ),
-    jobs: int = options.whole("--jobs", "Processes that share the LOGs.", default=1),
-    as_json: bool = flag("--json", "Print the summary as one JSON object per recording.", to="as_json"),
-    quiet: bool = options.quiet("No progress bar, and no summary unless with --json."),
+    jobs: int = options.whole("Processes that share the LOGs.", default=1),
+    as_json: bool = flag("Print the summary as one JSON object per recording.", name="--json"),
+    quiet: bool = flag("No progress bar, and no summary unless with --json."),
 ) -> None:
     """Find an object's pose in every frame of a recording.
 
