@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -21,9 +21,6 @@ from tracker.cli.options import argument, command, flag, option
 from tracker.cli.outputs import InFile, Recording
 from tracker.cli.terminal import Ended, say
 from tracker.errors import LiveError
-
-if TYPE_CHECKING:
-    from tracker.live import ImageSource, Live
 
 
 class _Range(click.FloatRange):
@@ -123,15 +120,13 @@ def live(
 
 def _track(
     name: str,
-    given: ImageSource,
+    given: tracker.live.ImageSource,
     make_tracker: Callable[[], tracker.ObjectTracker],
     requested: Requested,
     seconds: float | None,
     quiet: bool,
 ) -> None:
     """Track until the source ends, time is up, or a signal arrives; `name` is the source's name in errors."""
-    from tracker.live import Live
-
     with contextlib.ExitStack() as stack:
         unused = stack.enter_context(contextlib.ExitStack())
         unused.callback(given.close)
@@ -141,7 +136,7 @@ def _track(
         other = make_tracker()
         statistics = Statistics()
         listeners = [statistics.hear, *outputs.listeners]
-        follower = stack.enter_context(Live(given, other, listeners=listeners))
+        follower = stack.enter_context(tracker.live.Live(given, other, listeners=listeners))
         unused.pop_all()  # from here on, Live closes it
         if outputs.page is not None:
             outputs.page.faults = lambda: follower.faults
@@ -164,12 +159,11 @@ def _track(
 
 def _source(
     source: str, object_name: str, cameras: options.Cameras, pace: Pace
-) -> tuple[ImageSource, tracker.CameraRig]:
-    from tracker import live
+) -> tuple[tracker.live.ImageSource, tracker.CameraRig]:
     from tracker.live.sources import FORMS
 
     if source == "simulation":
-        simulation = live.Simulation(object_name)
+        simulation = tracker.live.Simulation(object_name)
         return simulation, simulation.rig
     if source.partition(":")[0] in _CAMERAS:
         import cv2
@@ -178,26 +172,24 @@ def _source(
             # It would warn each second of a camera that does not open. Before OpenCV 5, it is in cv2 itself.
             getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)
         rig = cameras.load()
-        return live.open_cameras(source, rig, rate=pace.rate or 10.0, settings=pace.settings), rig
+        return tracker.live.open_cameras(source, rig, rate=pace.rate or 10.0, settings=pace.settings), rig
     if not Path(source).exists():
         raise LiveError(f"{source}: no such file or folder, expected {FORMS}")
     log = tracker.open_log(source)
     rig = cameras.rig_of(Path(source), log)
-    return live.Replay(log, speed=pace.speed or 1.0), rig
+    return tracker.live.Replay(log, speed=pace.speed or 1.0), rig
 
 
-def _draw(source: ImageSource, quiet: bool) -> None:
+def _draw(source: tracker.live.ImageSource, quiet: bool) -> None:
     """Render the simulation after all other checks; this time does not count towards --seconds."""
-    from tracker.live import Simulation
-
-    if isinstance(source, Simulation):
+    if isinstance(source, tracker.live.Simulation):
         if not quiet:
             click.echo("drawing a film of the simulation, about ten seconds", err=True)
         source.draw()
 
 
 def _follow(
-    follower: Live,
+    follower: tracker.live.Live,
     seconds: float | None,
     outputs: LiveOutputs,
     lookout: Lookout,

@@ -232,9 +232,7 @@ def dice(
     IMAGEs, recordings and their calibration are given as to `tracker detect`. The camera of a missing image,
     'none', does not count.
     """
-    from tracker.tasks.rearrange_dice import read_goal
-
-    goal = None if goal_path is None else read_goal(goal_path)
+    goal = None if goal_path is None else tracker.tasks.rearrange_dice.read_goal(goal_path)
     rig, pictures = _one_set(images, cameras, frame)
     _evaluate(rig, pictures, goal, exact)  # load compiled code, so that times are those of a running loop
     found, dice_masks, goal_masks, assignment = _evaluate(rig, pictures, goal, exact)
@@ -255,8 +253,7 @@ def _evaluate(
     rig: tracker.CameraRig, images: Sequence[Image | None], goal: FloatArray | None, exact: bool
 ) -> tuple[dict[str, Any], list[Image | None], list[Image] | None, Assignment | None]:
     """Return the results to print, masks of the dice (None without an image) and goal, and the assignment."""
-    from tracker.tasks import rearrange_dice as task
-
+    task = tracker.tasks.rearrange_dice
     marks = [time.perf_counter()]
     masks = [None if image is None else task.segment_dice(image) for image in images]
     marks.append(time.perf_counter())
@@ -296,8 +293,7 @@ def _evaluate(
 
 def _text(found: dict[str, Any]) -> str:
     """Format the results for people."""
-    from tracker.tasks.rearrange_dice import TOLERANCE
-
+    tolerance = tracker.tasks.rearrange_dice.TOLERANCE
     summary = []
     if found["error"] is not None:
         errors = found["error_per_camera"].items()
@@ -305,8 +301,8 @@ def _text(found: dict[str, Any]) -> str:
         summary.append(["error [px]", f"{found['error']} ({each})"])
     count, assignment = f"{len(found['dice'])} found", found["assignment"]
     if assignment is not None:
-        near = sum(pair["distance"] <= TOLERANCE for pair in assignment)
-        count += f", {near} within {1e3 * TOLERANCE:g} mm of their place in the goal"
+        near = sum(pair["distance"] <= tolerance for pair in assignment)
+        count += f", {near} within {1e3 * tolerance:g} mm of their place in the goal"
     summary += [["dice", count], _time_row(found["timing_ms"])]
     rows = [["die", "x [mm]", "y [mm]", "z [mm]", "yaw [°]", "probability"]]
     rows[0] += [] if assignment is None else ["place", "distance [mm]"]

@@ -52,7 +52,6 @@ def track(
     """
     from tracker.batch.results import outputs_of
     from tracker.batch.run import Task, agreed
-    from tracker.recordings import Job, Recipe
 
     if len(logs) > 1 and (outputs or health):
         raise click.UsageError(f"found {len(logs)} LOGs, expected one for other files than those of poses")
@@ -62,14 +61,14 @@ def track(
     kind = OutFile(".h5", ".hdf5", new_folders=inside)
     targets = outputs_of(logs, output) if inside else [output]
     sought = asked.options()
-    recipe = Recipe.of(sought)
+    recipe = tracker.recordings.Recipe.of(sought)
     for log, target in zip(logs, targets, strict=True):
         name = f"-o for {log}" if len(logs) > 1 else "-o"
         refuse_overwriting({name: target}, logs, (*astuple(asked.subject), *asked.cameras.calibration))
         kind.check("-o", target)
         refuse_other_poses("-o", target, None if overwrite else recipe.model.name)
     if len(logs) == 1:
-        _track_one(Job(logs[0], targets[0], recipe), outputs, health, as_json, quiet)
+        _track_one(tracker.recordings.Job(logs[0], targets[0], recipe), outputs, health, as_json, quiet)
         return
     mark = agreed(recipe)
     tasks = [Task(str(log), str(path), sought, mark) for log, path in zip(logs, targets, strict=True)]
