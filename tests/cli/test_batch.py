@@ -40,9 +40,14 @@ def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     return contents(one.folder)
 
 
+def run_on(recordings: Path, folder: Path, *more: object) -> tuple[object, ...]:
+    """Arguments of a run on all recordings."""
+    return ("batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", folder, *more)
+
+
 def start(recordings: Path, folder: Path) -> subprocess.Popen[bytes]:
     """A run of two workers that is at work on recordings."""
-    process = begin("batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--jobs", 2)
+    process = begin(*run_on(recordings, folder, "--jobs", 2))
     # What a killed run has left is gone when there are workers.
     until(lambda: workers_of(process) and list(folder.rglob(".*.poses.h5.lock")), process)
     return process
@@ -100,11 +105,9 @@ def scheduler(tmp_path):
 
 @pytest.mark.slow
 def test_workers_of_another_scheduler_give_the_same(recordings, undisturbed, scheduler, tmp_path, run_here):
-    folder = tmp_path / "results"
-    base = ["batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--scheduler", scheduler]
-    result = run_here(*base, folder=ROOT)
+    result = run_here(*run_on(recordings, tmp_path / "results", "--scheduler", scheduler))
     assert (result.returncode, result.stderr) == (0, "")
-    assert contents(folder) == undisturbed
+    assert contents(tmp_path / "results") == undisturbed
 
 
 @pytest.mark.slow
@@ -176,8 +179,7 @@ def test_a_recording_may_be_called_as_a_command(tmp_path, run_here, monkeypatch)
 
 @pytest.mark.parametrize(("scheduler", "word"), [("--htcondor", "queue number from"), ("--slurm", "#SBATCH")])
 def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_path, run_here):
-    base = ["batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out", scheduler]
-    assert word in well(run_here(*base, "--dry-run")).stdout
+    assert word in well(run_here(*run_on(recordings, tmp_path / "out", scheduler, "--dry-run"))).stdout
     assert not (tmp_path / "out").exists()
 
 
@@ -188,7 +190,6 @@ def test_a_scheduler_that_does_not_answer_is_named(address, recordings, tmp_path
         monkeypatch.delattr(
             pytest.importorskip("distributed", reason="cluster: no module distributed"), "Client"
         )
-    base = ["batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out"]
-    result = run_here(*base, "--scheduler", address)
+    result = run_here(*run_on(recordings, tmp_path / "out", "--scheduler", address))
     assert_one_line_error(result, f"scheduler {address}: does not answer")
     assert not list(tmp_path.rglob("*.poses.h5"))

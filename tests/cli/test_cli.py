@@ -1,23 +1,28 @@
+import functools
 import io
 import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from tests.helpers import ROOT
 from tests.helpers.command import well
+from tests.helpers.recording_stubs import write_log
 from tracker import cli
-from tracker.cli.terminal import Ended, bar
+from tracker.cli.terminal import Ended, bar, ended_by_signals, exit_code
 
 
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        *[(name, ()) for name in ("", "track", "dice", "colors", "colors fit", "colors check")],
-        *[(name, ()) for name in ("colors adapt", "colors new")],
+        *((name, ()) for name in ("", "track", "dice", "colors")),
+        *((f"colors {name}", ()) for name in ("fit", "check", "adapt", "new")),
         ("detect", ("cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2, simulated_cube, simulated_cuboid, or a",)),
         ("detect", ("cuboid, or a TOML file", "dice, simulation, or a file (.npz)", "recording (.dat, .h5)")),
     ],
@@ -26,8 +31,7 @@ def test_every_command_explains_itself_and_names_what_can_be_named(command, word
     result = run_here(*command.split(), "--help")
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.startswith(f"Usage: tracker {command}".rstrip())
-    for word in words:
-        assert word in " ".join(result.stdout.split())
+    assert all(word in " ".join(result.stdout.split()) for word in words)
 
 
 @pytest.mark.parametrize(
@@ -57,34 +61,29 @@ def test_the_version_is_printed(run_here):
     assert well(run_here("--version")).stdout.startswith("tracker ")
 
 
-def help_into(stdout) -> tuple[int, list[str]]:
-    """Exit code and lines on stderr of `tracker --help` that writes there."""
-    command = [sys.executable, "-m", "tracker", "--help"]
-    done = subprocess.run(command, cwd=ROOT, stdout=stdout, stderr=subprocess.PIPE, check=False, text=True)
-    return done.returncode, done.stderr.splitlines()
+def run_into(*arguments, stdout=None, stderr=subprocess.PIPE):
+    """What a command whose output goes there returns and says."""
+    command = [sys.executable, "-m", "tracker", *arguments]
+    return subprocess.run(command, cwd=ROOT, stdout=stdout, stderr=stderr, check=False, text=True)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="system: pipes and devices of POSIX systems")
 def test_a_reader_that_has_left_is_no_reason_to_complain():
     reader, writer = os.pipe()
     os.close(reader)
-    assert help_into(writer) == (2, [])
+    done = run_into("--help", stdout=writer)
+    assert (done.returncode, done.stderr) == (2, "")
     os.close(writer)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="system: no /dev/full")
-def test_output_that_cannot_be_written_is_one_line():
+def test_output_that_cannot_be_written_is_one_line_and_an_error_that_cannot_be_told_is_still_one():
     with open("/dev/full", "w") as full:
-        code, (line,) = help_into(full)
-    assert code == 2
+        done = run_into("--help", stdout=full)
+        assert run_into("info", "nowhere", stderr=full).returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2
     assert line.startswith("tracker: output: ")
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="system: no /dev/full")
-def test_an_error_that_cannot_be_told_is_still_an_error():
-    command = [sys.executable, "-m", "tracker", "info", "nowhere"]
-    with open("/dev/full", "w") as full:
-        assert subprocess.run(command, cwd=ROOT, stderr=full, check=False).returncode == 2
 
 
 def error_after(stop: KeyboardInterrupt) -> ImportError:
@@ -132,3 +131,96 @@ def test_a_bar_leaves_its_line_once_all_is_done(monkeypatch):
         assert not done.rsplit("\r", 2)[1].strip()
         advance(1)
     assert shown.getvalue() == done
+
+
+class Finalized:
+    """Python drops what its finalizer raises, and an interrupt may come while that runs."""
+
+    def __del__(self) -> None:
+        raise KeyboardInterrupt
+
+
+def drop_an_interrupt() -> None:
+    Finalized()
+    time.sleep(60)
+
+
+def ask_to_end(*_: object, number: int = signal.SIGTERM) -> None:
+    os.kill(os.getpid(), number)
+    time.sleep(60)
+
+
+CODES = {signal.SIGHUP: 129, signal.SIGINT: 130, signal.SIGTERM: 143}
+
+
+@pytest.fixture(autouse=True)
+def not_ignored():
+    """A run in the background hands on that Ctrl-C is ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_an_interrupt_within_a_finalizer_is_not_lost():
+    before = sys.unraisablehook
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt):
+        drop_an_interrupt()
+    assert sys.unraisablehook is before
+
+
+@pytest.mark.parametrize("number", CODES)
+def test_being_asked_to_end_is_an_interrupt(number):
+    before = signal.getsignal(number)
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt) as stop:
+        ask_to_end(number=number)
+    assert signal.getsignal(number) is before
+    assert exit_code(stop.value) == CODES[number]
+
+
+def test_a_signal_that_is_dropped_comes_again_as_itself():
+    def drop() -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGHUP)
+            time.sleep(60)
+        except KeyboardInterrupt as stop:
+            sys.unraisablehook(SimpleNamespace(exc_value=stop))
+        time.sleep(60)
+
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt) as stop:
+        drop()
+    assert exit_code(stop.value) == 129
+
+
+def test_what_nohup_has_ignored_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals():
+            os.kill(os.getpid(), signal.SIGHUP)
+            time.sleep(0.01)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_threads_other_than_the_main_one_are_left_as_they_are():
+    hooks = []
+
+    def work() -> None:
+        with ended_by_signals():
+            hooks.append(sys.unraisablehook)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert hooks == [sys.unraisablehook]
+
+
+@pytest.mark.parametrize("number", CODES)
+def test_a_command_that_is_asked_to_end_leaves_nothing_half_written(number, tmp_path, run_here, monkeypatch):
+    log = write_log(tmp_path / "job", 3)
+    (tmp_path / "out").mkdir()
+    for name in ("cv2.imencode", "cv2.imwrite"):
+        monkeypatch.setattr(name, functools.partial(ask_to_end, number=number))
+    result = run_here("convert", log, "-o", tmp_path / "out" / "folder")
+    assert (result.returncode, result.stdout, result.stderr) == (CODES[number], "", "tracker: interrupted\n")
+    assert os.listdir(tmp_path / "out") == []

@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,6 +26,13 @@ def photos(*names):
     return [PHOTOS / f"{name}.jpg" for name in names]
 
 
+def write_changed(folder: Path, change: Callable[[np.ndarray], np.ndarray], begin: str = "") -> list[str]:
+    """Write the photos as changed images; return their names."""
+    for name in NAMES:
+        cv2.imwrite(str(folder / f"{begin}{name}.png"), change(cv2.imread(str(PHOTOS / f"{name}.jpg"))))
+    return [f"{begin}{name}.png" for name in NAMES]
+
+
 @pytest.fixture
 def detect(run_here, tmp_path):
     """Answers of `tracker detect --json` on the recording that comes with the package."""
@@ -39,8 +47,7 @@ def detect(run_here, tmp_path):
 def test_detect_prints_the_pose_for_people(run_here):
     result = well(run_here("detect", "--object", "cube_v2", DEMO))
     rows = {line[:21].strip(): line[21:].split() for line in result.stdout.splitlines()}
-    assert rows["object"] == ["cube_v2"]
-    assert rows["status"] == ["found"]
+    assert (rows["object"], rows["status"]) == (["cube_v2"], ["found"])
     assert len(rows["position [mm]"]) == len(rows["std [mm]"]) == 3
     assert np.linalg.norm([float(cell) for cell in rows["orientation"]]) == pytest.approx(1, abs=1e-5)
 
@@ -48,8 +55,7 @@ def test_detect_prints_the_pose_for_people(run_here):
 def test_detect_prints_one_json_object_for_programs_and_draws_it(detect, tmp_path):
     _, found = detect(DEMO, "--frame", 3, "--overlay", "out.png")
     assert list(found) == ["object", "status", "pose", "timing_ms"]
-    assert found["object"] == "cube_v2"
-    assert found["status"] == "found"
+    assert (found["object"], found["status"]) == ("cube_v2", "found")
     assert set(found["pose"]) == {"position", "orientation", "covariance", "confidence"}
     covariance = np.array(found["pose"]["covariance"])
     assert covariance.shape == (6, 6)
@@ -66,8 +72,7 @@ def test_nothing_found_is_an_answer_and_no_error(detect, tmp_path, run_here):
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((270, 270, 3), 90, np.uint8))
     grey = ["--calibration", DEMO, *["grey.png"] * 3]
     _, found = detect(*grey, "--overlay", "out.jpg")
-    assert found["pose"] is None
-    assert found["status"] == "no_object_colors"
+    assert (found["pose"], found["status"]) == (None, "no_object_colors")
     assert (tmp_path / "out.jpg").is_file()
     asked = ("detect", "--object", "cube_v2", "--exit-code")
     shown = run_here(*asked, *grey, folder=tmp_path)
@@ -128,12 +133,11 @@ def test_swapped_pictures_are_reported_and_taken_as_they_are(detect, tmp_path, r
 
 
 def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect, tmp_path):
-    for name in NAMES:
-        whole = cv2.imread(str(PHOTOS / f"{name}.jpg"))
-        large = cv2.resize(whole, (540, 540), interpolation=cv2.INTER_CUBIC)
-        cv2.imwrite(str(tmp_path / f"{name}.png"), large)
     _, small = detect("--calibration", DEMO, *photos(*NAMES))
-    given = ["--calibration", DEMO, *(f"{name}.png" for name in NAMES)]
+    large = write_changed(
+        tmp_path, lambda image: cv2.resize(image, (540, 540), interpolation=cv2.INTER_CUBIC)
+    )
+    given = ["--calibration", DEMO, *large]
     assert_one_line_error(detect(*given)[0], "540×540 px", "calibrated for 270×270", "--resize-calibration")
     _, large = detect("--resize-calibration", *given)
     # A principal point that is off by the quarter pixel is off by 0.4 mm.
@@ -141,11 +145,8 @@ def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect,
 
 
 def test_the_likely_cause_is_printed_and_drawn(detect, tmp_path):
-    for name in NAMES:
-        image = cv2.imread(str(PHOTOS / f"{name}.jpg"))
-        cv2.imwrite(str(tmp_path / f"{name}.png"), cv2.GaussianBlur(image, (0, 0), 15))
-    given = ["--calibration", DEMO, *(f"{name}.png" for name in NAMES), "--overlay", "drawn.png"]
-    result, found = detect(*given)
+    blurred = write_changed(tmp_path, lambda image: cv2.GaussianBlur(image, (0, 0), 15))
+    result, found = detect("--calibration", DEMO, *blurred, "--overlay", "drawn.png")
     assert found["pose"] is None
     (line,) = result.stderr.splitlines()
     assert line.startswith("tracker: warning: camera60: blurred by ")
@@ -157,15 +158,12 @@ def test_the_likely_cause_is_printed_and_drawn(detect, tmp_path):
 
 
 def test_twelve_bits_in_sixteen_are_named_and_not_taken_for_black(detect, tmp_path):
-    for name in NAMES:
-        image = cv2.imread(str(PHOTOS / f"{name}.jpg")).astype(np.uint16)
-        cv2.imwrite(str(tmp_path / f"{name}.png"), image * 16)
-        cv2.imwrite(str(tmp_path / f"whole_{name}.png"), image * 256)
-    given = ["--calibration", DEMO]
-    result, _ = detect(*given, *(f"{name}.png" for name in NAMES))
+    twelve = write_changed(tmp_path, lambda image: image.astype(np.uint16) * 16)
+    sixteen = write_changed(tmp_path, lambda image: image.astype(np.uint16) * 256, "whole_")
+    result, _ = detect("--calibration", DEMO, *twelve)
     assert_one_line_error(result, "16-bit values up to", "as from a 12-bit camera", "image >> 4")
-    assert detect(*given, *(f"whole_{name}.png" for name in NAMES))[1]["pose"] is not None
-    images = [cv2.imread(str(tmp_path / f"{name}.png"), cv2.IMREAD_UNCHANGED) for name in NAMES]
+    assert detect("--calibration", DEMO, *sixteen)[1]["pose"] is not None
+    images = [cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED) for name in twelve]
     with pytest.raises(tracker.TrackerError, match=r"expected uint8: \(image >> 4\)"):
         tracker.ObjectTracker("cube_v2", DEMO).detect(images)
 
@@ -215,6 +213,16 @@ def dice_arguments(scene: Path, *more: object, **replaced: object) -> list[objec
 
 
 @pytest.fixture
+def dice(scene, run_here):
+    """Answers of `tracker dice --json` on the scene."""
+
+    def found(*more: object, **replaced: object):
+        return json.loads(well(run_here(*dice_arguments(scene, "--json", *more, **replaced))).stdout)
+
+    return found
+
+
+@pytest.fixture
 def truth(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command gets the scene's own dice, and as their masks what is blue."""
 
@@ -229,9 +237,8 @@ def truth(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rearrange_dice, "locate", locate)
 
 
-def test_dice_prints_one_json_object_for_programs(scene, run_here):
-    result = well(run_here(*dice_arguments(scene, "--goal", scene / "goal.json", "--json")))
-    found = json.loads(result.stdout)
+def test_dice_prints_one_json_object_for_programs(scene, dice):
+    found = dice("--goal", scene / "goal.json")
     assert list(found) == ["error", "error_per_camera", "reward", "dice", "assignment", "timing_ms"]
     assert list(found["error_per_camera"]) == list(NAMES)
     assert found["error"] == sum(found["error_per_camera"].values()) == -found["reward"]
@@ -249,17 +256,14 @@ def test_dice_prints_one_json_object_for_programs(scene, run_here):
 
 
 def test_an_error_of_the_process_is_one_line_too(scene):
-    assert_one_line_error(
-        run(*dice_arguments(scene, "--goal", scene / "camera60.yml")), "camera60.yml", "row 1"
-    )
+    result = run(*dice_arguments(scene, "--goal", scene / "camera60.yml"))
+    assert_one_line_error(result, "camera60.yml", "row 1")
 
 
 @pytest.mark.usefixtures("truth")
-def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(scene, run_here):
-    found, pattern, exact = (
-        json.loads(run_here(*dice_arguments(scene, "--goal", scene / goal, "--json", *more)).stdout)
-        for goal, more in (("goal.json", ()), ("goal.txt", ()), ("goal.json", ("--exact",)))
-    )
+def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(scene, dice, run_here):
+    found, pattern = (dice("--goal", scene / f"goal.{suffix}") for suffix in ("json", "txt"))
+    exact = dice("--goal", scene / "goal.json", "--exact")
     masks = [rearrange_dice.segment_dice(cv2.imread(str(scene / f"{name}.png"))) for name in NAMES]
     expected = rearrange_dice.error_per_camera(rearrange_dice.goal_masks(RIG, GOAL), masks)
     assert list(found["error_per_camera"].values()) == list(expected)
@@ -281,16 +285,14 @@ def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(sce
 
 
 @pytest.mark.usefixtures("truth")
-def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not_count(scene, run_here):
+def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not_count(scene, dice, run_here):
     goal = ("--goal", scene / "goal.json")
-    everything = json.loads(run_here(*dice_arguments(scene, *goal, "--json")).stdout)["error_per_camera"]
-    without = json.loads(run_here(*dice_arguments(scene, *goal, "--json", camera180="none")).stdout)
+    everything, without = dice(*goal)["error_per_camera"], dice(*goal, camera180="none")
     assert without["error_per_camera"] == {**everything, "camera180": None}
     assert without["error"] == everything["camera60"] + everything["camera300"]
     assert "camera180 none" in run_here(*dice_arguments(scene, *goal, camera180="none")).stdout
-    found = json.loads(run_here(*dice_arguments(scene, "--json")).stdout)
-    for key in ("error", "error_per_camera", "reward", "assignment"):
-        assert found[key] is None
+    found = dice()
+    assert all(found[key] is None for key in ("error", "error_per_camera", "reward", "assignment"))
     assert len(found["dice"]) == 25
     text = run_here(*dice_arguments(scene)).stdout
     assert "error" not in text.splitlines()[0]
