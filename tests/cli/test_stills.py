@@ -134,9 +134,7 @@ def test_swapped_pictures_are_reported_and_taken_as_they_are(detect, tmp_path, r
 
 def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect, tmp_path):
     _, small = detect("--calibration", DEMO, *photos(*NAMES))
-    large = write_changed(
-        tmp_path, lambda image: cv2.resize(image, (540, 540), interpolation=cv2.INTER_CUBIC)
-    )
+    large = write_changed(tmp_path, lambda one: cv2.resize(one, (540, 540), interpolation=cv2.INTER_CUBIC))
     given = ["--calibration", DEMO, *large]
     assert_one_line_error(detect(*given)[0], "540×540 px", "calibrated for 270×270", "--resize-calibration")
     _, large = detect("--resize-calibration", *given)

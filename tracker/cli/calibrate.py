@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from tracker.calibration.by_object.sightings import Footage
     from tracker.calibration.by_object.table import FoundTable
 
+    Opened = tuple[
+        tracker.CuboidModel, list[Footage], tracker.CameraRig, tracker.ColorModel, Callable[[int], None]
+    ]
+
 
 @click.group(
     no_args_is_help=False,
@@ -38,16 +42,6 @@ def calibrate() -> None:
 
     Commands that mend change no file: they write a new folder. Give it as --calibration from then on.
     """
-
-
-class Opened(NamedTuple):
-    """The opened inputs."""
-
-    model: tracker.CuboidModel
-    footage: list[Footage]
-    rig: tracker.CameraRig
-    colors: tracker.ColorModel
-    progress: Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -88,7 +82,7 @@ class Filmed:
                 footage.append(Footage(sets))
                 frames += len(sets)
             progress = stack.enter_context(bar("frames", frames, self.quiet))
-            yield Opened(model, footage, rig, colors, progress)
+            yield model, footage, rig, colors, progress
 
 
 _filmed: Any = Filmed
@@ -145,14 +139,14 @@ def check(
     from tracker.calibration.by_object.check import check as look
 
     focal_std, halved = _stated(filmed.inputs, filmed.cameras)
-    with filmed.opened() as given:
-        found = look(*given, focal_std)
+    with filmed.opened() as (model, footage, rig, colors, progress):
+        found = look(model, footage, rig, colors, progress, focal_std)
     warnings = [*found.warnings, *halved]
     if plot is not None:
         from tracker.viz.calibration import check_picture
         from tracker.viz.image_files import write_image
 
-        write_image(plot, check_picture(found, given.rig))
+        write_image(plot, check_picture(found, rig))
     if as_json:
         click.echo(json.dumps(_plain(found, warnings), allow_nan=False))
     elif not filmed.quiet:
@@ -288,10 +282,10 @@ def refine(
     """
     from tracker.calibration.by_object.refine import refine_cameras
 
-    with filmed.opened() as given:
-        found = refine_cameras(*given[:4], focal=focal, most=frames, progress=given.progress)
+    with filmed.opened() as (model, footage, rig, colors, progress):
+        found = refine_cameras(model, footage, rig, colors, focal=focal, most=frames, progress=progress)
     found.rig.save(output)
-    save_object(given.model, found.rim, output / "object.toml")
+    save_object(model, found.rim, output / "object.toml")
     if not filmed.quiet:
         click.echo(_refined(found, focal, output))
 

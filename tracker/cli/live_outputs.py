@@ -84,24 +84,24 @@ class LiveOutputs:
         self._told: set[Listener | Publisher] = set()
         self._files: list[Listener] = []
 
-        def add(output: Listener | Publisher, what: str = "") -> None:
+        def add(output: Listener | Publisher, name: str = "") -> None:
             stack.callback(output.close)
             self.listeners.append(output)
-            self._fallible[output] = what
+            self._fallible[output] = name and f"the {name} has ended: "
 
         if requested.record is not None:
             self.recorder = Recorder(requested.record, rig, lambda: getattr(source, "settings", ()))
-            add(self.recorder, "the recording has ended: ")
+            add(self.recorder, "recording")
             self._files.append(self.recorder)
         for address in requested.addresses:
             add(open_publisher(address, model, body=requested.body, public=requested.public))
         if requested.view or requested.rrd:
             view = RerunView(requested.rrd, rig, model)
-            add(view, "the view has ended: ")
+            add(view, "view")
             self._files += [view] if requested.rrd else []
         if requested.page is not None:
             self.page = WebPage(requested.page, finder)
-            add(self.page, "the page has ended: ")
+            add(self.page, "page")
             click.echo(f"page: {self.page.address}", err=True)
         if requested.as_json:
             self.listeners.append(lambda moment: click.echo(message_of(moment).decode()))

@@ -227,14 +227,10 @@ class Asked:
 
     def options(self) -> tracker.recordings.Options:
         """Return the options as plain values that work in any process on any machine."""
-        subject, part = self.subject, self.part
+        sought, part = self.subject, self.part
+        chosen: dict[str, Any] = {"start": part.first, "stop": part.last, "recover": part.recover}
         return tracker.recordings.Options(
-            subject.object_name,
-            subject.colors_name,
-            start=part.first,
-            stop=part.last,
-            recover=part.recover,
-            **vars(self.cameras),
+            sought.object_name, sought.colors_name, **chosen, **vars(self.cameras)
         )
 
 
