@@ -114,11 +114,6 @@ def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tm
     assert_one_line_error(run_here(*arguments[:-2]), "found 1", "at least 2")
 
 
-def test_a_plot_among_the_images_that_are_read_is_refused(labelled, run_here):
-    arguments = ("colors", "check", labelled, "--colors", "cube_v2", "--plot", "labelled/x.png")
-    assert_refused(run_here, labelled.parent, arguments, "that are read")
-
-
 def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     target.write_bytes(b"old")

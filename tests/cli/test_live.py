@@ -1,3 +1,4 @@
+import functools
 import json
 import os
 import signal
@@ -16,6 +17,11 @@ from tests.helpers.moments import estimate, moment
 from tracker.cli.live_outputs import Lookout, Statistics
 
 
+@pytest.fixture
+def live(run_here):
+    return functools.partial(run_here, "live", "--object", "cube_v2")
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     """Eight pictures of one scene, each with noise of its own."""
@@ -25,9 +31,9 @@ def recording(tmp_path_factory):
     return write_recording(tmp_path_factory.mktemp("live") / "recording", film)
 
 
-def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, run_here):
+def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, live):
     target = tmp_path / "log.h5"
-    result = well(run_here("live", recording, "--object", "cube_v2", "--record", target))
+    result = well(live(recording, "--record", target))
     assert "sets of images" in result.stdout
     assert "latency         median" in result.stdout
     with tracker.open_log(target) as log:
@@ -37,8 +43,8 @@ def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, run_h
     assert all(frame.recorded_pose is not None for frame in frames[1:])
 
 
-def test_each_line_of_json_is_a_message(recording, run_here):
-    result = well(run_here("live", recording, "--object", "cube_v2", "--json", "--speed", "0.5"))
+def test_each_line_of_json_is_a_message(recording, live):
+    result = well(live(recording, "--json", "--speed", "0.5"))
     messages = [json.loads(line) for line in result.stdout.splitlines()]
     assert len(messages) >= 2
     assert [one["sequence"] for one in messages] == list(range(len(messages)))
@@ -48,19 +54,19 @@ def test_each_line_of_json_is_a_message(recording, run_here):
     assert stamps == pytest.approx(0.2 * np.round(stamps / 0.2), abs=1e-3)
 
 
-def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, run_here):
+def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, live):
     lcm = pytest.importorskip("lcm", reason="lcm: no module lcm")
     pytest.importorskip("zmq", reason="live: pyzmq is not installed")
     ways = ("--publish", "tcp://127.0.0.1:*", "--publish", "file://poses.lcm", "--body", "box")
-    result = well(run_here("live", recording, "--object", "cube_v2", "--json", *ways, folder=tmp_path))
+    result = well(live(recording, "--json", *ways, folder=tmp_path))
     posed = [one for one in map(json.loads, result.stdout.splitlines()) if one["pose"] is not None]
     events = list(lcm.EventLog(str(tmp_path / "poses.lcm")))
     assert len(events) == len(posed) >= 2
     assert {event.channel for event in events} == {"BOX_STATE"}
 
 
-def test_it_ends_on_request(recording, run_here):
-    result = well(run_here("live", recording, "--object", "cube_v2", "--seconds", "0.5", "--speed", "0.02"))
+def test_it_ends_on_request(recording, live):
+    result = well(live(recording, "--seconds", "0.5", "--speed", "0.02"))
     assert "sets of images  1," in result.stdout
 
 
@@ -68,7 +74,7 @@ def test_it_ends_on_request(recording, run_here):
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
 def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
-    number, code, recording, tmp_path, run_here, monkeypatch
+    number, code, recording, tmp_path, live, monkeypatch
 ):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -80,8 +86,7 @@ def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
     clock = SimpleNamespace(monotonic=time.monotonic, sleep=ask)
     monkeypatch.setattr("tracker.cli.live.time", clock)
 
-    arguments = ("--object", "cube_v2", "--speed", "0.1", "--record", tmp_path / "log.h5")
-    result = run_here("live", recording, *arguments)
+    result = live(recording, "--speed", "0.1", "--record", tmp_path / "log.h5")
     signal.signal(signal.SIGINT, before)
     assert result.returncode == code
     assert ("sets of images" in result.stdout) == (number == signal.SIGINT)
@@ -89,37 +94,37 @@ def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
         assert log.fault is None
 
 
-def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, run_here, monkeypatch):
+def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, live, monkeypatch):
     absent = ",".join(f"{tmp_path}/absent{number}.mp4" for number in range(3))
-    arguments = (f"opencv:{absent}", "--object", "cube_v2", "--calibration", recording)
+    arguments = (f"opencv:{absent}", "--calibration", recording)
     # However long the machine takes to begin.
     monkeypatch.setattr("tracker.live.cameras.OPENING", 60.0)
-    result = run_here("live", *arguments, "--seconds", "0.1")
+    result = live(*arguments, "--seconds", "0.1")
     assert result.returncode == 2
     assert "no camera ever gave an image" in result.stdout
-    assert "no camera ever gave an image" in run_here("live", *arguments, "--seconds", "0.1", "-q").stderr
+    assert "no camera ever gave an image" in live(*arguments, "--seconds", "0.1", "-q").stderr
     (tmp_path / "empty.dat").write_bytes(struct.pack("<IQ", 1, 0))
-    empty = run_here("live", tmp_path / "empty.dat", *arguments[1:], "-q")
+    empty = live(tmp_path / "empty.dat", *arguments[1:], "-q")
     assert (empty.returncode, empty.stderr.count("no camera ever gave an image")) == (2, 1)
     monkeypatch.setattr("tracker.live.cameras.OPENING", 0.5)
     names = ("not one of 3", "absent0.mp4", "absent1.mp4", "absent2.mp4")
-    assert_one_line_error(run_here("live", *arguments, "-q"), *names)
-    assert_one_line_error(run_here("live", *arguments, "--check"), *names)
+    assert_one_line_error(live(*arguments, "-q"), *names)
+    assert_one_line_error(live(*arguments, "--check"), *names)
 
 
-def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, run_here, monkeypatch):
+def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, live, monkeypatch):
     monkeypatch.setattr("tracker.live.camera_check.MOST_AGE", 10.0)  # a busy machine takes its time
-    result = well(run_here("live", recording, "--object", "cube_v2", "--check", "--speed", "5"))
+    result = well(live(recording, "--check", "--speed", "5"))
     assert "nothing is wrong with the cameras" in result.stdout
     assert all(name in result.stdout for name in RIG.names)
 
 
-def test_a_check_of_dark_cameras_exits_with_1(tmp_path, run_here):
+def test_a_check_of_dark_cameras_exits_with_1(tmp_path, live):
     film = shots("cube_v2", 2, seed=702)
     for shot in film:
         shot.images[1] = shot.images[1] // 10
     path = write_recording(tmp_path / "dark", film)
-    result = run_here("live", path, "--object", "cube_v2", "--check", "--seconds", "5")
+    result = live(path, "--check", "--seconds", "5")
     assert result.returncode == 1
     assert f"{RIG.names[1]}: dark" in result.stdout
     assert f"{RIG.names[0]}: " not in result.stdout
@@ -133,7 +138,7 @@ def test_a_check_of_dark_cameras_exits_with_1(tmp_path, run_here):
     ],
 )
 def test_a_file_that_ends_is_reported_even_with_quiet(
-    option, writes, what, recording, tmp_path, run_here, monkeypatch
+    option, writes, what, recording, tmp_path, live, monkeypatch
 ):
     def refuse(*_):
         raise tracker.errors.LogError("no space is left")
@@ -141,7 +146,7 @@ def test_a_file_that_ends_is_reported_even_with_quiet(
     if what == "view":
         pytest.importorskip("rerun", reason="rerun: no module rerun")
     monkeypatch.setattr(writes, refuse)
-    result = run_here("live", recording, "--object", "cube_v2", option, "--quiet", folder=tmp_path)
+    result = live(recording, option, "--quiet", folder=tmp_path)
     assert result.returncode == 2
     assert (result.stdout, result.stderr) == ("", f"tracker: the {what} has ended: no space is left\n")
 

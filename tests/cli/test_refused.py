@@ -71,6 +71,7 @@ REFUSED = {
         ("colors check .", "--colors|--cross-validate"),
         ("colors check . --colors pink", "pink|cube_v2"),
         ("colors check . --colors cube_v2", "none found|NN_mask_red.png"),
+        ("colors check imgs --colors cube_v2 --plot imgs/x.png", "that are read"),
     ],
     f"detect {ONE} {TWO} {THREE} --json --overlay out.png --object": [
         ("cube_v9 --calibration demo", "cube_v9|cube_v2"),

@@ -11,7 +11,7 @@ import pytest
 
 import tracker
 from tests.helpers import ROOT
-from tests.helpers.command import assert_one_line_error, run, well
+from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.dice_scenes import EDGE, RIG, painted
 from tracker.calibration.rig import CameraRig
 from tracker.cli.stills import of_cameras
@@ -251,11 +251,6 @@ def test_dice_prints_one_json_object_for_programs(scene, dice):
         place, die = GOAL[pair["goal"]], found["dice"][pair["die"]]["position"]
         assert pair["distance"] == pytest.approx(np.linalg.norm(place - die))
     assert found["timing_ms"]["total"] > 0
-
-
-def test_an_error_of_the_process_is_one_line_too(scene):
-    result = run(*dice_arguments(scene, "--goal", scene / "camera60.yml"))
-    assert_one_line_error(result, "camera60.yml", "row 1")
 
 
 @pytest.mark.usefixtures("truth")
