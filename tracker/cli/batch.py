@@ -185,9 +185,8 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
         warm_up()  # once, not in each job
         answer = description.submit()
     if not quiet:
-        click.echo(
-            f"{answer}\n{len(tasks)} recordings; tracker batch status {batch.folder} shows the progress"
-        )
+        shown = f"tracker batch status {batch.folder} shows the progress"
+        click.echo(f"{answer}\n{len(tasks)} recordings; {shown}")
 
 
 @command(batch)

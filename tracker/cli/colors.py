@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,9 +63,8 @@ class Lesson:
                 result.append(frames_of(log, self.cameras.rig_of(path, log), count))
         found = sum(len(one.learned) + len(one.held_out) for one in result)
         if found < FEWEST_FRAMES:
-            raise ColorModelError(
-                f"recordings: found {found} frames with images, expected at least {FEWEST_FRAMES}"
-            )
+            least = f"expected at least {FEWEST_FRAMES}"
+            raise ColorModelError(f"recordings: found {found} frames with images, {least}")
         return result
 
     def learn(self, model: tracker.CuboidModel, footage: list[Frames], start: tracker.ColorModel) -> None:
@@ -186,10 +186,9 @@ class Fitting:
         from tracker.color_learning.fit import FitOptions, combine, image_histograms
 
         draws, normalise = FitOptions(seed=self.seed), not self.rendered
-        own, theirs = (
-            [image_histograms(image, how, normalise=normalise) for image in some]
-            for some, how in ((images, draws), (_read(self.others), draws.for_others()))
-        )
+        read = functools.partial(image_histograms, normalise=normalise)
+        own = [read(image, draws) for image in images]
+        theirs = [read(image, draws.for_others()) for image in _read(self.others)]
 
         def fit_to(chosen: Sequence[int], name: str) -> tracker.ColorModel:
             return combine([own[k] for k in chosen], theirs, draws, name=name, normalise=normalise)

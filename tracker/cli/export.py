@@ -102,12 +102,10 @@ def write_tracked_film(
 def poses_of(path: Path, object_name: str | None) -> tuple[tracker.Poses, tracker.CuboidModel]:
     """Read poses and load their object, as `object_name` if given; UsageError if that is another object."""
     poses = tracker.read_poses(path)
-    model = tracker.load_object(object_name or poses.about.object_name)
-    if model.name != poses.about.object_name:
-        raise click.UsageError(
-            f"--object: found {model.name}, expected {poses.about.object_name}: {path} has poses of "
-            f"{poses.about.object_name}"
-        )
+    its = poses.about.object_name
+    model = tracker.load_object(object_name or its)
+    if model.name != its:
+        raise click.UsageError(f"--object: found {model.name}, expected {its}: {path} has poses of {its}")
     return poses, model
 
 
@@ -163,9 +161,8 @@ def export(
 
     video = outputs.video
     if not outputs and parquet is None:
-        raise click.UsageError(
-            "found no file to write, expected --csv, --parquet, --tum, --bop, --plot or --video"
-        )
+        every = "--csv, --parquet, --tum, --bop, --plot or --video"
+        raise click.UsageError(f"found no file to write, expected {every}")
     if (video is None) != (log is None):
         raise click.UsageError("--video and --log belong together: a film needs the recording's images")
     for name, given in {"--keypoints": keypoints, "--robot-log": robot_log}.items():
@@ -220,9 +217,8 @@ def convert(
     refuse_overwriting({"-o": output}, (source,), cameras.calibration)
     suffix = output.suffix.lower()
     if suffix not in (".h5", ".hdf5", ".mp4", ""):
-        raise click.UsageError(
-            f"-o {output}: found suffix {suffix!r}, expected .h5, .mp4, or none for a folder"
-        )
+        expected = ".h5, .mp4, or none for a folder"
+        raise click.UsageError(f"-o {output}: found suffix {suffix!r}, expected {expected}")
     require_folder("-o", output, output.absolute().parent, made=False)
     if output.exists():
         raise click.UsageError(f"-o {output}: exists, expected a new name")

@@ -227,10 +227,14 @@ class Asked:
 
     def options(self) -> tracker.recordings.Options:
         """Return the options as plain values that work in any process on any machine."""
-        sought, part = self.subject, self.part
-        chosen: dict[str, Any] = {"start": part.first, "stop": part.last, "recover": part.recover}
+        subject, part = self.subject, self.part
         return tracker.recordings.Options(
-            sought.object_name, sought.colors_name, **chosen, **vars(self.cameras)
+            subject.object_name,
+            subject.colors_name,
+            start=part.first,
+            stop=part.last,
+            recover=part.recover,
+            **vars(self.cameras),
         )
 
 
