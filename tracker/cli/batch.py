@@ -62,7 +62,7 @@ _as_csv = flag("Write the table as CSV, too.", name="--csv")
 @command(batch)
 def run(
     recordings: tuple[str, ...] = several("RECORDING", InFile(str)),
-    output: Path = option("DIR", "Folder of the results.", type=OutFolder(), required=True),
+    output: Path = option("DIR", "Folder of the results.", OutFolder(), required=True),
     asked: options.Asked = options.asked,
     robot: str | None = option("NAME", "Robot of image stores, e.g. r1.  [default: each episode's]"),
     engine: Engine = _engine,

@@ -33,8 +33,8 @@ class Printed:
     """Options that describe the printed board."""
 
     squares: str = option("CxR", "Columns and rows of squares, black and white: 5x7.", required=True)
-    square: float = option("M", "Edge of a square [m].", required=True, type=float)
-    marker: float = option("M", "Edge of a marker [m].", required=True, type=float)
+    square: float = option("M", "Edge of a square [m].", float, required=True)
+    marker: float = option("M", "Edge of a marker [m].", float, required=True)
     dictionary: str = option(
         "NAME", "Set of markers, by OpenCV's name.", default="DICT_APRILTAG_16h5", show_default=True
     )
@@ -255,24 +255,24 @@ def extrinsics(
     intrinsics: tuple[Path, ...] = option(
         "PATH",
         "Folder of calibration files; or a file, once per camera.",
+        InFile(),
         required=True,
         multiple=True,
-        type=InFile(),
     ),
     pattern: str | None = option("GLOB", "Which files of the folder to take, e.g. '*_full.yml'."),
     center: tuple[float, float] = option(
         "X,Y", "The board's centre [m].  [0,0]", callback=numbers(2), default="0,0"
     ),
-    height: float = option("Z", "Height of the board's print [m].  [0]", type=float, default=0.0),
+    height: float = option("Z", "Height of the board's print [m].  [0]", float, default=0.0),
     yaw: float = option(
         "DEG",
         "Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
-        type=float,
+        float,
         default=0.0,
     ),
-    output: Path = option("DIR", "For the calibration files.", type=OutFolder(), required=True),
+    output: Path = option("DIR", "For the calibration files.", OutFolder(), required=True),
     smaller: Smaller = _smaller,
-    plot: Path | None = option("DIR", "Draw the residuals, one PNG per camera.", type=OutFolder()),
+    plot: Path | None = option("DIR", "Draw the residuals, one PNG per camera.", OutFolder()),
 ) -> None:
     """Find where cameras are, from photos of a ChArUco board.
 

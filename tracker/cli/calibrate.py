@@ -86,9 +86,7 @@ class Filmed:
 
 
 _filmed: Any = Filmed
-_output = option(
-    "DIR", "Folder for the new calibration; new or empty.", type=OutFolder(new=True), required=True
-)
+_output = option("DIR", "Folder for the new calibration; new or empty.", OutFolder(new=True), required=True)
 
 
 def _sets(

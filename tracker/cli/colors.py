@@ -113,7 +113,7 @@ def new(
     ),
     faces: str | None = option("+X=COLOUR,...", "Colour of each face, e.g. +x=red,-x=magenta,..."),
     known: str | None = option(
-        "FILE", "The object's TOML file, if there is one.", name="--object", type=InFile(str)
+        "FILE", "The object's TOML file, if there is one.", InFile(str), name="--object"
     ),
 ) -> None:
     """Fit a colour model to RECORDINGs of a new object.
@@ -175,8 +175,8 @@ class Fitting:
     others: tuple[str, ...] = option(
         "FOLDER",
         "Labelled images of other objects, for colours of which you have few; repeatable.",
+        InFile(str),
         multiple=True,
-        type=InFile(str),
     )
     rendered: bool = flag("The images come from a renderer with one light: take their colours as they are.")
     seed: int = options.seed
@@ -228,7 +228,7 @@ def fit(
 def check(
     folders: tuple[str, ...] = _folders,
     name: str | None = option(
-        "NAME", "The colour model to measure, or its file.", name="--colors", type=InFile(str)
+        "NAME", "The colour model to measure, or its file.", InFile(str), name="--colors"
     ),
     cross_validate: bool = flag("Measure each image with a fit to all others."),
     plot: Path | None = file_option(

@@ -24,7 +24,7 @@ def demo(
     output: Path = option(
         "DIR",
         "New folder for the recording and the picture.",
-        type=OutFolder(),
+        OutFolder(),
         default="tracker-demo",
         show_default=True,
     ),

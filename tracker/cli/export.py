@@ -146,10 +146,8 @@ def export(
     outputs: Outputs = output_options,
     parquet: Path | None = file_option(".parquet", ".pq", help="The table in Parquet."),
     keypoints: bool = flag("Add the object's corners to --csv and --parquet."),
-    robot_log: Path | None = option("FILE", "Add the robot's states to --csv and --parquet.", type=InFile()),
-    log: Path | None = option(
-        "LOG", "The recording of the POSES, for the images of --video.", type=Recording()
-    ),
+    robot_log: Path | None = option("FILE", "Add the robot's states to --csv and --parquet.", InFile()),
+    log: Path | None = option("LOG", "The recording of the POSES, for the images of --video.", Recording()),
     object_name: str | None = options.object_name("that of the POSES"),
     quiet: bool = flag("No progress bar."),
 ) -> None:
@@ -197,7 +195,7 @@ def convert(
     output: Path = option(
         "FILE|DIR",
         "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
-        type=AnyPath(),
+        AnyPath(),
         required=True,
     ),
     cameras: options.Cameras = options.cameras,
@@ -243,7 +241,7 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 @command(short_help="Show a recording in time and space.")
 def view(
     source: Path = argument("LOG|POSES", Recording()),
-    log: Path | None = option("LOG", "The recording of the POSES, for its images.", type=Recording()),
+    log: Path | None = option("LOG", "The recording of the POSES, for its images.", Recording()),
     object_name: str | None = options.object_name("that of the POSES"),
     cameras: options.Cameras = options.cameras,
     output: Path | None = file_option(

@@ -44,12 +44,10 @@ class Pace:
     """Options for a source's rate and settings. Each option applies to some sources only."""
 
     rate: float | None = option(
-        "HZ", "Sets of images per second.  [default: 10]", type=_Range(0, 1000, min_open=True)
+        "HZ", "Sets of images per second.  [default: 10]", _Range(0, 1000, min_open=True)
     )
-    settings: Path | None = option(
-        "FILE", "Settings of pylon's cameras (TOML, GenICam names).", type=InFile()
-    )
-    speed: float | None = option("X", "Replay a recording X times as fast.", type=_POSITIVE)
+    settings: Path | None = option("FILE", "Settings of pylon's cameras (TOML, GenICam names).", InFile())
+    speed: float | None = option("X", "Replay a recording X times as fast.", _POSITIVE)
 
     def refuse_what_does_nothing(self, source: str, cameras: options.Cameras) -> None:
         """Raise UsageError for options that have no effect on the source."""
@@ -83,7 +81,7 @@ def live(
     cameras: options.Cameras = options.cameras,
     requested: Requested = _requested,
     seconds: float | None = option(
-        "S", "Stop after S seconds.  [default: at the source's end, or with Ctrl-C]", type=_POSITIVE
+        "S", "Stop after S seconds.  [default: at the source's end, or with Ctrl-C]", _POSITIVE
     ),
     pace: Pace = _pace,
     check: bool = flag("Measure the cameras for ten seconds, and report their faults."),

@@ -45,7 +45,7 @@ class Requested:
     page: int | None = option(
         "PORT",
         "Show images, pose and cameras in a browser on this machine, http://127.0.0.1:PORT.",
-        type=click.IntRange(0, 65535),
+        click.IntRange(0, 65535),
     )
     as_json: bool = flag("Print each message as it is published.", name="--json")
 

@@ -28,12 +28,12 @@ COLORS = tuple(sorted(path.stem for path in (_ROOMS / "segmentation" / "data").g
 _SHORT = {"output": ["-o"], "quiet": ["-q"]}
 
 
-def option(metavar: str | None, help: str, *, name: str = "", **how: Any) -> Any:
+def option(metavar: str | None, help: str, kind: Any = None, *, name: str = "", **how: Any) -> Any:
     """Make an option for the argument that has it as its default; its name is the argument's, or `name`."""
 
     def of(to: str) -> click.Option:
         names = [name] if name else [*_SHORT.get(to, ()), f"--{to.replace('_', '-')}"]
-        return click.Option([*names, to], metavar=metavar, help=help, **how)
+        return click.Option([*names, to], metavar=metavar, help=help, type=kind, **how)
 
     return of
 
@@ -53,7 +53,7 @@ def whole(
 ) -> Any:
     """Make an option for an integer whose help shows its default."""
     kind = click.IntRange(least, most)
-    return option("N", help, name=name, type=kind, default=default, show_default=default is not None)
+    return option("N", help, kind, name=name, default=default, show_default=default is not None)
 
 
 def flag(help: str, *, name: str = "") -> Any:
@@ -63,7 +63,7 @@ def flag(help: str, *, name: str = "") -> Any:
 
 def file_option(*suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
     """Make an option for a file to write, see OutFile."""
-    return option("FILE", help, required=required, type=OutFile(*suffixes, **kind))
+    return option("FILE", help, OutFile(*suffixes, **kind), required=required)
 
 
 def command(group: Any = click, **how: Any) -> Any:
@@ -106,7 +106,7 @@ def _name_or_file(name: str, known: tuple[str, ...], text: str, *, required: boo
         found = [CompletionItem(one) for one in known if one.startswith(incomplete)]
         return found or [CompletionItem(incomplete, type="file")]
 
-    return option("NAME", text, name=name, required=required, type=InFile(str), shell_complete=complete)
+    return option("NAME", text, InFile(str), name=name, required=required, shell_complete=complete)
 
 
 def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
@@ -160,8 +160,8 @@ class Cameras:
         "PATH",
         "Folder of calibration files; or a file, repeated for each camera in the order of the images.  "
         "[default: that of the recording]",
+        InFile(str),
         multiple=True,
-        type=InFile(str),
     )
     pattern: str | None = option(
         "GLOB", "Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml']"

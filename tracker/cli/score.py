@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 @command(short_help="Compute the rewards of a job's folder for its task.")
 def score(
     job: Path = argument("JOB", InFile()),
-    goal_path: Path | None = option("FILE", "Goal.  [default: JOB/goal.json]", name="--goal", type=InFile()),
-    poses_path: Path | None = option("POSES", "Poses, instead of tracking.", name="--poses", type=InFile()),
+    goal_path: Path | None = option("FILE", "Goal.  [default: JOB/goal.json]", InFile(), name="--goal"),
+    poses_path: Path | None = option("POSES", "Poses, instead of tracking.", InFile(), name="--poses"),
     object_name: str | None = options.object_name("that of the --poses"),
     cameras: options.Cameras = options.cameras,
     every: int = options.whole("Look for dice in every Nth frame.", default=1),

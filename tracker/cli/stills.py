@@ -215,14 +215,14 @@ def dice(
     cameras: options.Cameras = options.cameras,
     frame: int | None = _frame,
     goal_path: Path | None = option(
-        "FILE", "The goal: JSON, or a pattern of 17 rows of characters.", name="--goal", type=InFile()
+        "FILE", "The goal: JSON, or a pattern of 17 rows of characters.", InFile(), name="--goal"
     ),
     exact: bool = flag("Goal areas to the pixel, not cut to whole pixels as the platform's."),
     as_json: bool = options.as_json,
     overlay: Path | None = file_option(
         *PICTURE, help="Write the images with dice and goal drawn in (.png, .jpg)."
     ),
-    masks: Path | None = option("DIR", "Write the masks of dice and goal (.png).", type=OutFolder()),
+    masks: Path | None = option("DIR", "Write the masks of dice and goal (.png).", OutFolder()),
 ) -> None:
     """Find the dice in one IMAGE per camera, and the task's error.
 

@@ -30,7 +30,7 @@ CONTRADICTED = 0.02
 @command()
 def track(
     logs: tuple[Path, ...] = several("LOG", Recording()),
-    output: Path = option("FILE|DIR", "File of poses (.h5), or a folder.", type=AnyPath(), required=True),
+    output: Path = option("FILE|DIR", "File of poses (.h5), or a folder.", AnyPath(), required=True),
     overwrite: bool = flag("Replace poses of another object."),
     asked: options.Asked = options.asked,
     outputs: Outputs = output_options,
