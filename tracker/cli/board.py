@@ -158,7 +158,7 @@ _smaller: Any = Smaller
 @command()
 def board(
     printed: Printed = _printed,
-    output: Path = file_option(".pdf", ".svg", ".png", required=True, help="The page (.pdf, .svg or .png)."),
+    output: Path = file_option("The page (.pdf, .svg or .png).", ".pdf", ".svg", ".png", required=True),
     legacy: bool = flag("Use the pattern of OpenCV before 4.6 [even rows]."),
 ) -> None:
     """Write a ChArUco board as a page to print at its true size.
@@ -180,11 +180,9 @@ def intrinsics(
     images: tuple[Path, ...] = several("IMAGE", Recording()),
     printed: Printed = _printed,
     name: str = option("NAME", "The camera's, e.g. camera60.", required=True),
-    output: Path = file_option(
-        ".yml", ".yaml", required=True, new_folders=True, help="Calibration file (.yml)."
-    ),
+    output: Path = file_option("Calibration file (.yml).", ".yml", ".yaml", required=True, new_folders=True),
     smaller: Smaller = _smaller,
-    plot: Path | None = file_option(*PICTURE, help="Draw the residuals (.png, .jpg)."),
+    plot: Path | None = file_option("Draw the residuals (.png, .jpg).", *PICTURE),
 ) -> None:
     """Find the lens of a camera from photos of a ChArUco board.
 

@@ -122,7 +122,7 @@ def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> 
 @command(calibrate)
 def check(
     filmed: Filmed = _filmed,
-    plot: Path | None = file_option(*PICTURE, help="Draw what each camera misses (.png, .jpg)."),
+    plot: Path | None = file_option("Draw what each camera misses (.png, .jpg).", *PICTURE),
     as_json: bool = options.as_json,
 ) -> None:
     """Check whether a calibration fits, with a still object.

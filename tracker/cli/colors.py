@@ -40,7 +40,7 @@ class Lesson:
     """Inputs and options for learning colours."""
 
     recordings: tuple[Path, ...] = several("RECORDING", Recording())
-    output: Path = file_option(".npz", required=True, help="Colour model (.npz).")
+    output: Path = file_option("Colour model (.npz).", ".npz", required=True)
     cameras: options.Cameras = options.cameras
     frames: int = options.whole(
         "Frames to use, spread evenly; half of them only check.", default=80, least=10, most=2000
@@ -203,7 +203,7 @@ _fitting: Any = Fitting
 def fit(
     folders: tuple[str, ...] = _folders,
     name: str | None = option("NAME", "Name of the model.  [default: that of the file]"),
-    output: Path | None = file_option(".npz", help="The model's file (.npz).  [default: NAME.npz]"),
+    output: Path | None = file_option("The model's file (.npz).  [default: NAME.npz]", ".npz"),
     fitting: Fitting = _fitting,
 ) -> None:
     """Fit a colour model to the labelled images of the FOLDERs.
@@ -232,7 +232,7 @@ def check(
     ),
     cross_validate: bool = flag("Measure each image with a fit to all others."),
     plot: Path | None = file_option(
-        ".png", extra="plot", help="Draw which colours are confused, and how near they are (.png)."
+        "Draw which colours are confused, and how near they are (.png).", ".png", extra="plot"
     ),
     fitting: Fitting = _fitting,
 ) -> None:

@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 class Outputs:
     """Options for files with poses in other formats; None: not requested."""
 
-    csv: Path | None = file_option(".csv", help="The poses as a table, one line per frame.")
-    tum: Path | None = file_option(".tum", ".txt", help="A trajectory in the TUM format.")
-    bop: Path | None = file_option(".csv", help="BOP results of the --camera.")
+    csv: Path | None = file_option("The poses as a table, one line per frame.", ".csv")
+    tum: Path | None = file_option("A trajectory in the TUM format.", ".tum", ".txt")
+    bop: Path | None = file_option("BOP results of the --camera.", ".csv")
     camera: str | None = option("NAME", "Camera of the BOP results, e.g. camera60.")
     video: Path | None = file_option(
-        ".mp4", extra="video", help="A film of the frames with the pose drawn in (.mp4)."
+        "A film of the frames with the pose drawn in (.mp4).", ".mp4", extra="video"
     )
-    plot: Path | None = file_option(".png", extra="plot", help="A plot of the poses over time (.png).")
+    plot: Path | None = file_option("A plot of the poses over time (.png).", ".png", extra="plot")
 
     def __bool__(self) -> bool:
         """Whether any file is requested."""
@@ -144,7 +144,7 @@ def _of_height(picture: Image, height: int) -> Image:
 def export(
     source: Path = argument("POSES", InFile()),
     outputs: Outputs = output_options,
-    parquet: Path | None = file_option(".parquet", ".pq", help="The table in Parquet."),
+    parquet: Path | None = file_option("The table in Parquet.", ".parquet", ".pq"),
     keypoints: bool = flag("Add the object's corners to --csv and --parquet."),
     robot_log: Path | None = option("FILE", "Add the robot's states to --csv and --parquet.", InFile()),
     log: Path | None = option("LOG", "The recording of the POSES, for the images of --video.", Recording()),
@@ -245,8 +245,8 @@ def view(
     object_name: str | None = options.object_name("that of the POSES"),
     cameras: options.Cameras = options.cameras,
     output: Path | None = file_option(
+        "Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
         ".rrd",
-        help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
     ),
     colors_name: str | None = options.colors(),
     part: options.Part = options.part,

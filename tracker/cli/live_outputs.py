@@ -39,9 +39,9 @@ class Requested:
     body: str | None = option(
         "NAME", "Name of the object in LCM messages.  [default: cube, of another shape cuboid]"
     )
-    record: Path | None = file_option(".h5", ".hdf5", help="Record images and poses (.h5).")
+    record: Path | None = file_option("Record images and poses (.h5).", ".h5", ".hdf5")
     view: bool = flag("Show images and poses in the viewer Rerun.")
-    rrd: Path | None = file_option(".rrd", help="Write what --view shows into a file (.rrd).")
+    rrd: Path | None = file_option("Write what --view shows into a file (.rrd).", ".rrd")
     page: int | None = option(
         "PORT",
         "Show images, pose and cameras in a browser on this machine, http://127.0.0.1:PORT.",

@@ -61,7 +61,7 @@ def flag(help: str, *, name: str = "") -> Any:
     return option(None, help, name=name, is_flag=True)
 
 
-def file_option(*suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
+def file_option(help: str, *suffixes: str, required: bool = False, **kind: Any) -> Any:
     """Make an option for a file to write, see OutFile."""
     return option("FILE", help, OutFile(*suffixes, **kind), required=required)
 

@@ -147,9 +147,7 @@ def detect(
     cameras: options.Cameras = options.cameras,
     frame: int | None = _frame,
     as_json: bool = options.as_json,
-    overlay: Path | None = file_option(
-        *PICTURE, help="Write the images with the pose drawn in (.png, .jpg)."
-    ),
+    overlay: Path | None = file_option("Write the images with the pose drawn in (.png, .jpg).", *PICTURE),
     tell: bool = flag("Exit with 1 if the object is not found.", name="--exit-code"),
 ) -> None:
     """Find an object in one IMAGE per camera.
@@ -220,7 +218,7 @@ def dice(
     exact: bool = flag("Goal areas to the pixel, not cut to whole pixels as the platform's."),
     as_json: bool = options.as_json,
     overlay: Path | None = file_option(
-        *PICTURE, help="Write the images with dice and goal drawn in (.png, .jpg)."
+        "Write the images with dice and goal drawn in (.png, .jpg).", *PICTURE
     ),
     masks: Path | None = option("DIR", "Write the masks of dice and goal (.png).", OutFolder()),
 ) -> None:

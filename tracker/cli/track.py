@@ -35,7 +35,7 @@ def track(
     asked: options.Asked = options.asked,
     outputs: Outputs = output_options,
     health: Path | None = file_option(
-        ".html", extra="plot", help="A page on cameras, light and calibration (.html)."
+        "A page on cameras, light and calibration (.html).", ".html", extra="plot"
     ),
     jobs: int = options.whole("Processes that share the LOGs.", default=1),
     as_json: bool = flag("Print the summary as one JSON object per recording.", name="--json"),
