@@ -36,7 +36,6 @@ CORE = {
 }
 """Required packages, and the modules to import."""
 
-REFERENCE_ROUNDS = 20
 DETECTION = 1.5  # approximate time of a detection, relative to that of the reference work
 
 _PACKAGE_OF_EXTRA = re.compile(r"""([\w.-]+).*?extra *== *['"]([\w-]+)['"]""")
@@ -177,7 +176,7 @@ def _speed() -> Finding:
     def work() -> None:
         cv2.cvtColor(cv2.medianBlur(noise, 5), cv2.COLOR_BGR2HSV)
 
-    took = 1e3 * statistics.median(timeit.repeat(work, number=3, repeat=REFERENCE_ROUNDS))
+    took = 1e3 * statistics.median(timeit.repeat(work, number=3, repeat=20))
     shown = f"reference work {took:.1f} ms, so a detection about {DETECTION * took:.1f} ms"
     return Finding("speed", f"{os.cpu_count()} cores; {shown}")
 

@@ -35,7 +35,6 @@ class _Range(click.FloatRange):
 
 
 _POSITIVE = _Range(0, min_open=True)
-_ERRORS = 2  # OpenCV's LOG_LEVEL_ERROR
 _CAMERAS = ("pylon", "opencv")  # the same as in tracker.live.sources, which is not imported for --help
 
 
@@ -168,7 +167,7 @@ def _source(
 
         if "OPENCV_LOG_LEVEL" not in os.environ:
             # It would warn each second of a camera that does not open. Before OpenCV 5, it is in cv2 itself.
-            getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)
+            getattr(cv2.utils, "logging", cv2).setLogLevel(2)  # errors only
         rig = cameras.load()
         return tracker.live.open_cameras(source, rig, rate=pace.rate or 10.0, settings=pace.settings), rig
     if not Path(source).exists():

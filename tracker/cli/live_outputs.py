@@ -124,11 +124,9 @@ class LiveOutputs:
                 say(f"{what}{one.fault}")
 
 
-_LATENCIES = 100_000  # number of latencies kept to compute percentiles
 _SILENT = 10  # after so many lines, one per second, without images, print nothing until the next image
 
 _NEVER = "never found: check the object, its colours and the calibration; --check measures the cameras"
-_NO_IMAGE = "no camera ever gave an image"
 
 _STAMPS = ""  # key of faults in all cameras' timestamps, among faults by camera name, which is never empty
 
@@ -142,7 +140,7 @@ class Statistics:
         self._faults: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self._posed = self._seen = False
-        self._latencies: deque[float] = deque(maxlen=_LATENCIES)
+        self._latencies: deque[float] = deque(maxlen=100_000)  # for percentiles
         self._newest: Moment | None = None
         self._told_count, self._told_faults = 0, Counter[str]()
         self._told_at = self._begin = time.monotonic()
@@ -204,7 +202,7 @@ class Statistics:
             median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
             rows.append(["status", ", ".join(shares)])
             if not self._posed:
-                rows.append(["", _NEVER if self._seen else _NO_IMAGE])
+                rows.append(["", _NEVER if self._seen else "no camera ever gave an image"])
             rows.append(["latency", f"median {median:.1f} ms, 99th percentile {late:.1f} ms"])
         cameras = () if self._newest is None else self._newest.fault_counts  # in their order
         for name in dict.fromkeys((_STAMPS, *cameras, *self._faults)):
@@ -261,14 +259,11 @@ class Lookout:
         return swap_message(order, self._names)
 
 
-SECONDS = 10.0  # default time for measuring cameras [s]
-
-
 def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:
     """Print a table of the cameras and their faults; exit with 1 if there are any."""
     from tracker.live.camera_check import look_at
 
-    looks = look_at(source, rig, seconds or SECONDS)
+    looks = look_at(source, rig, seconds or 10.0)
     rows = [["camera", "images", "missing", "late [ms]", "grey level", "clipped [%]", "blur [px]"]]
     for one in looks.cameras:
         level, clipped, blur = one.look
