@@ -7,23 +7,73 @@ import pytest
 from tests.helpers.fits import made_fit, with_cameras
 from tracker import Arena, Status
 from tracker.pose.judge import (
+    EXPECTED,
     MIN_VIEW,
     SINGLE,
     SURE,
     alone,
     confidence,
+    contradicting,
+    log_odds,
     nearness,
     probably_near,
     rank,
     refusal,
     settled,
+    supporters,
     trust,
+    unanimous,
 )
 
+GOOD = made_fit()
+NO_EDGES = {"usable": 0.0, "inliers": 0.0, "squares": 0.0}
+NOTHING = {"agree": 0, "missing": 410, "extra": 0} | NO_EDGES
+PIECE = {"agree": 60, "missing": 350}
 
-def rough(fit, rms):
+REFUSED = {
+    "hardly a pixel": (with_cameras(GOOD, agree=2, missing=408, **NO_EDGES), Status.TOO_FEW_PIXELS),
+    "one face of three in another colour": (with_cameras(GOOD, agree=270, wrong=140), Status.OTHER_OBJECT),
+    "no edge beside faces": (with_cameras(GOOD, **NO_EDGES), Status.OTHER_OBJECT),
+    "seen elsewhere": (
+        with_cameras(with_cameras(GOOD, elsewhere=2000, **NOTHING), 0, **PIECE),
+        Status.INCONSISTENT_VIEWS,
+    ),
+    "outside the arena": (dataclasses.replace(GOOD, inside=False), Status.INCONSISTENT_VIEWS),
+    "a few pixels of a face": (with_cameras(with_cameras(GOOD, **NOTHING), 0, **PIECE), Status.POOR_FIT),
+    "no finite covariance": (
+        dataclasses.replace(GOOD, covariance=np.full((6, 6), np.inf)),
+        Status.POOR_FIT,
+    ),
+    "better elsewhere": (dataclasses.replace(GOOD, lead=-2.0), Status.AMBIGUOUS),
+    "anywhere": (dataclasses.replace(GOOD, covariance=np.diag([1e-2] * 6)), Status.AMBIGUOUS),
+}
+
+
+def rough(rms):
     """A fit whose edges are off by `rms` [px] at the reference focal length."""
-    return with_cameras(fit, squares=rms**2 * fit.cameras["inliers"])
+    return with_cameras(GOOD, squares=rms**2 * GOOD.cameras["inliers"])
+
+
+def blind(fit, c, elsewhere=0):
+    """The fit, of which camera c shows nothing where the object should be."""
+    missing = fit.cameras["predicted"][c]
+    fields = {"agree": 0, "wrong": 0, "extra": 0, "expected": 40.0} | NO_EDGES
+    return with_cameras(fit, c, missing=missing, elsewhere=elsewhere, **fields)
+
+
+@pytest.mark.parametrize(("fit", "status"), REFUSED.values(), ids=REFUSED)
+def test_a_fit_is_refused_for_what_is_wrong_with_it(fit, status):
+    assert refusal(fit) is status
+
+
+def test_every_refusal_is_in_the_table():
+    assert {status for _, status in REFUSED.values()} == {
+        Status.TOO_FEW_PIXELS,
+        Status.INCONSISTENT_VIEWS,
+        Status.OTHER_OBJECT,
+        Status.POOR_FIT,
+        Status.AMBIGUOUS,
+    }
 
 
 @pytest.mark.parametrize(("cameras", "status"), [(3, Status.INCONSISTENT_VIEWS), (1, Status.AMBIGUOUS)])
@@ -37,18 +87,44 @@ def test_an_object_below_the_table_is_refused(cameras, status):
     assert refusal(below) is status
 
 
+def test_poses_far_from_the_arena_are_refused():
+    for place in ([0.3, 0.0, 0.03], [0.0, -0.26, 0.03], [0.0, 0.0, 0.25]):
+        beyond = dataclasses.replace(GOOD, inside=Arena().holds(np.array(place), 0.0))
+        assert refusal(beyond) is Status.INCONSISTENT_VIEWS
+        assert not settled(beyond)
+
+
+@pytest.mark.parametrize(
+    ("less", "more"),
+    [
+        ({"wrong": 0}, {"wrong": 50}),
+        ({"usable": 40.0}, {"usable": 20.0}),
+        ({"squares": 0.5}, {"squares": 36.0}),
+        ({"missing": 10, "agree": 400}, {"missing": 370, "agree": 40}),
+    ],
+)
+def test_what_speaks_against_a_fit_makes_it_less_likely(less, more):
+    less_likely, likelier = (with_cameras(GOOD, **fields) for fields in (more, less))
+    assert rank(likelier) > rank(less_likely)
+    # Where all speaks for the object's colours, what is left is how rare other bodies are.
+    assert log_odds(likelier) > log_odds(less_likely) - 1e-3
+
+
+def test_colours_outside_the_object_speak_against_it():
+    fits = [with_cameras(GOOD, elsewhere=count).evidence.nothing for count in (0, 200, 1000)]
+    assert fits == sorted(fits)
+
+
 def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are():
-    ranks = [rank(rough(made_fit(), rms)) for rms in (0.1, 0.2, 0.4, 0.8)]
+    ranks = [rank(rough(rms)) for rms in (0.1, 0.2, 0.4, 0.8)]
     assert ranks == sorted(set(ranks), reverse=True)
-    for rms in (0.05, 0.3):
-        fit = rough(made_fit(), rms)
-        seen = fit.cameras
-        fewer = with_cameras(fit, inliers=0.7 * seen["inliers"], squares=0.7 * seen["squares"])
-        assert rank(fewer) < rank(fit)
+    for fit in (rough(0.05), rough(0.3)):
+        fewer = {name: 0.7 * fit.cameras[name] for name in ("inliers", "squares")}
+        assert rank(with_cameras(fit, **fewer)) < rank(fit)
 
 
 def test_what_noise_explains_does_not_speak_against_the_object():
-    fit = rough(made_fit(), 0.8)
+    fit = rough(0.8)
     noisy = [with_cameras(fit, noise=share * fit.cameras["squares"]) for share in (0.0, 0.5, 1.0, 2.0)]
     trusted = [trust(one) for one in noisy]
     assert trusted == sorted(trusted)
@@ -57,51 +133,38 @@ def test_what_noise_explains_does_not_speak_against_the_object():
 
 
 def test_a_rank_is_finite_for_a_fit_without_pieces():
-    none = dict.fromkeys(("expected", "usable", "inliers", "squares", "blur"), 0.0)
-    assert math.isfinite(rank(with_cameras(made_fit(), **none)))
-
-
-def test_poses_far_from_the_arena_are_refused():
-    arena, fit = Arena(), made_fit()
-    for place in ([0.3, 0.0, 0.03], [0.0, -0.26, 0.03], [0.0, 0.0, 0.25]):
-        beyond = dataclasses.replace(fit, inside=arena.holds(np.array(place), 0.0))
-        assert refusal(beyond) is Status.INCONSISTENT_VIEWS
-        assert not settled(beyond)
+    assert math.isfinite(rank(with_cameras(GOOD, expected=0.0, blur=0.0, **NO_EDGES)))
 
 
 def test_a_clear_fit_is_sure_and_settled_and_one_camera_settles_nothing():
-    fit, one = made_fit(), made_fit(cameras=1)
-    assert trust(fit) > SURE
-    assert settled(fit)
+    one = made_fit(cameras=1)
+    assert trust(GOOD) > SURE
+    assert settled(GOOD)
     assert trust(one) > 0.95
     assert alone(one)
-    assert not settled(one)
-    for doubtful in (made_fit(sure=False), dataclasses.replace(fit, converged=False)):
+    for doubtful in (one, made_fit(sure=False), dataclasses.replace(GOOD, converged=False)):
         assert not settled(doubtful)
 
 
 def test_a_camera_counts_from_some_weight_of_pieces_on():
-    fit = made_fit()
     for weight, expected in ((MIN_VIEW, False), (0.99 * MIN_VIEW, True), (0.0, True)):
-        cameras = fit.cameras.copy()
+        cameras = GOOD.cameras.copy()
         cameras["inliers"][1:] = 0.0, weight
-        assert alone(dataclasses.replace(fit, cameras=cameras)) is expected
+        assert alone(dataclasses.replace(GOOD, cameras=cameras)) is expected
 
 
 def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():
-    fit = made_fit()
-    assert confidence(fit) == pytest.approx(trust(fit) * nearness(fit.covariance, False))
-    assert trust(dataclasses.replace(fit, lead=0.0)) == pytest.approx(0.5, abs=0.01)
+    assert confidence(GOOD) == pytest.approx(trust(GOOD) * nearness(GOOD.covariance, False))
+    assert trust(dataclasses.replace(GOOD, lead=0.0)) == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.mark.parametrize("odds", [1e3, 1e5])
 def test_whatever_speaks_against_a_fit_leaves_a_number(odds):
-    fit = made_fit()
     for field in ("body", "nothing", "resized"):
-        other = dataclasses.replace(fit, evidence=fit.evidence._replace(**{field: odds}))
+        other = dataclasses.replace(GOOD, evidence=GOOD.evidence._replace(**{field: odds}))
         assert trust(other) < 1e-200
         assert refusal(other) is not None
-    assert trust(dataclasses.replace(fit, lead=-odds)) < 1e-200
+    assert trust(dataclasses.replace(GOOD, lead=-odds)) < 1e-200
 
 
 @pytest.mark.parametrize("single", [False, True])
@@ -119,3 +182,47 @@ def test_odds_of_being_near_are_as_stated_and_greater_for_a_single_camera():
     near, single = nearness(covariance, False), nearness(covariance, True)
     assert near == pytest.approx(probably_near(covariance))
     assert single / (1.0 - single) == pytest.approx(SINGLE * near / (1.0 - near))
+
+
+def test_a_camera_that_shows_the_object_elsewhere_contradicts_and_one_that_shows_none_cannot_say():
+    assert contradicting(GOOD) == (False, False, False)
+    assert unanimous(GOOD)
+    hidden, elsewhere = blind(GOOD, 1), blind(GOOD, 1, elsewhere=300)
+    for fit in (hidden, elsewhere):
+        assert (fit.cameras["shows"] > 0.5).tolist() == [True, False, True]
+        assert not unanimous(fit)
+        assert supporters(fit) == 2
+    assert not any(contradicting(hidden))
+    assert contradicting(elsewhere) == (False, True, False)
+    assert confidence(elsewhere) < confidence(hidden) < confidence(GOOD)
+
+
+def test_a_camera_that_shows_another_thing_there_is_broken_and_does_not_spoil_the_pose():
+    fit = with_cameras(GOOD, 2, agree=0, wrong=400, **NO_EDGES)
+    assert fit.cameras["broken"][2] > 0.5
+    assert contradicting(fit) == (False, False, True)
+    assert supporters(fit) == 2
+    assert 0.2 < confidence(fit) < confidence(GOOD)
+
+
+def test_a_pose_that_one_camera_supports_and_two_contradict_is_not_sure():
+    fit = blind(blind(GOOD, 0, elsewhere=300), 2, elsewhere=300)
+    assert confidence(fit) < 0.5
+    assert confidence(fit) < 0.8 * confidence(blind(blind(GOOD, 0), 2))
+
+
+def test_a_camera_in_whose_picture_the_object_is_not_has_no_say():
+    fit = with_cameras(GOOD, 2, predicted=0, agree=0, wrong=0, missing=0, elsewhere=500, extra=0)
+    assert (fit.cameras["shows"] > 0.5).tolist() == [True, True, False]
+    assert not any(contradicting(fit))
+    assert unanimous(fit)
+    assert not any(contradicting(with_cameras(fit, 2, predicted=EXPECTED - 1)))
+
+
+@pytest.mark.parametrize("c", range(3))
+def test_what_cameras_say_does_not_depend_on_their_order(c):
+    fit = blind(GOOD, c, elsewhere=200)
+    turned = with_cameras(dataclasses.replace(fit, cameras=np.roll(fit.cameras, 1)))
+    assert tuple(np.roll(contradicting(fit), 1)) == contradicting(turned)
+    np.testing.assert_allclose(np.roll(fit.cameras["shows"], 1), turned.cameras["shows"])
+    assert log_odds(fit) == pytest.approx(log_odds(turned))
