@@ -7,7 +7,7 @@ from synthetic.camera.sensor import Sensor
 from tests.helpers.fits import HOME, made_fit
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene
-from tests.pose.test_own_view import moved
+from tests.pose.test_agreement import moved
 from tracker.pipeline import Status
 from tracker.pose.agreement import SCALES, spread
 from tracker.tracking.cameras import EVERY, LOOKS, Agreement
