@@ -13,6 +13,7 @@ from tracker.geometry import cuboid, so3
 from tracker.geometry.lens import project, stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.align import WHOLLY, align, count_labels, explanation_score
+from tracker.pose.evidence import NUMBERS, RESIZED, evidence_at, resized_at
 from tracker.pose.fit import SEEN
 from tracker.pose.rotations import ROTATIONS, even_rotations, likely_rotations, rotation_grid
 from tracker.pose.scale import label_camera, label_factors
@@ -37,11 +38,23 @@ def scene():
     return small, labels, truth
 
 
+@pytest.fixture(scope="module")
+def counts(scene):
+    """What the labels show of the truth."""
+    return counted_at(scene, scene[2].rotation, scene[2].position)
+
+
+def counted_at(scene, rotation, position):
+    cameras, labels, _ = scene
+    seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
+    count_labels(lenses, labels, pictures_of(labels), FACES, rotation, position, STILL, seen)
+    return seen
+
+
 def test_rotations_are_even():
     rotations = even_rotations(ROTATIONS)
-    np.testing.assert_allclose(
-        rotations @ rotations.transpose(0, 2, 1), np.eye(3) + 0 * rotations, atol=1e-12
-    )
+    squares = rotations @ rotations.transpose(0, 2, 1)
+    np.testing.assert_allclose(squares, np.broadcast_to(np.eye(3), squares.shape), atol=1e-12)
     traces = np.einsum("nij,mij->nm", random_rotations(np.random.default_rng(1), 300), rotations)
     nearest = np.degrees(np.arccos(np.clip((traces.max(axis=1) - 1) / 2, -1, 1)))
     assert nearest.max() < 25
@@ -83,9 +96,8 @@ def counted(labels, camera, points):
     for share in (1.0, TIGHT):
         reach = share * BOX.radius * focal / depth[:, None]
         low, high = CELL * np.rint((pixels - reach) / CELL), CELL * np.rint((pixels + reach + 1) / CELL)
-        inside = (
-            (columns >= low[:, :1]) & (columns < high[:, :1]) & (rows >= low[:, 1:]) & (rows < high[:, 1:])
-        )
+        inside = (columns >= low[:, :1]) & (columns < high[:, :1])
+        inside &= (rows >= low[:, 1:]) & (rows < high[:, 1:])
         expected = np.maximum(surface / 4 * focal.prod() / depth**2, 1.0)
         result.append(np.minimum(inside.astype(int) @ shown.T / expected[:, None], 1 / 3).sum(axis=1))
     return np.stack(result, axis=1), seen & (depth > 1.5 * BOX.radius)
@@ -127,13 +139,12 @@ def test_votes_are_what_the_cameras_show_around_the_points():
         labels = scattered(rng, search.lenses, small)
         votes = np.empty(len(search.points), np.float32)
         most = vote(labels, search.lenses, pictures_of(labels), search.boxes, votes)
-        shares, seen = zip(
-            *(counted(*one, search.points) for one in zip(labels, small, strict=True)), strict=True
-        )
-        total = sum(np.where(s, one.sum(axis=1), 0.0) for one, s in zip(shares, seen, strict=True))
-        expected = total / (np.sum(seen, axis=0) + DOUBT)
+        total, seen = 0.0, DOUBT
+        for one, camera in zip(labels, small, strict=True):
+            shares, inside = counted(one, camera, search.points)
+            total, seen = total + np.where(inside, shares.sum(axis=1), 0.0), seen + inside
         # A pixel on the border of a square is in or out by rounding.
-        assert np.mean(np.abs(votes - expected) < 1e-5) > 0.999
+        assert np.mean(np.abs(votes - total / seen) < 1e-5) > 0.999
         assert most == votes.max() > 0.5
 
 
@@ -160,37 +171,29 @@ def test_alignment_reaches_the_truth_from_far_away(scene):
         position = truth.position + rng.normal(0, 0.004, 3)
         reaches = np.array([10, 10, 8, 6, 5])
         align(lenses, labels, pictures_of(labels), FACES, rotation, position, reaches, strips)
-        errors.append(
-            [np.linalg.norm(position - truth.position), so3.angle_between(rotation, truth.rotation)]
-        )
-    far = np.array(errors)
-    assert np.median(far[:, 0]) < 0.4e-3
-    assert np.mean((far[:, 0] < 5e-3) & (far[:, 1] < np.radians(5))) >= 0.9
+        turned = so3.angle_between(rotation, truth.rotation)
+        errors.append([np.linalg.norm(position - truth.position), turned])
+    shifts, turns = np.transpose(errors)
+    assert np.median(shifts) < 0.4e-3
+    assert np.mean((shifts < 5e-3) & (turns < np.radians(5))) >= 0.9
 
 
-def test_explanation_counts_what_the_truth_shows(scene):
+def test_explanation_counts_what_the_truth_shows(scene, counts):
+    shown = (scene[1] > 0).sum(axis=(1, 2))
+    assert (np.abs(counts["predicted"] - shown) < 0.06 * shown).all()
+    assert (counts["agree"] > 0.93 * shown).all()
+    colored = counts["elsewhere"] + counts["extra"] + counts["agree"] + counts["wrong"]
+    np.testing.assert_array_equal(colored, shown)
+    inside = counts["agree"] + counts["missing"] + counts["wrong"]
+    np.testing.assert_array_equal(inside, counts["predicted"])
+
+
+def test_pixels_inside_a_face_keep_away_from_its_outline(scene, counts):
     cameras, labels, truth = scene
-    seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
-    count_labels(lenses, labels, pictures_of(labels), FACES, truth.rotation, truth.position, STILL, seen)
-    for c in range(3):
-        shown = np.count_nonzero(labels[c])
-        assert abs(seen["predicted"][c] - shown) < 0.06 * shown
-        assert seen["agree"][c] > 0.93 * shown
-    np.testing.assert_array_equal(
-        seen["elsewhere"] + seen["extra"] + seen["agree"] + seen["wrong"], (labels > 0).sum(axis=(1, 2))
-    )
-    inside = seen["agree"] + seen["missing"] + seen["wrong"]
-    np.testing.assert_array_equal(inside, seen["predicted"])
-
-
-def test_pixels_inside_a_face_keep_away_from_its_outline(scene):
-    cameras, labels, truth = scene
-    seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
-    count_labels(lenses, labels, pictures_of(labels), FACES, truth.rotation, truth.position, STILL, seen)
     corners, checked = cuboid.corners(MODEL.size) @ truth.rotation.T + truth.position, 0
     for c, camera in enumerate(cameras):
         pixels = camera.project(corners).astype(np.float32)
-        for face in np.flatnonzero(seen["faces"][c].sum(axis=1)):
+        for face in np.flatnonzero(counts["faces"][c].sum(axis=1)):
             outline = pixels[cuboid.FACE_CORNERS[face]]
             away = [
                 cv2.pointPolygonTest(outline, (float(i), float(j)), True)
@@ -198,20 +201,44 @@ def test_pixels_inside_a_face_keep_away_from_its_outline(scene):
             ]
             inner = np.array(away).reshape(camera.height, camera.width) >= WHOLLY
             found = labels[c, : camera.height, : camera.width][inner]
-            np.testing.assert_array_equal(seen["inner"][c, face], np.bincount(found, minlength=7))
+            np.testing.assert_array_equal(counts["inner"][c, face], np.bincount(found, minlength=7))
             checked += 1
     assert checked >= 6
 
 
-def test_a_worse_pose_scores_less(scene):
-    cameras, labels, truth = scene
-    seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
-
-    def score(position, rotation):
-        count_labels(lenses, labels, pictures_of(labels), FACES, rotation, position, STILL, seen)
-        return explanation_score(seen)
-
-    best = score(truth.position, truth.rotation)
+def test_a_worse_pose_scores_less(scene, counts):
+    truth, best = scene[2], explanation_score(counts)
     for step in np.eye(3):
-        assert score(truth.position + 0.01 * step, truth.rotation) < best
-        assert score(truth.position, so3.exp(0.3 * step) @ truth.rotation) < best
+        shifted = counted_at(scene, truth.rotation, truth.position + 0.01 * step)
+        turned = counted_at(scene, so3.exp(0.3 * step) @ truth.rotation, truth.position)
+        assert explanation_score(shifted) < best
+        assert explanation_score(turned) < best
+
+
+def gain(scene, faces=FACES, moved=(0.0, 0.0, 0.0), labels=None):
+    """By how much another body explains more than a box that is moved along its axes from the truth."""
+    cameras, shown, truth = scene
+    labels = shown if labels is None else labels
+    seen, place = np.zeros(3, SEEN), (truth.rotation, truth.position + truth.rotation @ moved, STILL)
+    sight = stack_lenses(cameras), labels, pictures_of(labels), faces, place
+    evidence_at(*sight, stands=0.0, left_out=np.zeros(3, bool), seen=seen)
+    return (resized_at(*sight, seen=seen) - NUMBERS.resized) / NUMBERS.end
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("factor", [RESIZED[0][0], RESIZED[1][0]])
+def test_a_body_of_which_an_edge_is_shorter_or_longer_is_known(scene, axis, factor):
+    assert gain(scene) < 0.0
+    half, moved = BOX.half.copy(), np.zeros(3)
+    half[axis] /= factor
+    for side in (1.0, -1.0):
+        moved[axis] = side * (half[axis] - BOX.half[axis])
+        assert gain(scene, (half, BOX.face_labels), moved) > 5.0
+
+
+def test_what_one_camera_lacks_alone_may_be_hidden(scene):
+    for c in range(3):
+        labels = scene[1].copy()
+        columns = np.flatnonzero(labels[c].any(axis=0))
+        labels[c, :, : columns[len(columns) // 3]] = 0
+        assert gain(scene, labels=labels) < 1.0
