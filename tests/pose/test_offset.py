@@ -1,8 +1,7 @@
-import math
-
 import cv2
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from tracker.pose import edge_fit
 from tracker.pose.edge_fit import OFFSET, scratch
@@ -11,7 +10,7 @@ from tracker.pose.strips import PIXELS, STRIP, collect
 from tracker.pose.views import PICTURE
 from tracker.segmentation.sensor import NO_MOSAIC
 
-INNER, OUTER, BEYOND = np.array([40.0, 50, 190]), np.array([60.0, 150, 70]), np.array([90.0, 95, 92])
+COLORS = INNER, OUTER, BEYOND = np.array([[40.0, 50, 190], [60.0, 150, 70], [90.0, 95, 92]])
 SIZE = 60
 CENTRE = np.array([30.3, 29.8])
 FAR = 1e3
@@ -25,47 +24,34 @@ TABLE = np.where(np.arange(64 * 64) // 64 > np.arange(64 * 64) % 64, 1, 2).astyp
 DEGREES = [0, 17, 45, 90, 123, 200, 301]
 
 
-def phi(x: np.ndarray) -> np.ndarray:
-    return np.array([0.5 * (1 + math.erf(v / math.sqrt(2))) for v in np.ravel(x)]).reshape(np.shape(x))
+def direction(degrees):
+    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
 
 
-def direction(degrees: float) -> np.ndarray:
-    return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
-
-
-def distances(degrees: float) -> np.ndarray:
+def distances(degrees=17):
     """How far each pixel (SIZE, SIZE) lies from a line through CENTRE, along the line's normal [px]."""
     j, i = np.mgrid[0:SIZE, 0:SIZE].astype(float)
     return (i - CENTRE[0]) * direction(degrees)[0] + (j - CENTRE[1]) * direction(degrees)[1]
 
 
-def stripes(
-    away: np.ndarray,
-    blur: float,
-    width: float = FAR,
-    colors: tuple[np.ndarray, np.ndarray, np.ndarray] = (INNER, OUTER, BEYOND),
-) -> np.ndarray:
+def stripes(away, blur=1.0, width=FAR, colors=COLORS):
     """An image of the first colour up to the distance 0, the second for `width` pixels, then the third."""
-    step, last = phi(away / blur)[..., None], phi((away - width) / blur)[..., None]
+    step, last = ndtr(away / blur)[..., None], ndtr((away - width) / blur)[..., None]
     return colors[0] * (1 - step) + colors[1] * (step - last) + colors[2] * last
 
 
-def digitised(image: np.ndarray) -> np.ndarray:
+def digitised(image):
     """As bytes; errors of rounding are independent, also along edges that follow the pixels' grid."""
     dither = np.random.default_rng(7).random(image.shape)
     return np.clip(np.floor(image + dither), 0, 255).astype(np.uint8)
 
 
-def pieces(
-    degrees: float,
-    predicted: float = 0.0,
-    *,
-    width_in: float = FAR,
-    width_out: float = FAR,
-    outside: int = 2,
-    inside: int = 1,
-    length: float = 4.0,
-) -> np.ndarray:
+def drawn(degrees=17, edge=0.0, blur=1.0, width=FAR):
+    """Bytes of an edge at some distance from CENTRE [px]."""
+    return digitised(stripes(distances(degrees) - edge, blur, width))
+
+
+def pieces(degrees=17, predicted=0.0, *, width_in=FAR, width_out=FAR, outside=2, inside=1, length=4.0):
     """Samples (PIECES,) of STRIP, of an edge that is expected at the distance `predicted`."""
     normal = direction(degrees)
     along = 1.3 * (np.arange(PIECES) - 0.5 * (PIECES - 1))
@@ -77,34 +63,32 @@ def pieces(
     return samples
 
 
-def reach_at(blur: float) -> float:
+def reach_at(blur):
     """Half width of the strips as the refinement chooses it."""
     return max(2.5, 1.2 + 2.0 * blur)
 
 
-def measure(
-    image: np.ndarray,
-    samples: np.ndarray,
-    blur: float,
-    *,
-    reach: float | None = None,
-    red: int = NO_MOSAIC,
-    every: int = 1,
-) -> np.ndarray:
+def measure(image, samples, blur=1.0, *, red=NO_MOSAIC, every=1):
     """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan."""
     out = np.array([(*[np.nan] * 5, True)] * len(samples), OFFSET)
     strips, pixels = samples.copy(), (np.empty(PIXELS), np.empty((3, PIXELS)))
     camera, picture = np.zeros(1, CAMERA)[0], np.zeros(1, PICTURE)[0]
     camera["strips"], camera["parts"] = len(samples), 3 if red >= 0 else 1
-    camera["reach"], picture["mosaic"] = reach_at(blur) if reach is None else reach, red
+    camera["reach"], picture["mosaic"] = reach_at(blur), red
     mask = np.zeros(image.shape[:2], bool)
     collect((image, mask), picture, camera, strips, 1, pixels)
     edge_fit.measure(strips, camera, CHANNELS, TABLE, blur, every, pixels, scratch(), out)
     return out
 
 
-def assert_equal(first: np.ndarray, second: np.ndarray) -> None:
-    for name in OFFSET.names or ():
+def repeated(rng, sigma, samples, draw):
+    """Measurements (300, PIECES) of what `draw()` returns, each with other noise."""
+    images = (draw() for _ in range(300))
+    return np.array([measure(digitised(one + rng.normal(0, sigma, one.shape)), samples) for one in images])
+
+
+def assert_equal(first, second):
+    for name in OFFSET.names:
         np.testing.assert_array_equal(first[name], second[name])
 
 
@@ -112,7 +96,7 @@ def assert_equal(first: np.ndarray, second: np.ndarray) -> None:
 @pytest.mark.parametrize("blur", [0.5, 0.7, 1.2, 1.8])
 def test_offset_converges_to_the_true_edge(degrees, blur):
     for edge in (-0.8, -0.4, 0.0, 0.23, 0.5, 0.8):
-        image, predicted = digitised(stripes(distances(degrees) - edge, blur)), 0.0
+        image, predicted = drawn(degrees, edge, blur), 0.0
         for _ in range(4):
             predicted += np.median(measure(image, pieces(degrees, predicted), blur)["offset"])
         assert abs(predicted - edge) < 0.01
@@ -121,7 +105,7 @@ def test_offset_converges_to_the_true_edge(degrees, blur):
 @pytest.mark.parametrize("degrees", DEGREES)
 def test_one_measurement_comes_much_nearer_to_the_edge(degrees):
     for blur, edge in ((0.7, 0.4), (0.7, -0.4), (1.2, 0.8), (1.2, -0.8)):
-        shown = measure(digitised(stripes(distances(degrees) - edge, blur)), pieces(degrees), blur)
+        shown = measure(drawn(degrees, edge, blur), pieces(degrees), blur)
         assert np.abs(shown["offset"] - edge).max() < 0.1
 
 
@@ -129,7 +113,7 @@ BAYER = [cv2.COLOR_BAYER_BG2BGR, cv2.COLOR_BAYER_GB2BGR, cv2.COLOR_BAYER_GR2BGR,
 """Interpolations of mosaics whose red pixels are those of the phases 0 to 3."""
 
 
-def interpolated(image: np.ndarray, red: int) -> np.ndarray:
+def interpolated(image, red=0):
     """What a camera with a mosaic makes of an image (H, W, 3)."""
     raw = image[..., 1].copy()
     raw[red >> 1 :: 2, red & 1 :: 2] = image[red >> 1 :: 2, red & 1 :: 2, 2]
@@ -140,132 +124,109 @@ def interpolated(image: np.ndarray, red: int) -> np.ndarray:
 @pytest.mark.parametrize("red", range(4))
 @pytest.mark.parametrize("degrees", DEGREES)
 def test_a_mosaic_that_is_known_does_not_move_the_edge(degrees, red):
-    errors = []
     for edge in (-0.4, 0.0, 0.23, 0.5):
-        image = interpolated(digitised(stripes(distances(degrees) - edge, 0.7)), red)
+        image = interpolated(drawn(degrees, edge, 0.7), red)
         shown = measure(image, pieces(degrees, edge, length=8.0), 0.7, red=red)
         assert shown["usable"].all()
-        errors.append(np.median(shown["offset"]))
-    assert np.abs(errors).max() < 0.02
+        assert abs(np.median(shown["offset"])) < 0.02
 
 
 def test_a_mosaic_that_is_not_known_spreads_the_places_of_an_edge_and_widens_it():
-    image = interpolated(digitised(stripes(distances(17), 0.7)), 0)
-    naive, aware = (measure(image, pieces(17, length=8.0), 0.7, red=red) for red in (NO_MOSAIC, 0))
+    image = interpolated(drawn(blur=0.7))
+    naive, aware = (measure(image, pieces(length=8.0), 0.7, red=red) for red in (NO_MOSAIC, 0))
     assert np.std(aware["offset"]) < 0.5 * np.std(naive["offset"])
     assert abs(np.median(aware["wider"])) < 0.5 * np.median(naive["wider"])
 
 
 def test_values_that_a_mosaic_did_not_measure_do_not_matter():
-    image = interpolated(digitised(stripes(distances(17), 0.7)), 0)
+    image = interpolated(drawn(blur=0.7))
     other = image.copy()
     other[0::2, 0::2, :2] = 77
     other[1::2, 1::2, 1:] = 33
     other[0::2, 1::2, ::2] = other[1::2, 0::2, ::2] = 200
-    assert_equal(measure(image, pieces(17), 0.7, red=0), measure(other, pieces(17), 0.7, red=0))
+    assert_equal(measure(image, pieces(), 0.7, red=0), measure(other, pieces(), 0.7, red=0))
 
 
 def test_of_the_pieces_one_in_so_many_is_measured():
-    image = digitised(stripes(distances(17), 1.0))
-    whole, part = measure(image, pieces(17), 1.0), measure(image, pieces(17), 1.0, every=3)
+    whole, part = measure(drawn(), pieces()), measure(drawn(), pieces(), every=3)
     assert_equal(part[::3], whole[::3])
     assert np.count_nonzero(part["usable"]) == len(part[::3])
 
 
 @pytest.mark.parametrize("outside", [0, 2])
 def test_wrong_blur_does_not_bias_an_isolated_edge(outside):
-    image = digitised(stripes(distances(17), 1.0))
     for assumed in (0.7, 1.0, 1.6):
-        shown = measure(image, pieces(17, outside=outside), assumed)
+        shown = measure(drawn(), pieces(outside=outside), assumed)
         assert abs(np.median(shown["offset"])) < 0.01
 
 
 @pytest.mark.parametrize("gains", [0.6, 1.3, np.array([1.2, 0.8, 1.1])])
 def test_gains_do_not_move_the_edge(gains):
-    image = stripes(distances(17) - 0.3, 1.0)
-    reference = measure(digitised(image), pieces(17), 1.0)["offset"]
-    changed = measure(digitised(image * gains), pieces(17), 1.0)["offset"]
+    image = stripes(distances() - 0.3)
+    reference, changed = (measure(digitised(one), pieces())["offset"] for one in (image, image * gains))
     np.testing.assert_allclose(changed, reference, atol=0.01)
 
 
 def test_an_equal_change_of_all_gains_changes_neither_blur_nor_bloom():
-    image = stripes(distances(17), 1.0)
-    reference, changed = (measure(digitised(image * gain), pieces(17), 1.0) for gain in (1.0, 0.7))
+    reference, changed = (measure(digitised(stripes(distances()) * gain), pieces()) for gain in (1.0, 0.7))
     np.testing.assert_allclose(changed["bloom"], reference["bloom"], rtol=0.1)
     np.testing.assert_allclose(changed["wider"], reference["wider"], atol=0.02)
 
 
 def test_swapping_rows_and_columns_changes_nothing():
-    image, samples = digitised(stripes(distances(33) - 0.2, 1.0, 3.0)), pieces(33, width_out=3.0)
+    image, samples = drawn(33, 0.2, width=3.0), pieces(33, width_out=3.0)
     swapped = samples.copy()
     for name in ("pixel", "normal"):
         swapped[name] = samples[name][:, ::-1]
-    first = measure(image, samples, 1.0)
-    second = measure(np.ascontiguousarray(image.transpose(1, 0, 2)), swapped, 1.0)
+    first = measure(image, samples)
+    second = measure(np.ascontiguousarray(image.transpose(1, 0, 2)), swapped)
     for name in ("offset", "variance", "usable", "bloom"):
         np.testing.assert_allclose(second[name], first[name], atol=1e-9)
 
 
 @pytest.mark.parametrize("degrees", [0, 17, 45])
 @pytest.mark.parametrize("width", [2.0, 2.6, 3.3, 4.2])
-def test_narrow_neighbour_does_not_bias_the_edge(degrees, width):
-    image = digitised(stripes(distances(degrees), 1.0, width))
-    shown = measure(image, pieces(degrees, width_out=width), 1.0)
-    assert shown["usable"].all()
-    assert abs(np.median(shown["offset"])) < 0.06
+def test_narrow_surfaces_do_not_bias_the_edge(degrees, width):
+    # Seen from the neighbour outside, the narrow face ends inwards.
+    turned = digitised(stripes(-distances(degrees), 1.0, width, (OUTER, INNER, BEYOND)))
+    image = drawn(degrees, width=width)
+    for one, known, limit in ((image, {"width_out": width}, 0.06), (turned, {"width_in": width}, 0.12)):
+        shown = measure(one, pieces(degrees, **known))
+        assert shown["usable"].all()
+        assert abs(np.median(shown["offset"])) < limit
     # Unlike where the neighbour's end is not known of.
     if width < 3:
-        ignorant = measure(image, pieces(degrees), 1.0)
-        assert abs(np.median(ignorant["offset"])) > 0.15
-
-
-@pytest.mark.parametrize("degrees", [0, 17, 45])
-@pytest.mark.parametrize("width", [2.0, 2.6, 3.3, 4.2])
-def test_edge_of_a_narrow_face_is_found(degrees, width):
-    # Seen from the neighbour outside, the narrow face ends inwards.
-    image = digitised(stripes(-distances(degrees), 1.0, width, (OUTER, INNER, BEYOND)))
-    shown = measure(image, pieces(degrees, width_in=width), 1.0)
-    assert shown["usable"].all()
-    assert abs(np.median(shown["offset"])) < 0.12
+        assert abs(np.median(measure(image, pieces(degrees))["offset"])) > 0.15
 
 
 @pytest.mark.parametrize("outside", [0, 2])
 @pytest.mark.parametrize("blur", [0.6, 0.8, 1.1, 1.5, 2.0])
 def test_wider_says_by_how_much_an_edge_is_wider_than_the_blur(blur, outside):
-    image = digitised(stripes(distances(17), blur))
-
-    def wider(assumed):
-        shown = measure(image, pieces(17, outside=outside), assumed)
+    for deviation in (-0.2, -0.1, 0.0, 0.1, 0.2):
+        shown = measure(drawn(blur=blur), pieces(outside=outside), blur - deviation)
         assert (shown["sharpness"] > 0).all()
-        return np.median(shown["wider"])
-
-    assert abs(wider(blur)) < 0.02 * blur
-    for deviation in (-0.2, -0.1, 0.1, 0.2):
-        assert wider(blur - deviation) == pytest.approx(deviation, rel=0.35)
+        limit = 0.35 * abs(deviation) if deviation else 0.02 * blur
+        assert abs(np.median(shown["wider"]) - deviation) < limit
 
 
 @pytest.mark.parametrize("start", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("blur", [0.6, 1.0, 1.5])
 def test_blur_is_measured(blur, start):
-    image, assumed = digitised(stripes(distances(17) - 0.1, blur)), start
+    image, assumed = drawn(17, 0.1, blur), start
     for _ in range(8):
-        wider = np.median(measure(image, pieces(17), assumed)["wider"])
+        wider = np.median(measure(image, pieces(), assumed)["wider"])
         # Bounds as in the refinement: far off, the first order says the direction only.
         assumed += min(1.0, max(-0.6 * assumed, wider))
     assert abs(assumed - blur) < 0.03 * blur
 
 
 def test_sharpness_is_the_inverse_variance_of_wider(rng):
-    clean = stripes(distances(17), 1.0)
-    shown = np.array(
-        [measure(digitised(clean + rng.normal(0, 3, clean.shape)), pieces(17), 1.0) for _ in range(300)]
-    )
+    shown = repeated(rng, 3, pieces(), lambda: stripes(distances()))
     assert 0.7 < shown["wider"].var(axis=0).mean() * shown["sharpness"].mean() < 1.3
 
 
 def test_edges_of_narrow_faces_say_nothing_of_the_blur():
-    image = digitised(stripes(distances(17), 1.0, 3.0))
-    assert (measure(image, pieces(17, width_out=3.0), 1.0)["sharpness"] == 0).all()
+    assert (measure(drawn(width=3.0), pieces(width_out=3.0))["sharpness"] == 0).all()
 
 
 @pytest.mark.parametrize(("outside", "tolerance"), [(0, 0.3), (2, 0.2)])
@@ -275,118 +236,105 @@ def test_edges_of_narrow_faces_say_nothing_of_the_blur():
 )
 def test_bloom_is_the_offset_that_a_response_feigns(inner, outer, outside, tolerance):
     # To first order, and less exactly where slopes of the surfaces take a part of it.
-    blur, every = 0.8, range(5, 360, 15)
+    def seen(exponent):
+        light = (np.array([inner, outer, outer]) / 255) ** exponent
+        found = []
+        for degrees in range(5, 360, 15):
+            mixed = stripes(distances(degrees), 0.8, colors=light)
+            image = digitised(255 * mixed ** (1 / exponent))
+            shown = measure(image, pieces(degrees, outside=outside), 0.8)
+            found.append(np.median([shown["offset"], shown["bloom"]], axis=1))
+        return np.mean(found, axis=0)
 
-    def seen(exponent, degrees):
-        def light(color):
-            return (np.asarray(color, dtype=float) / 255) ** exponent
-
-        mixed = stripes(distances(degrees), blur, colors=(light(inner), light(outer), light(outer)))
-        image = digitised(255 * mixed ** (1 / exponent))
-        shown = measure(image, pieces(degrees, outside=outside), blur)
-        return np.median([shown["offset"], shown["bloom"]], axis=1)
-
-    shift, bloom = np.mean([seen(1.0, degrees) for degrees in every], axis=0)
+    shift, bloom = seen(1.0)
     assert abs(bloom) > 0.02
     for exponent in (1.25, 1.5):
-        feigned = np.mean([seen(exponent, degrees)[0] for degrees in every]) - shift
+        feigned = seen(exponent)[0] - shift
         assert feigned == pytest.approx((exponent - 1) * bloom, rel=tolerance, abs=0.001)
 
 
 @pytest.mark.parametrize("sigma", [1.5, 3.0, 6.0])
 @pytest.mark.parametrize("width", [FAR, 3.0])
 def test_variance_is_that_of_repeated_noise(rng, sigma, width):
-    clean, samples = stripes(distances(17), 1.0, width), pieces(17, width_out=width)
-    shown = np.array(
-        [measure(digitised(clean + rng.normal(0, sigma, clean.shape)), samples, 1.0) for _ in range(300)]
-    )
+    clean = stripes(distances(), width=width)
+    shown = repeated(rng, sigma, pieces(width_out=width), lambda: clean)
     # Noise above the least is found out from the pixels themselves.
     assert 0.75 < shown["offset"].var(axis=0).mean() / shown["variance"].mean() < 1.25
 
 
 def test_variance_at_a_silhouette_counts_slopes_of_the_surfaces(rng):
     # Towards the background both surfaces may have a gradient, of a standard deviation of SLOPE.
-    away, reach = distances(17)[..., None], reach_at(1.0)
-    clean, step = stripes(away[..., 0], 1.0), phi(away)
-    shown = []
-    for _ in range(300):
+    away, half = distances()[..., None], 0.5 * reach_at(1.0)
+    clean, step = stripes(away[..., 0]), ndtr(away)
+
+    def sloping():
         inside, outside = rng.normal(0, edge_fit.SLOPE, (2, 3))
-        slopes = inside * (1 - step) * (away + 0.5 * reach) + outside * step * (away - 0.5 * reach)
-        image = digitised(clean + slopes + rng.normal(0, 3, clean.shape))
-        shown.append(measure(image, pieces(17, outside=0), 1.0))
-    offsets, variances = np.array(shown)["offset"], np.array(shown)["variance"]
-    assert 0.75 < offsets.var(axis=0).mean() / variances.mean() < 1.25
+        return clean + inside * (1 - step) * (away + half) + outside * step * (away - half)
+
+    shown = repeated(rng, 3, pieces(outside=0), sloping)
+    assert 0.75 < shown["offset"].var(axis=0).mean() / shown["variance"].mean() < 1.25
 
 
 @pytest.mark.parametrize("outside", [0, 2])
 @pytest.mark.parametrize("slope", [-3.0, -1.0, 1.0, 3.0])
 def test_a_gradient_on_either_side_does_not_move_the_edge(outside, slope):
-    away = distances(17)[..., None]
-    image, step = stripes(away[..., 0], 1.0), phi(away)
+    away = distances()[..., None]
+    image, step = stripes(away[..., 0]), ndtr(away)
     for gradient in (step * away, (1 - step) * away):
-        shown = measure(digitised(image + slope * gradient), pieces(17, outside=outside), 1.0)
+        shown = measure(digitised(image + slope * gradient), pieces(outside=outside))
         assert abs(np.median(shown["offset"])) < 0.02
 
 
 def test_longer_strips_know_more():
-    image = digitised(stripes(distances(17), 1.0))
-    variances = [
-        np.median(measure(image, pieces(17, length=length), 1.0)["variance"]) for length in (2, 4, 8)
-    ]
-    assert variances[0] / variances[1] == pytest.approx(2, rel=0.3)
-    assert variances[1] / variances[2] == pytest.approx(2, rel=0.3)
+    short, middle, long = (np.median(measure(drawn(), pieces(length=n))["variance"]) for n in (2, 4, 8))
+    assert short / middle == pytest.approx(2, rel=0.3)
+    assert middle / long == pytest.approx(2, rel=0.3)
 
 
 @pytest.mark.parametrize(("inside", "outside"), [(2, 1), (2, 0), (1, 1), (3, 2), (1, 3)])
 def test_other_surfaces_than_expected_are_refused(inside, outside):
-    image = digitised(stripes(distances(17), 1.0))
-    shown = measure(image, pieces(17, inside=inside, outside=outside), 1.0)
+    shown = measure(drawn(), pieces(inside=inside, outside=outside))
     assert not shown["usable"].any()
     assert (shown["sharpness"] == 0).all()
 
 
 def test_surfaces_that_look_alike_are_refused():
     # Across the border between two labels, with less contrast than counts.
-    inner, outer = np.array([80.0, 98, 104]), np.array([80.0, 103, 99])
-    shown = measure(digitised(stripes(distances(17), 1.0, FAR, (inner, outer, outer))), pieces(17), 1.0)
+    inner, outer = np.array([[80.0, 98, 104], [80.0, 103, 99]])
+    image = digitised(stripes(distances(), colors=(inner, outer, outer)))
     assert np.linalg.norm(inner - outer) < edge_fit.MIN_CONTRAST
-    assert not shown["usable"].any()
+    assert not measure(image, pieces())["usable"].any()
 
 
 @pytest.mark.parametrize("degrees", DEGREES)
 def test_strips_beyond_the_border_are_refused(degrees):
-    image, reach = digitised(stripes(distances(degrees), 1.0)), reach_at(1.0)
-    samples = pieces(degrees)
-    half = np.abs(samples["normal"]) * reach + np.abs(samples["normal"][:, ::-1]) * 2.0
-    last = SIZE - 1.0
+    image, samples = drawn(degrees), pieces(degrees)
+    half = np.abs(samples["normal"]) * reach_at(1.0) + np.abs(samples["normal"][:, ::-1]) * 2.0
     for axis in range(2):
-        for place in (half[:, axis] - 0.01, last - half[:, axis] + 0.01, -50.0, 1e4):
+        for place in (half[:, axis] - 0.01, SIZE - 1.0 - half[:, axis] + 0.01, -50.0, 1e4):
             moved = samples.copy()
             moved["pixel"][:, axis] = place
-            assert not measure(image, moved, 1.0)["usable"].any()
-    assert measure(image, samples, 1.0)["usable"].all()
+            assert not measure(image, moved)["usable"].any()
+    assert measure(image, samples)["usable"].all()
 
 
 def test_strips_up_to_the_border_are_read():
     # The edge runs along the left border, as near as the strip allows.
     reach = reach_at(1.0)
-    i = np.mgrid[0:SIZE, 0:SIZE][1].astype(float)
-    image, samples = digitised(stripes(i - reach, 1.0)), pieces(0)
+    image, samples = drawn(0, reach - CENTRE[0]), pieces(0)
     samples["pixel"][:, 0] = reach
-    shown = measure(image, samples, 1.0)
+    shown = measure(image, samples)
     assert shown["usable"].all()
     assert abs(np.median(shown["offset"])) < 0.01
 
 
 def test_strips_of_too_few_pixels_are_refused():
-    image = digitised(stripes(distances(17), 1.0))
-    assert not measure(image, pieces(17, length=0.5), 1.0)["usable"].any()
+    assert not measure(drawn(), pieces(length=0.5))["usable"].any()
 
 
 def test_offsets_stay_within_the_strip():
     for edge in (-3.0, 3.0):
-        image = digitised(stripes(distances(17) - edge, 1.0))
-        shown = measure(image, pieces(17), 1.0)
+        shown = measure(drawn(17, edge), pieces())
         seen = shown[shown["usable"]]
         assert (np.abs(seen["offset"]) <= reach_at(1.0)).all()
         assert (seen["offset"] * edge > 0).all()

@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
+from scipy.stats import norm
 
 from tracker.pose.edge_fit import MIN_CONTRAST, NOISE, OFFSET, RIDGE, SHARP, SLOPE, SOFT, measure, scratch
 from tracker.pose.solution import CAMERA
@@ -19,30 +21,26 @@ GREEN = (
 """Much green is label 1, less is 2."""
 
 
-def table(x: np.ndarray) -> np.ndarray:
+def table(x):
     """As far as tables of step and line reach, on their grid."""
     return np.floor((np.clip(x, -4, 4) + 4) * 256 + 0.5) / 256 - 4
 
 
-def step(x: np.ndarray) -> np.ndarray:
-    return np.array([0.5 * (1 + math.erf(v / math.sqrt(2))) for v in table(x)])
+def step(x):
+    return ndtr(table(x))
 
 
-def line(x: np.ndarray) -> np.ndarray:
-    return np.exp(-0.5 * table(x) ** 2) / math.sqrt(2 * math.pi)
-
-
-def model(strip: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+def model(strip, d):
     """Surfaces (P, m), line (P,), slopes (P, 0 or 2), change of blur (P,), and which surface is the face."""
     edges = [e for e in (-strip["reach_in"], 0.0, strip["reach_out"]) if abs(e) < REACH + 1.5 * BLUR]
     steps = [np.ones(len(d)), *(step((d - e) / BLUR) for e in edges), np.zeros(len(d))]
     shares = np.stack([a - b for a, b in itertools.pairwise(steps)], axis=1)
-    inside, middle = edges.index(0.0), line(d / BLUR) / BLUR
+    inside, middle = edges.index(0.0), norm.pdf(table(d / BLUR)) / BLUR
     slopes = np.stack([shares[:, inside] * (d + REACH / 2), shares[:, -1] * (d - REACH / 2)], axis=1)
     return shares, middle, slopes[:, : 2 * (strip["outside"] == 0)], -d / BLUR * middle, inside
 
 
-def solve(columns: np.ndarray, values: np.ndarray, m: int, stiffness: float) -> tuple[np.ndarray, np.ndarray]:
+def solve(columns, values, m, stiffness):
     """Unknowns (n,) of a channel and the inverse of their normal matrix; the first m drawn to their means."""
     prior = np.array([RIDGE] * m + [0.0] + [stiffness] * (columns.shape[1] - m - 1))
     means = columns.T @ values / np.maximum(columns.sum(axis=0), 1e-9)
@@ -51,7 +49,7 @@ def solve(columns: np.ndarray, values: np.ndarray, m: int, stiffness: float) -> 
     return inverse @ (columns.T @ values + prior * means), inverse
 
 
-def reference(strip: np.ndarray, parts: list[tuple[np.ndarray, list[np.ndarray]]]) -> dict[str, float]:
+def reference(strip, parts):
     """What `measure` should find; parts: distances and channels that were measured there."""
     squares, count, wider, sharpness = 0.0, 0, 0.0, 0.0
     for d, channels in parts:
@@ -88,9 +86,7 @@ def reference(strip: np.ndarray, parts: list[tuple[np.ndarray, list[np.ndarray]]
     }
 
 
-def random_strips(
-    rng: np.random.Generator, parts: int, narrow: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def random_strips(rng, parts, narrow):
     """STRIPS strips with their distances and values, in whose gaps nothing counts."""
     strips, size = np.zeros(STRIPS, STRIP), STRIPS * 3 * 48
     distance, values = np.full(size, FAR), np.zeros((3, size))
