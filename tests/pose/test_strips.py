@@ -1,5 +1,4 @@
 import dataclasses
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -18,42 +17,35 @@ POSITION = np.array([0.02, -0.03, 0.05])
 SPACING, MARGIN = 2.0, 3.0
 
 
-def samples_at(
-    rotation: np.ndarray,
-    position: np.ndarray = POSITION,
-    half: np.ndarray = HALF,
-    lenses: np.ndarray = LENSES,
-    spacing: float = SPACING,
-    margin: float = MARGIN,
-) -> np.ndarray:
+def samples_at(rotation, position=POSITION, lenses=LENSES, spacing=SPACING, margin=MARGIN):
     out = np.empty(MAX_STRIPS, STRIP)
-    n = edge_strips(lenses, 0, half, LABELS, rotation, position, spacing, margin, out)
+    n = edge_strips(lenses, 0, HALF, LABELS, rotation, position, spacing, margin, out)
     return out[:n]
 
 
-def samples_by_edge(
-    rotation: np.ndarray, position: np.ndarray = POSITION, camera=CAMERA, **settings: float
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """For each edge of the cuboid: its row of EDGES, its corners' pixels (2, 2), its samples (n,) of STRIP.
+def samples_by_edge(rng, count=10, camera=CAMERA, **settings):
+    """For each edge of the cuboid in random rotations.
 
-    A sample belongs to the edge that passes through its pixel.
+    Yields the rotation, the edge's row of EDGES, its corners' pixels (2, 2), its samples (n,) of STRIP. A
+    sample belongs to the edge that passes through its pixel.
     """
-    samples = samples_at(rotation, position, lenses=stack_lenses([camera]), **settings)
-    ends = corners(2 * HALF) @ rotation.T + position
     share = np.linspace(0, 1, 2001)[:, None]
-    distances = []
-    for a, b, *_ in EDGES:
-        curve = camera.project(ends[a] + share * (ends[b] - ends[a]))
-        away = samples["pixel"][:, None] - curve
-        distances.append(np.linalg.norm(away, axis=-1).min(axis=1))
-    assert np.min(distances, axis=0).max() < 0.1
-    nearest = np.argmin(distances, axis=0)
-    for k, edge in enumerate(EDGES):
-        yield edge, camera.project(ends[edge[:2]]), samples[nearest == k]
+    for rotation in random_rotations(rng, count):
+        samples = samples_at(rotation, lenses=stack_lenses([camera]), **settings)
+        ends = corners(2 * HALF) @ rotation.T + POSITION
+        distances = []
+        for a, b, *_ in EDGES:
+            curve = camera.project(ends[a] + share * (ends[b] - ends[a]))
+            away = samples["pixel"][:, None] - curve
+            distances.append(np.linalg.norm(away, axis=-1).min(axis=1))
+        assert np.min(distances, axis=0).max() < 0.1
+        nearest = np.argmin(distances, axis=0)
+        for k, edge in enumerate(EDGES):
+            yield rotation, edge, camera.project(ends[edge[:2]]), samples[nearest == k]
 
 
-def faces_seen(rotation: np.ndarray, position: np.ndarray = POSITION) -> np.ndarray:
-    return visible_faces(2 * HALF, rotation.T @ (CAMERA.position - position))
+def faces_seen(rotation):
+    return visible_faces(2 * HALF, rotation.T @ (CAMERA.position - POSITION))
 
 
 def test_jacobian_is_the_motion_of_the_samples(rng):
@@ -73,23 +65,20 @@ def test_jacobian_is_the_motion_of_the_samples(rng):
 
 def test_a_rim_ends_each_face_before_its_neighbours_plane(rng):
     # Outlines follow the border of the one face that is seen, inner edges the middle between two borders.
-    rim = 1e-6
-    for rotation in random_rotations(rng, 10):
-        seen = faces_seen(rotation)
-        for (a, b, *faces), _, samples in samples_by_edge(rotation):
-            ends = corners(2 * HALF)[[a, b]]
-            share = np.linspace(0, 1, 4001)[:, None]
-            points = ends[0] + share * (ends[1] - ends[0])
-            pixels = CAMERA.project(points @ rotation.T + POSITION)
-            hidden = [face for face in faces if not seen[face]] or faces
-            # A face's border is moved against the normal of the face beyond the edge.
-            inward = -np.mean([FACE_NORMALS[face] for face in hidden], axis=0)
-            moved = CAMERA.project((points + rim * inward) @ rotation.T + POSITION)
-            for sample in samples:
-                k = np.argmin(np.linalg.norm(pixels - sample["pixel"], axis=1))
-                expected = (moved[k] - pixels[k]) @ sample["normal"] / rim
-                assert sample["rim"] == pytest.approx(expected, rel=2e-2, abs=1.0)
-                assert sample["rim"] < 0 or sample["outside"]  # outlines are drawn inwards
+    rim, share = 1e-6, np.linspace(0, 1, 4001)[:, None]
+    for rotation, (a, b, *faces), _, samples in samples_by_edge(rng):
+        seen, ends = faces_seen(rotation), corners(2 * HALF)[[a, b]]
+        points = ends[0] + share * (ends[1] - ends[0])
+        pixels = CAMERA.project(points @ rotation.T + POSITION)
+        hidden = [face for face in faces if not seen[face]] or faces
+        # A face's border is moved against the normal of the face beyond the edge.
+        inward = -np.mean([FACE_NORMALS[face] for face in hidden], axis=0)
+        moved = CAMERA.project((points + rim * inward) @ rotation.T + POSITION)
+        for sample in samples:
+            k = np.argmin(np.linalg.norm(pixels - sample["pixel"], axis=1))
+            expected = (moved[k] - pixels[k]) @ sample["normal"] / rim
+            assert sample["rim"] == pytest.approx(expected, rel=2e-2, abs=1.0)
+            assert sample["rim"] < 0 or sample["outside"]  # outlines are drawn inwards
 
 
 def test_normals_are_unit_and_point_out_of_the_face(rng):
@@ -105,13 +94,12 @@ def test_normals_are_unit_and_point_out_of_the_face(rng):
 @pytest.mark.parametrize("margin", [0.0, 1.0, 3.0])
 def test_lengths_sum_to_the_edge_without_margins(rng, margin):
     settled = 0
-    for rotation in random_rotations(rng, 10):
-        for _, ends, samples in samples_by_edge(rotation, margin=margin):
-            if len(samples) > 0:
-                length = np.linalg.norm(ends[1] - ends[0])
-                assert samples["length"].sum() == pytest.approx(length - 2 * margin, rel=1e-9)
-                assert np.ptp(samples["length"]) == 0
-                settled += 1
+    for _, _, ends, samples in samples_by_edge(rng, margin=margin):
+        if len(samples) > 0:
+            length = np.linalg.norm(ends[1] - ends[0])
+            assert samples["length"].sum() == pytest.approx(length - 2 * margin, rel=1e-9)
+            assert np.ptp(samples["length"]) == 0
+            settled += 1
     assert settled > 50
 
 
@@ -119,81 +107,62 @@ def test_lengths_sum_to_the_edge_without_margins(rng, margin):
 def test_pieces_are_about_as_long_as_asked_for_and_cover_the_edge(rng, spacing):
     # Without a lens' distortion, since an edge then is a line, and pieces of equal length on it nearly so.
     camera = dataclasses.replace(CAMERA, distortion=np.zeros(5))
-    for rotation in random_rotations(rng, 10):
-        for _, ends, samples in samples_by_edge(rotation, camera=camera, spacing=spacing):
-            if len(samples) == 0:
-                continue
-            piece = samples["length"][0]
-            # Up to half a piece more or less, spread over all.
-            assert abs(piece * len(samples) - spacing * len(samples)) <= 0.5 * spacing + 1e-9 or (
-                len(samples) == 24
-            )
-            along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-            places = (samples["pixel"] - ends[0]) @ along
-            # Perspective puts the middle of a piece off the middle by a little.
-            length = np.linalg.norm(ends[1] - ends[0])
-            expected = MARGIN + piece * (np.arange(len(samples)) + 0.5)
-            np.testing.assert_allclose(places, expected, atol=0.05 * length)
+    for _, _, ends, samples in samples_by_edge(rng, camera=camera, spacing=spacing):
+        if len(samples) == 0:
+            continue
+        piece, count = samples["length"][0], len(samples)
+        # Up to half a piece more or less, spread over all.
+        assert count == 24 or abs(piece - spacing) * count <= 0.5 * spacing + 1e-9
+        length = np.linalg.norm(ends[1] - ends[0])
+        places = (samples["pixel"] - ends[0]) @ (ends[1] - ends[0]) / length
+        # Perspective puts the middle of a piece off the middle by a little.
+        expected = MARGIN + piece * (np.arange(count) + 0.5)
+        np.testing.assert_allclose(places, expected, atol=0.05 * length)
 
 
 def test_every_visible_edge_of_wide_faces_has_samples(rng):
-    for rotation in random_rotations(rng, 10):
-        seen = faces_seen(rotation)
-        for (_, _, face, neighbour), ends, samples in samples_by_edge(rotation):
-            if not seen[face] and not seen[neighbour]:
-                assert len(samples) == 0
-                continue
-            length = np.linalg.norm(ends[1] - ends[0])
-            if length < 2 * MARGIN + 0.5 * SPACING:
-                assert len(samples) == 0
-            elif len(samples) == 0:
-                # Only a face that is seen at a grazing angle gives no edge.
-                toward = CAMERA.position - POSITION
-                slant = [
-                    abs(rotation[:, f // 2] @ toward) / np.linalg.norm(toward) for f in (face, neighbour)
-                ]
-                assert min(slant) < 0.35
-            else:
-                labels = {int(LABELS[f]) for f in (face, neighbour) if seen[f]}
-                found = {*samples["inside"].astype(int), *samples["outside"].astype(int)} - {0}
-                assert found == labels
+    for rotation, edge, ends, samples in samples_by_edge(rng):
+        faces, seen = edge[2:], faces_seen(rotation)
+        if not seen[faces].any() or np.linalg.norm(ends[1] - ends[0]) < 2 * MARGIN + 0.5 * SPACING:
+            assert len(samples) == 0
+        elif len(samples) == 0:
+            # Only a face that is seen at a grazing angle gives no edge.
+            toward = CAMERA.position - POSITION
+            slant = np.abs(rotation[:, faces // 2].T @ toward) / np.linalg.norm(toward)
+            assert slant.min() < 0.35
+        else:
+            labels = {int(LABELS[f]) for f in faces if seen[f]}
+            found = {*samples["inside"].astype(int), *samples["outside"].astype(int)} - {0}
+            assert found == labels
 
 
-def _distance_to(line: np.ndarray, row: np.ndarray) -> float:
-    """Signed distance along a sample's normal to the piece of line between two pixels (2, 2); nan past it."""
-    point, normal = row["pixel"], row["normal"]
-    # point + t · normal = line[0] + s · (line[1] - line[0])
-    t, s = np.linalg.solve(np.column_stack([normal, line[0] - line[1]]), line[0] - point)
-    return float(t) if 0 < s < 1 else np.nan
-
-
-def _opposite(edge: np.ndarray, face: int, rotation: np.ndarray) -> np.ndarray:
-    """Pixels (2, 2) of the ends of the edge of `face` that lies opposite to an edge."""
+def distance_across(face, edge, rotation, row):
+    """Signed distance along a sample's normal to the face's edge opposite to `edge`; nan past its ends."""
     ends = corners(2 * HALF)[edge[:2]]
     axis = 3 - edge[2] // 2 - edge[3] // 2
     ends[:, 3 - axis - face // 2] *= -1
-    return CAMERA.project(ends @ rotation.T + POSITION)
+    start, end = CAMERA.project(ends @ rotation.T + POSITION)
+    # pixel + t · normal = start + s · (end - start)
+    t, s = np.linalg.solve(np.column_stack([row["normal"], start - end]), start - row["pixel"])
+    return float(t) if 0 < s < 1 else np.nan
 
 
 def test_reaches_are_how_far_the_surfaces_extend(rng):
     errors = []
-    for rotation in random_rotations(rng, 20):
+    for rotation, edge, _, samples in samples_by_edge(rng, 20):
         seen = faces_seen(rotation)
-        for edge, _, samples in samples_by_edge(rotation):
-            for row in samples:
-                inside = next(f for f in edge[2:] if LABELS[f] == row["inside"])
-                other = next(f for f in edge[2:] if f != inside)
-                found = [-_distance_to(_opposite(edge, inside, rotation), row)]
-                stated = [row["reach_in"]]
-                assert seen[inside]
-                if row["outside"] > 0:
-                    assert row["outside"] == LABELS[other]
-                    found.append(_distance_to(_opposite(edge, other, rotation), row))
-                    stated.append(row["reach_out"])
-                else:
-                    assert not seen[other]
-                    assert row["reach_out"] > 500
-                errors += [(s - f) / max(f, 5.0) for s, f in zip(stated, found, strict=True)]
+        for row in samples:
+            inside = next(f for f in edge[2:] if LABELS[f] == row["inside"])
+            other = next(f for f in edge[2:] if f != inside)
+            found = [(row["reach_in"], -distance_across(inside, edge, rotation, row))]
+            assert seen[inside]
+            if row["outside"] > 0:
+                assert row["outside"] == LABELS[other]
+                found.append((row["reach_out"], distance_across(other, edge, rotation, row)))
+            else:
+                assert not seen[other]
+                assert row["reach_out"] > 500
+            errors += [(stated - true) / max(true, 5.0) for stated, true in found]
     # Where the normal leaves the face through one of its other sides, the reach is no distance.
     met = np.abs(errors)[~np.isnan(errors)]
     assert len(met) > 500
@@ -204,12 +173,11 @@ def test_reaches_are_how_far_the_surfaces_extend(rng):
 def test_reaches_follow_a_face_that_tapers(rng):
     # Along an edge the width of a face in perspective changes; a mean for the whole edge would be off.
     changes = []
-    for rotation in random_rotations(rng, 20):
-        for _, _, samples in samples_by_edge(rotation):
-            if len(samples) > 8:
-                reaches = samples["reach_in"]
-                changes.append(abs(reaches[-1] - reaches[0]) / reaches.mean())
-                np.testing.assert_allclose(np.diff(reaches), np.diff(reaches)[0], rtol=1e-6, atol=1e-9)
+    for *_, samples in samples_by_edge(rng, 20):
+        if len(samples) > 8:
+            reaches = samples["reach_in"]
+            changes.append(abs(reaches[-1] - reaches[0]) / reaches.mean())
+            np.testing.assert_allclose(np.diff(reaches), np.diff(reaches)[0], rtol=1e-6, atol=1e-9)
     assert max(changes) > 0.05
 
 
