@@ -30,22 +30,24 @@ def at(seen, moved, **more):
     return reader.contours(sight, rotation, position, refined.end, **more)
 
 
+def left_of(contour, end):
+    """What bloom and rim leave of its offsets."""
+    return contour.offset - contour.bloom * end.exponent - contour.rim * end.rim
+
+
 def test_at_the_refined_pose_nothing_is_left(seen):
     for contour in at(seen, np.zeros(6)):
         assert len(contour.offset) > 20
-        left = contour.offset - contour.bloom * seen[2].end.exponent - contour.rim * seen[2].end.rim
-        assert abs(np.median(left)) < 0.05
+        assert abs(np.median(left_of(contour, seen[2].end))) < 0.05
         assert (contour.variance > 0).all()
 
 
 def solved(seen, moved):
     """(6,) change of a moved pose that the offsets ask for, all edges being where the model has them."""
-    rows, values = [], []
-    for contour in at(seen, moved):
-        rows.append(contour.jacobian / np.sqrt(contour.variance)[:, None])
-        left = contour.offset - contour.bloom * seen[2].end.exponent - contour.rim * seen[2].end.rim
-        values.append(left / np.sqrt(contour.variance))
-    return np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
+    contours = at(seen, moved)
+    rows = np.concatenate([one.jacobian / np.sqrt(one.variance)[:, None] for one in contours])
+    values = np.concatenate([left_of(one, seen[2].end) / np.sqrt(one.variance) for one in contours])
+    return np.linalg.lstsq(rows, values, rcond=None)[0]
 
 
 def test_offsets_tell_by_how_much_a_pose_is_off(seen):

@@ -15,10 +15,8 @@ from tracker.pose.result import (
     Status,
 )
 
-WORDS = (*Status, *CameraUse)
 
-
-@pytest.mark.parametrize("word", WORDS)
+@pytest.mark.parametrize("word", [*Status, *CameraUse])
 def test_a_status_is_its_name_in_snake_case_wherever_texts_go(word):
     text = word.name.lower()
     assert word == text
@@ -57,19 +55,14 @@ def test_an_observation_is_shown_with_what_a_person_asks_for():
 def test_covariances_of_keypoints_are_those_of_samples():
     rng = np.random.default_rng(5)
     root = rng.normal(size=(6, 6)) * ([[1e-3]] * 3 + [[5e-3]] * 3)
-    turn = np.array([0.1, -0.2, 0.3, 0.9])
-    pose = PoseEstimate(
-        [0.1, 0.0, 0.03], turn / np.linalg.norm(turn), root @ root.T, 0.9, size=[0.02, 0.08, 0.03]
-    )
+    turn = np.array([0.1, -0.2, 0.3, 0.9]) / np.linalg.norm([0.1, -0.2, 0.3, 0.9])
+    pose = PoseEstimate([0.1, 0.0, 0.03], turn, root @ root.T, 0.9, size=[0.02, 0.08, 0.03])
     steps = rng.normal(size=(200_000, 6)) @ root.T
-    lever = pose.keypoints - pose.position
-    turned = lever @ np.swapaxes(so3.exp(steps[:, 3:]), -1, -2)
-    samples = pose.position + steps[:, None, :3] + turned
-    off = samples - samples.mean(axis=0)
-    expected = np.einsum("nki,nkj->kij", off, off) / len(off)
-    np.testing.assert_allclose(
-        pose.keypoint_covariances, expected, rtol=0.02, atol=0.02 * np.abs(expected).max()
-    )
+    turned = (pose.keypoints - pose.position) @ np.swapaxes(so3.exp(steps[:, 3:]), -1, -2)
+    samples = steps[:, None, :3] + turned
+    expected = np.array([np.cov(corner.T) for corner in samples.transpose(1, 0, 2)])
+    limit = 0.02 * np.abs(expected).max()
+    np.testing.assert_allclose(pose.keypoint_covariances, expected, rtol=0.02, atol=limit)
 
 
 def test_a_pose_of_a_box_of_unknown_size_has_no_keypoints():

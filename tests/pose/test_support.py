@@ -2,7 +2,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
+from tests.helpers import numerical_jacobian
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.pose.solution import ROWS, SOLUTION, UNKNOWNS
@@ -12,7 +14,7 @@ HALF = np.array([0.02, 0.0325, 0.05])
 TABLE = table_of(Arena(center=(0.03, -0.02), table=0.01, table_std=(1e-3, 5e-3)))
 
 
-def standing(rng: np.random.Generator, gap: float, tilt: float) -> tuple[np.ndarray, np.ndarray]:
+def standing(rng, gap, tilt):
     """Rotation and position of a box above TABLE by a gap [m], on the face -z, tilted by so much [rad]."""
     turn = so3.exp(np.array([0.0, 0.0, rng.uniform(-3, 3)]))
     angle = rng.uniform(0, 2 * math.pi)
@@ -21,24 +23,29 @@ def standing(rng: np.random.Generator, gap: float, tilt: float) -> tuple[np.ndar
     return rotation, position
 
 
-def contacts(rotation: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, ...]:
+def contacts(rotation, position):
     value, slope, plane = np.empty(ROWS), np.empty((ROWS, 6)), np.empty((ROWS, 3))
     lower = contacts_of(TABLE, HALF, rotation, position, value, slope, plane)
     return value, slope, plane, lower
 
 
-def measured(rng: np.random.Generator, spread: float = 1.0) -> tuple:
-    """A solution's step as pictures make one, [m] and [rad] of a few thousandths, and its covariance."""
+def step_of(mean, covariance):
+    """A solution whose step (n,) is known by so much (n, n)."""
     solution, n = np.zeros(1, SOLUTION)[0], UNKNOWNS
-    root = spread * 2e-3 * (np.eye(n) + 0.3 * rng.normal(size=(n, n)))
-    covariance = root @ root.T
     solution["size"], solution["known"][:n, :n] = n, np.linalg.inv(covariance)
     solution["lower"][:n, :n] = np.linalg.cholesky(solution["known"][:n, :n])
-    solution["change"][:n] = spread * 1e-3 * rng.normal(size=n)
-    return solution, covariance
+    solution["change"][:n] = mean
+    return solution
 
 
-def leaned(rotation: np.ndarray, position: np.ndarray, solution) -> tuple[float, np.ndarray]:  # type: ignore[no-untyped-def]
+def measured(rng, spread=1.0):
+    """A solution's step as pictures make one, [m] and [rad] of a few thousandths, and its covariance."""
+    n = UNKNOWNS
+    root = spread * 2e-3 * (np.eye(n) + 0.3 * rng.normal(size=(n, n)))
+    return step_of(spread * 1e-3 * rng.normal(size=n), root @ root.T), root @ root.T
+
+
+def leaned(rotation, position, solution):
     """Log odds, and the pose's covariance afterwards; the step is moved in place."""
     n = UNKNOWNS
     solution["rotation"], solution["position"] = rotation, position
@@ -50,51 +57,40 @@ def leaned(rotation: np.ndarray, position: np.ndarray, solution) -> tuple[float,
 
 def test_slopes_are_those_of_the_contacts(rng):
     for _ in range(20):
-        rotation = so3.exp(rng.uniform(-2, 2, 3))
-        position = rng.uniform(-0.1, 0.1, 3)
+        rotation, position = so3.exp(rng.uniform(-2, 2, 3)), rng.uniform(-0.1, 0.1, 3)
+
+        def moved(change, rotation=rotation, position=position):
+            return contacts(so3.exp(change[3:]) @ rotation, position + change[:3])[0]
+
         slope = contacts(rotation, position)[1]
-        for k in range(6):
-            small = np.zeros(6)
-            small[k] = 1e-6
-            sides = [
-                contacts(so3.exp(sign * small[3:]) @ rotation, position + sign * small[:3])[0]
-                for sign in (1, -1)
-            ]
-            np.testing.assert_allclose((sides[0] - sides[1]) / 2e-6, slope[:, k], atol=1e-6)
+        np.testing.assert_allclose(numerical_jacobian(moved, np.zeros(6)), slope, atol=1e-6)
 
 
 def test_a_tilted_table_is_seen_as_a_tilted_object(rng):
     # Table and object tilted together by a small turn about the place where the table's height is known.
     tilt = np.array([2e-4, -3e-4, 0.0])
-    centre = np.array([*TABLE.center, TABLE.height])
-    for lean_by in (0.0, 0.6):
+    turned, centre = so3.exp(tilt), np.array([*TABLE.center, TABLE.height])
+    # The table z = A x + B y rises by (-tilt_y, tilt_x).
+    slopes = np.array([0.0, -tilt[1], tilt[0]])
+    for lean_by, flat in ((0.0, slice(0, 3)), (0.6, slice(4, 5))):
         rotation, position = standing(rng, 0.0, lean_by)
         value, _, plane, _ = contacts(rotation, position)
-        turned = so3.exp(tilt)
         moved = contacts(turned @ rotation, centre + turned @ (position - centre))[0]
-        # The table z = A x + B y rises by (-tilt_y, tilt_x).
-        slopes = np.array([0.0, -tilt[1], tilt[0]])
-        flat = slice(0, 3) if lean_by == 0.0 else slice(4, 5)
         np.testing.assert_allclose((moved + plane @ slopes)[flat], value[flat], atol=2e-6)
 
 
-def density(value: np.ndarray, plane: np.ndarray, lower: np.ndarray) -> np.ndarray:
+def density(value, plane, lower):
     """Prior density of contacts (N, 5) by the definition, the table's errors integrated out."""
 
-    def normal(rows: slice, noise: list[float]) -> np.ndarray:
+    def normal(rows, *noise):
         spread = plane[rows] * TABLE.variances @ plane[rows].T + np.diag(np.square(noise))
-        inverse = np.linalg.inv(spread)
-        off = value[:, rows]
-        return np.exp(-0.5 * np.einsum("ni,ij,nj->n", off, inverse, off)) / np.sqrt(
-            np.linalg.det(2 * math.pi * spread)
-        )
+        return multivariate_normal(cov=spread).pdf(value[:, rows])
 
-    total = sum(
-        share / 6 * normal(slice(0, 3), [height, tilt, tilt]) * (2 * (value[:, 0] > 0) if row == 2 else 1)
-        for row, (share, height, tilt) in enumerate(FLAT)
-    )
-    total += LEANING[0] / (6 * math.pi) * normal(slice(3, 5), list(LEANING[1:]))
-    return np.asarray(total + FREE * (value[:, 3] - lower > 0))
+    total = FREE * (value[:, 3] - lower > 0)
+    for row, (share, height, tilt) in enumerate(FLAT):
+        above = 2 * (value[:, 0] > 0) if row == 2 else 1
+        total = total + share / 6 * normal(slice(0, 3), height, tilt, tilt) * above
+    return total + LEANING[0] / (6 * math.pi) * normal(slice(3, 5), *LEANING[1:])
 
 
 @pytest.mark.parametrize(("gap", "tilt"), [(5e-4, 0.002), (6e-3, 0.01), (0.02, 0.03), (0.005, 0.4)])
@@ -103,17 +99,16 @@ def test_the_step_leads_to_the_mean_of_what_is_likely(rng, gap, tilt):
     step, covariance = measured(rng)
     value, slope, plane, lower = contacts(rotation, position)
     drawn = rng.multivariate_normal(step["change"][:UNKNOWNS], covariance, size=400_000)
-    weights = density(value + drawn[:, :6] @ slope.T, plane, np.full(len(drawn), lower))
+    weights = density(value + drawn[:, :6] @ slope.T, plane, lower)
     mean = weights @ drawn / weights.sum()
-    spread = (weights[:, None] * (drawn - mean)).T @ (drawn - mean) / weights.sum()
+    spread = np.cov(drawn[:, :6].T, aweights=weights, ddof=0)
     enough = weights.sum() ** 2 / (weights**2).sum()
     odds, after = leaned(rotation, position, step)
-    error = 5 * np.sqrt(np.diag(covariance) / enough)
+    std = np.sqrt(np.diag(covariance))
     # A height that is never negative pulls upwards a little, which the step does without.
-    slack = 0.15 * np.sqrt(np.diag(covariance))
-    assert (np.abs(step["change"][:UNKNOWNS] - mean) < error + slack).all()
-    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))[:6, :6]
-    assert (np.abs(after - spread[:6, :6]) < (0.25 + 8 / math.sqrt(enough)) * scale).all()
+    assert (np.abs(step["change"][:UNKNOWNS] - mean) < (5 / math.sqrt(enough) + 0.15) * std).all()
+    scale = np.outer(std[:6], std[:6])
+    assert (np.abs(after - spread) < (0.25 + 8 / math.sqrt(enough)) * scale).all()
     assert odds == pytest.approx(math.log(weights.mean() / FREE), abs=0.25)
 
 
@@ -155,11 +150,7 @@ def test_the_world_may_be_turned_about_the_table(rng):
     whole = np.eye(UNKNOWNS)
     whole[:3, :3] = whole[3:6, 3:6] = turn
     step, covariance = measured(rng)
-    other = np.zeros(1, SOLUTION)[0]
-    known = np.linalg.inv(whole @ covariance @ whole.T)
-    other["size"], other["known"][:UNKNOWNS, :UNKNOWNS] = UNKNOWNS, known
-    other["lower"][:UNKNOWNS, :UNKNOWNS] = np.linalg.cholesky(known)
-    other["change"][:UNKNOWNS] = whole @ step["change"][:UNKNOWNS]
+    other = step_of(whole @ step["change"][:UNKNOWNS], whole @ covariance @ whole.T)
     centre = np.array([*TABLE.center, 0.0])
     odds, after = leaned(rotation, position, step)
     turned_odds, turned_after = leaned(turn @ rotation, centre + turn @ (position - centre), other)
