@@ -2,9 +2,22 @@
 
 import pytest
 
-from tests.helpers.pushed_cube import DT, pose_at, shot
+from tests.helpers.pushed_cube import DT, new, play, pose_at, shot, within
 
 FRAMES = 16
+
+
+def has_seen(rig, film, **more):
+    """A tracker after a film."""
+    one = new(rig)
+    play(one, film, **more)
+    return one
+
+
+def near(answer, truth, *limits):
+    """Whether both poses of an answer are near the truth."""
+    poses = answer.object_pose, answer.filtered_object_pose
+    return all(within(pose, truth, *limits) for pose in poses)
 
 
 @pytest.fixture(scope="session")

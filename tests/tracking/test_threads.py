@@ -1,3 +1,4 @@
+import contextlib
 import copy
 import pickle
 import threading
@@ -6,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from tests.helpers.pushed_cube import DT, all_bits, bits, new, play, shot
+from tests.tracking.conftest import has_seen
 from tracker.errors import ImageError, TrackerError
 
 THREADS = 4
@@ -72,25 +74,24 @@ def test_a_refused_detection_does_not_disturb_the_others(rig, sets):
     assert together(work, THREADS)[1:] == [alone] * (THREADS - 1)
 
 
-class Held:
-    """Lets a tracker's update stop in its middle until it may go on."""
+@contextlib.contextmanager
+def updating(one, images, monkeypatch):
+    """While a tracker's update at the stamp DT stands still in its middle; gives what will come of it."""
+    inside, go_on, measure = threading.Event(), threading.Event(), one._follow._measure
 
-    def __init__(self, one, monkeypatch):
-        self.inside, self.go_on = threading.Event(), threading.Event()
-        measure = one._follow._measure
+    def held(*arguments):
+        inside.set()
+        assert go_on.wait(60)
+        return measure(*arguments)
 
-        def held(*arguments):
-            self.inside.set()
-            assert self.go_on.wait(60)
-            return measure(*arguments)
-
-        monkeypatch.setattr(one._follow, "_measure", held)
-
-    def __enter__(self):
-        assert self.inside.wait(60)
-
-    def __exit__(self, *_):
-        self.go_on.set()
+    with monkeypatch.context() as patch, ThreadPoolExecutor(1) as pool:
+        patch.setattr(one._follow, "_measure", held)
+        first = pool.submit(one.update, images, DT)
+        try:
+            assert inside.wait(60)
+            yield first
+        finally:
+            go_on.set()
 
 
 @pytest.mark.parametrize("second", ["update", "same stamp", "reset"])
@@ -102,13 +103,11 @@ def test_a_second_caller_is_refused_and_changes_nothing(rig, short, second, monk
         "same stamp": lambda: one.update(short[0], 0.0),
         "reset": one.reset,
     }
-    with monkeypatch.context() as patch, ThreadPoolExecutor(1) as pool:
-        held = Held(one, patch)
-        first = pool.submit(one.update, short[1], DT)
-        with held, pytest.raises(TrackerError, match="another call") as error:
+    with updating(one, short[1], monkeypatch) as first:
+        with pytest.raises(TrackerError, match="another call") as error:
             calls[second]()
         assert "\n" not in str(error.value)
-        assert bits(first.result(60)) == answers[1]
+    assert bits(first.result()) == answers[1]
     assert all_bits(one.update(short[k], DT * k) for k in range(2, 8)) == answers[2:]
 
 
@@ -116,14 +115,11 @@ def test_detection_and_prediction_do_not_wait_for_an_update(rig, short, sets, mo
     one = new(rig)
     one.update(short[0], 0.0)
     seen, expected = bits(one.detect(sets[1])), one.predict(DT)
-    with monkeypatch.context() as patch, ThreadPoolExecutor(1) as pool:
-        held = Held(one, patch)
-        first = pool.submit(one.update, short[1], DT)
-        with held:
-            assert bits(one.detect(sets[1])) == seen
-            meanwhile = one.predict(DT)
-            assert not first.done()
-        first.result(60)
+    with updating(one, short[1], monkeypatch) as first:
+        assert bits(one.detect(sets[1])) == seen
+        meanwhile = one.predict(DT)
+        assert not first.done()
+    first.result()
     assert meanwhile.position.tobytes() == expected.position.tobytes()
     assert meanwhile.covariance.tobytes() == expected.covariance.tobytes()
 
@@ -142,36 +138,38 @@ def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, s
     assert all(item == answer or "another call" in item for item in found)
 
 
-COPIES = {"pickle": lambda one: pickle.loads(pickle.dumps(one)), "deepcopy": copy.deepcopy}
+def pickled(one):
+    return pickle.loads(pickle.dumps(one))
 
 
-@pytest.mark.parametrize("how", COPIES)
-def test_a_copy_answers_as_the_tracker_would(rig, short, sets, how):
-    one = new(rig)
-    play(one, short[:4])
-    other = COPIES[how](one)
+copies = pytest.mark.parametrize("copied", [pickled, copy.deepcopy])
+
+
+@copies
+def test_a_copy_answers_as_the_tracker_would(rig, short, sets, copied):
+    one = has_seen(rig, short[:4])
+    other = copied(one)
     assert [bits(other.detect(images)) for images in sets] == [bits(one.detect(images)) for images in sets]
     # The same stamp is known to both.
     assert bits(other.update(sets[3], 3 * DT)) == bits(one.update(sets[3], 3 * DT))
     assert all_bits(play(other, short[4:], start=4 * DT)) == all_bits(play(one, short[4:], start=4 * DT))
 
 
-@pytest.mark.parametrize("how", COPIES)
-def test_what_a_copy_sees_does_not_change_the_tracker(rig, short, how):
-    one, answers = new(rig), play(new(rig), short[:6])
-    play(one, short[:3])
-    other = COPIES[how](one)
+@copies
+def test_what_a_copy_sees_does_not_change_the_tracker(rig, short, copied):
+    one, answers = has_seen(rig, short[:3]), play(new(rig), short[:6])
+    other = copied(one)
     play(other, short[:2:-1], start=3 * DT)
     other.reset()
     assert all_bits(one.update(short[k], DT * k) for k in range(3, 6)) == all_bits(answers[3:])
 
 
-@pytest.mark.parametrize("how", COPIES)
-def test_a_copy_made_during_an_update_is_free(rig, short, how, monkeypatch):
+@copies
+def test_a_copy_made_during_an_update_is_free(rig, short, copied, monkeypatch):
     one, answers = new(rig), all_bits(play(new(rig), short[:2]))
     one.update(short[0], 0.0)
     with one._gate:
-        other = COPIES[how](one)
+        other = copied(one)
         assert bits(other.update(short[1], DT)) == answers[1] != bits(new(rig).update(short[1], DT))
         with pytest.raises(TrackerError, match="another call"):
             one.update(short[1], DT)

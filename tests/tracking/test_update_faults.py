@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.helpers.pushed_cube import DT, all_bits, bits, new, play, pose_at, within
+from tests.tracking.conftest import has_seen, near
 from tracker.errors import ImageError, TrackerError
 from tracker.pipeline import Status
 from tracker.pose.estimate import PoseEstimator
@@ -11,7 +12,6 @@ from tracker.pose.hypotheses import Search
 from tracker.pose.views import Reader
 from tracker.tracking.belief import Belief
 
-FRAMES = 8
 FAULT = 3
 """The images with which something goes wrong."""
 NOW = FAULT * DT
@@ -59,8 +59,7 @@ REFUSED = {
 @pytest.mark.parametrize("fault", REFUSED)
 def test_what_is_refused_changes_nothing(rig, short, reference, fault):
     kind, wrong = REFUSED[fault]
-    one = new(rig)
-    play(one, short[:FAULT])
+    one = has_seen(rig, short[:FAULT])
     for _ in range(2):
         with pytest.raises(kind) as error:
             one.update(*wrong(short[FAULT]))
@@ -93,9 +92,9 @@ ALWAYS = ("light", "labels", "window", "refine", "advance", "see", "estimate")
 
 
 class Interrupted:
-    """Lets a method raise at its `number`th call from now, after its work or before it."""
+    """Interrupts a method at its `number`th call from now, after its work or before it."""
 
-    def __init__(self, monkeypatch, place, error, number, after):
+    def __init__(self, monkeypatch, place, number, after):
         owner, name = place
         method, self.calls = getattr(owner, name), 0
 
@@ -103,7 +102,7 @@ class Interrupted:
             self.calls += 1
             result = method(*arguments, **named) if after or self.calls != number else None
             if self.calls == number:
-                raise error
+                raise KeyboardInterrupt
             return result
 
         monkeypatch.setattr(owner, name, broken)
@@ -113,21 +112,19 @@ class Interrupted:
 @pytest.mark.parametrize("where", INSIDE)
 def test_an_update_that_is_broken_off_changes_nothing(rig, short, reference, where, after, monkeypatch):
     for number, lost in itertools.product((1, 3), (False, True)):
-        one = new(rig)
-        if not lost:
-            play(one, short[:FAULT])
+        start = 0 if lost else FAULT
+        one = has_seen(rig, short[:start])
         with monkeypatch.context() as patch:
-            broken = Interrupted(patch, INSIDE[where], KeyboardInterrupt, number, after)
-            images = short[0 if lost else FAULT]
+            broken = Interrupted(patch, INSIDE[where], number, after)
             try:
-                one.update(images, 0.0 if lost else NOW)
+                one.update(short[start], DT * start)
             except KeyboardInterrupt:
                 pass
             else:
                 assert broken.calls < number
                 assert lost or number > 1 or where not in ALWAYS
                 continue
-        assert goes_on_as_before(one, short, reference, start=0 if lost else FAULT), (number, lost)
+        assert goes_on_as_before(one, short, reference, start), (number, lost)
 
 
 DOUBLES = [(1, 1, 2), (2, 1, 2), (0, 0, 2), (0, 2, 2), (0, 1, 0), (0, 1, 1)]
@@ -141,31 +138,29 @@ def honest(answer, truth):
     return all(pose.confidence < 0.5 or within(pose, truth, 5.0, 5.0) for pose in poses)
 
 
-def mixed(images, order):
-    return [images[c] for c in order]
+def seen_mixed(rig, short, order, count):
+    """A tracker that is shown images in such an order from the fault on, and its answers to these."""
+    one = has_seen(rig, short[:FAULT])
+    mixed = [[images[c] for c in order] for images in short[FAULT : FAULT + count]]
+    return one, play(one, mixed, start=NOW)
 
 
 @pytest.mark.parametrize(
     ("order", "count"), [(order, 1) for order in DOUBLES + SWAPS] + [(order, 3) for order in DOUBLES]
 )
 def test_images_of_cameras_in_anothers_place_give_an_honest_answer(rig, short, order, count):
-    one = new(rig)
-    play(one, short[:FAULT])
-    for k in range(FAULT, FRAMES):
-        images = mixed(short[k], order) if k < FAULT + count else short[k]
-        assert honest(one.update(images, DT * k), pose_at(DT * k)), k
+    one, answers = seen_mixed(rig, short, order, count)
+    answers += play(one, short[FAULT + count :], start=NOW + DT * count)
+    for k, answer in enumerate(answers, FAULT):
+        assert honest(answer, pose_at(DT * k)), k
 
 
 @pytest.mark.parametrize("order", SWAPS + CYCLES)
 @pytest.mark.parametrize("count", [1, 3])
 def test_after_cameras_were_mixed_up_the_object_is_tracked_as_before(rig, short, order, count):
-    one = new(rig)
-    play(one, short[:FAULT])
-    for k in range(FAULT, FAULT + count):
-        one.update(mixed(short[k], order), DT * k)
-    for k in range(FAULT + count, FRAMES):
+    one, _ = seen_mixed(rig, short, order, count)
+    for k in range(FAULT + count, len(short)):
         answer = one.update(short[k], DT * k)
         assert answer.status in (Status.TRACKING, Status.REFOUND)
-        assert within(answer.object_pose, pose_at(DT * k)), k
-        assert within(answer.filtered_object_pose, pose_at(DT * k)), k
+        assert near(answer, pose_at(DT * k)), k
     assert answer.status is Status.TRACKING
