@@ -3,22 +3,31 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.helpers.fits import made_fit, with_cameras
+import tracker
+from synthetic.camera.sensor import Sensor
+from tests.helpers.fits import HOME, made_fit, with_cameras
+from tests.helpers.kept_stills import take
 from tests.helpers.pushed_cube import DT, new
-from tracker import CameraUse
-from tracker.conventions import Image
-from tracker.tracking.cameras import BLACK, EVERY, CameraMemory, after, looked_at, usable
+from tests.helpers.stills import bare_scene
+from tests.pose.test_agreement import moved
+from tracker import CameraUse, Status
+from tracker.pose.agreement import SCALES, spread
+from tracker.tracking.cameras import BLACK, EVERY, LOOKS, Agreement, CameraMemory, after, looked_at, usable
+from tracker.tracking.motion import MotionState
 
 
 class Watch:
     """A number of cameras, of which is remembered what there is to remember."""
 
-    def __init__(self, cameras: int) -> None:
+    def __init__(self, cameras):
         self.memories = [CameraMemory()] * cameras
 
-    def usable(self, images: list[Image | None]) -> list[Image | None]:
-        self.memories, result, self.uses = usable(self.memories, images)
+    def usable(self, images):
+        self.memories, result, _ = usable(self.memories, images)
         return result
+
+    def given(self, images):
+        return [image is not None for image in self.usable(images)]
 
 
 def noise(rng, low=0, high=256):
@@ -26,10 +35,6 @@ def noise(rng, low=0, high=256):
 
 
 FLAT = [np.full((90, 90, 3), 100 + 10 * c, np.uint8) for c in range(3)]
-
-
-def given(images):
-    return [image is not None for image in images]
 
 
 def test_watch_gives_the_images_it_was_given(rng):
@@ -42,10 +47,10 @@ def test_watch_gives_the_images_it_was_given(rng):
 
 def test_watch_leaves_out_what_repeats_while_others_change(rng):
     watch, frozen = Watch(3), noise(rng)
-    assert given(watch.usable([frozen, noise(rng), noise(rng)])) == [True] * 3
+    assert watch.given([frozen, noise(rng), noise(rng)]) == [True] * 3
     for _ in range(3):
-        assert given(watch.usable([frozen.copy(), noise(rng), noise(rng)])) == [False, True, True]
-    assert given(watch.usable([noise(rng), noise(rng), noise(rng)])) == [True] * 3
+        assert watch.given([frozen.copy(), noise(rng), noise(rng)]) == [False, True, True]
+    assert watch.given([noise(rng), noise(rng), noise(rng)]) == [True] * 3
 
 
 def test_watch_sees_change_in_buffers_that_are_used_again(rng):
@@ -53,33 +58,33 @@ def test_watch_sees_change_in_buffers_that_are_used_again(rng):
     watch.usable([frozen, *buffers[1:]])
     for _ in range(3):
         buffers[1][:] = noise(rng)
-        assert given(watch.usable([frozen, buffers[1]])) == [False, True]
+        assert watch.given([frozen, buffers[1]]) == [False, True]
 
 
 def test_watch_remembers_a_camera_beyond_images_it_did_not_give(rng):
     watch, frozen = Watch(2), noise(rng)
     watch.usable([frozen, noise(rng)])
     watch.usable([None, noise(rng)])
-    assert given(watch.usable([frozen, noise(rng)])) == [False, True]
+    assert watch.given([frozen, noise(rng)]) == [False, True]
 
 
 def test_watch_keeps_all_where_all_repeat_themselves_with_noise_or_without(rng):
     for images in ([noise(rng) for _ in range(3)], FLAT):
         watch = Watch(3)
         for _ in range(3):
-            assert given(watch.usable([image.copy() for image in images])) == [True] * 3
+            assert watch.given([image.copy() for image in images]) == [True] * 3
 
 
 def test_watch_keeps_all_of_a_still_picture_beside_a_black_camera(rng):
     watch = Watch(3)
     for level in (3, 7, 3, 7):
         # Its noise changes, but tells nothing.
-        assert given(watch.usable([*FLAT[:2], noise(rng, 0, level)])) == [True, True, False]
+        assert watch.given([*FLAT[:2], noise(rng, 0, level)]) == [True, True, False]
 
 
 def test_watch_leaves_out_black_images(rng):
     dark, dim = noise(rng, 0, BLACK), noise(rng, 0, 3 * BLACK)
-    assert given(Watch(3).usable([dark, dim, noise(rng)])) == [False, True, True]
+    assert Watch(3).given([dark, dim, noise(rng)]) == [False, True, True]
 
 
 @pytest.mark.parametrize("cameras", [1, 3, EVERY, 8])
@@ -111,28 +116,22 @@ def test_watch_keeps_still_pictures_without_noise_while_something_moves_in_one()
     for k in range(4):
         moving = FLAT[0].copy()
         moving[10:50, 10 + 9 * k : 40 + 9 * k] = 200
-        assert given(watch.usable([moving, *FLAT[1:]])) == [True] * 3
+        assert watch.given([moving, *FLAT[1:]]) == [True] * 3
 
 
 USED = [CameraUse.USED] * 3
 
 
-def astray(c):
-    """Camera c shows the object elsewhere."""
-    return with_cameras(
-        made_fit(), c, agree=0, missing=410, elsewhere=350, usable=0.0, inliers=0.0, squares=0.0
-    )
-
-
-def hidden(c):
-    """Something hides the object from camera c."""
-    return with_cameras(made_fit(), c, agree=0, missing=410, usable=0.0, inliers=0.0, squares=0.0)
+def hidden(c, elsewhere=0):
+    """Camera c does not show the object, or shows it elsewhere."""
+    nothing = {"agree": 0, "missing": 410, "usable": 0.0, "inliers": 0.0, "squares": 0.0}
+    return with_cameras(made_fit(), c, elsewhere=elsewhere, **nothing)
 
 
 def test_the_verdict_on_a_picture_goes_before_that_of_the_pose():
     uses = [CameraUse.BLACK, CameraUse.USED, CameraUse.FROZEN]
-    assert after(uses, astray(0)) == tuple(uses)
-    assert after(USED, astray(0)) == (CameraUse.CONTRADICTING, CameraUse.USED, CameraUse.USED)
+    assert after(uses, hidden(0, elsewhere=350)) == tuple(uses)
+    assert after(USED, hidden(0, elsewhere=350)) == (CameraUse.CONTRADICTING, CameraUse.USED, CameraUse.USED)
     assert after(USED, hidden(2)) == tuple(USED)
 
 
@@ -142,33 +141,110 @@ def test_an_image_that_was_left_out_contradicts_unless_the_object_is_hidden_from
         assert after(USED, left_out) == (*USED[:2], use)
 
 
-def test_each_camera_of_an_observation_has_its_word(rig, film):
-    black = np.zeros_like(film[0][0])
-    mirrored = np.ascontiguousarray(film[0][2][:, ::-1])
-    assert new(rig).detect(film[0]).cameras == tuple(USED)
-    assert new(rig).detect([film[0][0], None, film[0][2]]).cameras[1] is CameraUse.NO_IMAGE
-    assert new(rig).detect([black, *film[0][1:]]).cameras == (CameraUse.BLACK, *USED[1:])
-    assert new(rig).detect([*film[0][:2], mirrored]).cameras == (*USED[:2], CameraUse.CONTRADICTING)
-    nothing = new(rig).detect([black] * 3)
+def test_each_camera_of_an_observation_has_its_word_and_a_black_picture_counts_as_none(rig, film):
+    (first, *others), detect = film[0], new(rig).detect
+    black, mirrored = np.zeros_like(first), np.ascontiguousarray(others[1][:, ::-1])
+    assert detect(film[0]).cameras == tuple(USED)
+    assert detect([first, others[0], mirrored]).cameras == (*USED[:2], CameraUse.CONTRADICTING)
+    missing, dark, nothing = detect([None, *others]), detect([black, *others]), detect([black] * 3)
+    assert missing.cameras == (CameraUse.NO_IMAGE, *USED[1:])
+    assert dark.cameras == (CameraUse.BLACK, *USED[1:])
+    assert np.array_equal(dark.object_pose.world_from_object, missing.object_pose.world_from_object)
     assert nothing.object_pose is None
     assert nothing.cameras == (CameraUse.BLACK,) * 3
 
 
-def test_a_black_picture_counts_as_none(rig, film):
-    one = new(rig).detect([np.zeros_like(film[0][0]), *film[0][1:]]).object_pose
-    other = new(rig).detect([None, *film[0][1:]]).object_pose
-    assert np.array_equal(one.world_from_object, other.world_from_object)
-
-
 def test_a_camera_that_is_mirrored_for_a_while_costs_nothing_and_is_used_again(rig, film):
-    tracker, uses = new(rig), []
+    one, uses = new(rig), []
     for k, images in enumerate(film):
         if 2 <= k < 9:
             images = [images[0], np.ascontiguousarray(images[1][:, ::-1]), images[2]]
-        answer = tracker.update(images, DT * k)
+        answer = one.update(images, DT * k)
         assert answer.object_pose is not None
         uses.append(answer.cameras[1].value)
     # Then the mirrored object begins to cover the true one.
     assert uses[2:6] == ["contradicting"] * 4
     assert uses[:2] == ["used"] * 2
     assert uses[-1] == "used"
+
+
+def state(speed=0.0):
+    return MotionState(HOME, np.eye(3), np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0]), np.eye(12), 0.5)
+
+
+def judged(scale):
+    """A fit whose cameras disagree by one of SCALES."""
+    return dataclasses.replace(made_fit(), disagreement=np.where(scale == SCALES, 0.0, -20.0))
+
+
+def learned(fits, agreement=Agreement(), speed=0.0):  # noqa: B008
+    for fit in fits:
+        agreement = agreement.after(fit, state(speed))
+    return agreement
+
+
+def test_cameras_are_asked_at_once_and_then_now_and_then():
+    agreement, asked = Agreement(), []
+    for k in range(3 * EVERY):
+        due = agreement.due(state())
+        if due:
+            asked.append(k)
+        agreement = agreement.after(judged(SCALES[2]) if due else made_fit(), state())
+    assert asked == [0, EVERY, 2 * EVERY]
+
+
+def test_of_an_object_that_moves_nothing_is_learned():
+    assert not Agreement().due(state(0.1))
+    known = learned([judged(SCALES[1])])
+    assert learned([judged(SCALES[-1])] * 20, known, speed=0.1).fitting == known.fitting
+
+
+def test_only_a_lasting_contradiction_is_one():
+    assert not learned([judged(SCALES[8])] * (LOOKS - 1)).contradicts
+    assert learned([judged(SCALES[8])] * LOOKS).contradicts
+    assert not learned([judged(SCALES[3])] * 50).contradicts
+    assert not learned([judged(SCALES[3])] * 10 + [judged(SCALES[8])]).contradicts
+
+
+def test_what_is_remembered_gives_way_to_what_is_seen():
+    astray = learned([judged(SCALES[8])] * 20)
+    assert astray.fitting < 0.1
+    mended = learned([judged(SCALES[1])] * 20, astray)
+    assert mended.fitting > 0.99
+    assert not mended.contradicts
+
+
+@pytest.fixture(scope="module")
+def resting(rig):
+    """Four times images of a cube that rests."""
+    rng = np.random.default_rng(8)
+    scene = bare_scene(tracker.load_object("cube_v2"), rng, kind="rest")
+    return [take(scene, rig.cameras, Sensor.realistic(), rng).images for _ in range(4)]
+
+
+def test_over_time_a_wrong_calibration_is_named_and_a_right_one_is_not(rig, resting):
+    wrong = moved(moved(rig, 0, (8e-3, 0.0, 0.0)), 1, (0.0, 9e-3, 0.0), (0.0, 0.0, 0.02))
+    for given, lasting in ((rig, Status.TRACKING), (wrong, Status.INCONSISTENT_VIEWS)):
+        one = new(given)
+        for k in range((LOOKS + 1) * EVERY):
+            answer = one.update(resting[k % 4], 0.1 * k)
+        assert answer.status is lasting
+        sure = lasting is Status.TRACKING
+        assert (answer.object_pose.confidence > 0.9) is sure
+        assert (answer.filtered_object_pose.confidence > 0.9) is sure
+        assert {one.detect(images).reason for images in resting} == {None if sure else lasting}
+
+
+def test_covariances_contain_what_cameras_disagree_about_if_their_files_state_errors(rig, resting):
+    images, stated = resting[0], moved(rig, 0, (1e-3, 0.0, 0.0))
+    exact = tuple(dataclasses.replace(one, camera_from_world_std=None) for one in stated)
+    for given, counts in ((stated, True), (tracker.CameraRig(exact), False)):
+        one = new(given)
+        fit, known = one.fit(images), np.zeros((6, 6))
+        known[:3, :3] = np.eye(3) * (spread(fit.disagreement) if counts else 0.0)
+        assert spread(fit.disagreement) > (2e-4) ** 2
+        np.testing.assert_allclose(one.detect(images).object_pose.covariance, fit.covariance + known)
+        answer = one.update(images, 0.0)
+        np.testing.assert_allclose(answer.object_pose.covariance, fit.covariance + known)
+        filtered = one._memory.belief.motion.state.covariance[:6, :6]
+        np.testing.assert_allclose(answer.filtered_object_pose.covariance, filtered + known)
