@@ -1,17 +1,286 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.helpers import numerical_jacobian, random_rotations
+from tests.helpers.consistency import FACTORS, consistent, nees, pose_error
 from tracker.geometry import so3
 from tracker.tracking import motion
-from tracker.tracking.motion import CONSTANT, MODE, MOTIONS, STATE, Motions
+from tracker.tracking.motion import CONSTANT, MODE, MOTIONS, STATE, MotionFilter, Motions
 
 DT = 0.1
-
-PUSHED = Motions(
-    still=np.array([False]), walk=np.array([[3e-4, 6e-3]]), push=np.array([[0.05, 1.0]]), lasting=np.ones(1)
-)
+NOISE = np.diag(np.repeat(np.square([0.5e-3, np.radians(0.5)]), 3))
+"""Covariance of a made-up measurement."""
+WHITE = (1 - CONSTANT) * NOISE
+AT_HOME = np.zeros(3), np.eye(3)
+NO_PUSH = Motions(np.array([False]), walk=np.zeros((1, 2)), push=np.zeros((1, 2)), lasting=np.ones(1))
+PUSHED = NO_PUSH._replace(walk=np.array([[3e-4, 6e-3]]), push=np.array([[0.05, 1.0]]))
 """Constant velocity, disturbed, and nothing else."""
+
+
+def drawn(rng, covariance):
+    """An error with a covariance."""
+    return rng.multivariate_normal(np.zeros(len(covariance)), covariance, method="cholesky")
+
+
+def moved(position, rotation, error):
+    """A pose off by an error (6,)."""
+    return position + error[:3], so3.exp(error[3:6]) @ rotation
+
+
+def error_of(state, position, rotation):
+    """(6,) of the estimate against the truth."""
+    return pose_error(position, rotation, state.position, state.rotation)
+
+
+def path(velocity, spin, seconds, start=AT_HOME[1]):
+    """Pose after some seconds at a constant velocity [m/s] and [rad/s]."""
+    return seconds * np.asarray(velocity), so3.exp(seconds * np.asarray(spin)) @ start
+
+
+def innovation_of(mode, position, rotation, noise):
+    """(6,) by which a measurement is off a mode's prediction, its covariance, its squared length by that."""
+    innovation = pose_error(position, rotation, mode["position"], mode["rotation"])
+    spread = mode["covariance"][:6, :6] + (1 - CONSTANT) * noise
+    return innovation, spread, nees(innovation, spread)
+
+
+def surprise(filtered, *measurement):
+    """Squared Mahalanobis distance of a measurement from the likeliest kind's prediction."""
+    return innovation_of(filtered.modes[np.argmax(filtered.modes["weight"])], *measurement)[2]
+
+
+def filters(poses, rng, offset=0.0):
+    """The filter after each of the poses, measured with white errors and a constant one."""
+    found = []
+    for pose in poses:
+        measurement = *moved(*pose, offset + drawn(rng, WHITE)), NOISE
+        if found:
+            found.append(found[-1].predicted(DT).updated(*measurement))
+        else:
+            found.append(MotionFilter.start(*measurement))
+    return found
+
+
+def run(poses, rng, constant=True):
+    offset = drawn(rng, CONSTANT * NOISE)
+    return [one.state for one in filters(poses, rng, constant * offset)]
+
+
+def settled_at_rest(rng, count=30):
+    """A filter that has seen an object lie still."""
+    return filters([AT_HOME] * (count + 1), rng)[-1]
+
+
+def test_a_measurement_moves_each_kind_as_kalmans_equations_say(rng):
+    filtered = settled_at_rest(rng, 5).predicted(DT)
+    root = 1e-3 * rng.normal(size=(6, 6))
+    noise = root @ root.T + 0.1 * NOISE
+    position, rotation = moved(*AT_HOME, drawn(rng, 4 * NOISE))
+    after = filtered.updated(position, rotation, noise)
+    likelihoods = []
+    for before, mode in zip(filtered.modes, after.modes, strict=True):
+        innovation, spread, distance = innovation_of(before, position, rotation, noise)
+        covariance = before["covariance"]
+        gain = np.linalg.solve(spread, covariance[:6]).T
+        error = gain @ innovation
+        np.testing.assert_allclose(mode["position"], before["position"] + error[:3], atol=1e-12)
+        turned = so3.exp(error[3:6]) @ before["rotation"]
+        np.testing.assert_allclose(mode["rotation"], turned, atol=1e-12)
+        np.testing.assert_allclose(mode["velocity"], before["velocity"] + error[6:], atol=1e-12)
+        np.testing.assert_allclose(mode["covariance"], covariance - gain @ spread @ gain.T, atol=1e-12)
+        np.testing.assert_array_equal(mode["covariance"], mode["covariance"].T)
+        likelihoods.append(-0.5 * (distance + np.linalg.slogdet(spread)[1]))
+    weights = filtered.modes["weight"] * np.exp(likelihoods - np.max(likelihoods))
+    weights = np.maximum(weights / weights.sum(), 1e-6)
+    np.testing.assert_allclose(after.modes["weight"], weights / weights.sum(), rtol=1e-9)
+
+
+def test_two_half_steps_predict_what_one_step_does():
+    for seed in range(5):
+        settled = settled_at_rest(np.random.default_rng(seed), 5)
+        first, second = settled.predicted(DT).state, settled.predicted(DT / 2).predicted(DT / 2).state
+        np.testing.assert_allclose(first.position, second.position, atol=2e-5)
+        assert so3.angle_between(first.rotation, second.rotation) < np.radians(0.02)
+        assert first.at_rest == pytest.approx(second.at_rest, abs=0.02)
+        # A change of the kind of motion counts from the beginning of a step: one long step is more careful.
+        ratio = np.sqrt(np.diag(second.covariance) / np.diag(first.covariance))
+        assert (ratio < 1.02).all()
+        assert (ratio > 0.7).all()
+
+
+def test_no_time_changes_nothing(rng):
+    filtered = settled_at_rest(rng)
+    before, after = filtered.state, filtered.predicted(0.0).state
+    np.testing.assert_allclose(after.position, before.position, atol=1e-15)
+    np.testing.assert_allclose(after.covariance, before.covariance, rtol=1e-5, atol=1e-12)
+    assert after.at_rest == pytest.approx(before.at_rest)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_covariance_stays_symmetric_and_positive_and_weights_stay_probabilities(seed):
+    rng = np.random.default_rng(seed)
+    position, rotation = AT_HOME
+    filtered = MotionFilter.start(position, rotation, NOISE)
+    for _ in range(400):
+        # Anything goes: rests, jumps, turns by up to half a turn, gaps, good and bad measurements.
+        leap = rng.choice([0.0, 1e-3, 0.1], p=[0.5, 0.4, 0.1])
+        position = position + leap * rng.normal(size=3)
+        rotation = so3.exp(min(30 * leap, 2.0) * rng.normal(size=3)) @ rotation
+        filtered = filtered.predicted(rng.choice([1e-4, 0.03, 0.1, 0.5]))
+        if rng.random() < 0.8:
+            root = rng.normal(size=(6, 6)) * 10 ** rng.uniform(-5, -2)
+            measurement = position, rotation, root @ root.T + 1e-10 * np.eye(6)
+            assert surprise(filtered, *measurement) >= 0
+            filtered = filtered.updated(*measurement)
+        state = filtered.state
+        assert np.isfinite(state.position).all()
+        np.testing.assert_allclose(state.rotation @ state.rotation.T, np.eye(3), atol=1e-9)
+        asymmetry = np.abs(state.covariance - state.covariance.T).max()
+        assert asymmetry <= 1e-9 * np.abs(state.covariance).max()
+        scale = np.sqrt(np.diag(state.covariance))
+        assert (scale > 0).all()
+        assert np.linalg.eigvalsh(state.covariance / np.outer(scale, scale))[0] > -1e-9
+        assert np.linalg.eigvalsh(state.covariance[:6, :6])[0] > 0
+        weights = filtered.modes["weight"]
+        assert (weights > 0).all()
+        assert weights.sum() == pytest.approx(1.0)
+        assert 0 <= state.at_rest <= 1
+
+
+def rms(errors):
+    return np.sqrt(np.mean(np.square(errors), axis=0))
+
+
+def test_errors_of_a_still_object_average_away():
+    single, late = [], {4: [], 16: []}
+    for seed in range(120):
+        rng = np.random.default_rng([1, seed])
+        pose = np.ones(3), random_rotations(rng, 1)[0]
+        states = run([pose] * 16, rng, constant=False)
+        for count, errors in late.items():
+            errors.append(error_of(states[count - 1], *pose))
+        single.append(error_of(states[0], *pose))
+    for count, errors in late.items():
+        ratio = rms(errors) / rms(single)
+        share = ratio.reshape(2, 3).mean(axis=1)
+        assert (share > 0.8 / np.sqrt(count)).all()
+        assert (share < 1.5 / np.sqrt(count)).all(), (count, share)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "spin"), [((0.1, -0.05, 0.0), (0.0, 0.0, 0.5)), ((0.4, 0.3, 0.1), (1.0, -2.0, 2.0))]
+)
+def test_a_steady_motion_is_followed_without_lag_and_its_velocity_found(velocity, spin):
+    off, rates = [], []
+    for seed in range(40):
+        rng = np.random.default_rng([2, seed])
+        poses = [path(velocity, spin, DT * k) for k in range(20)]
+        states = run(poses, rng, constant=False)
+        off += [error_of(state, *pose) for state, pose in zip(states[-5:], poses[-5:], strict=True)]
+        rates += [state.velocity for state in states[-5:]]
+    off = np.array(off)
+    assert np.linalg.norm(off[:, :3].mean(axis=0)) < 0.1e-3
+    assert np.linalg.norm(off[:, 3:].mean(axis=0)) < np.radians(0.15)
+    assert (rms(off) < 1.05 * np.sqrt(np.diag(WHITE))).all()
+    np.testing.assert_allclose(np.mean(rates, axis=0), [*velocity, *spin], atol=0.05)
+    np.testing.assert_allclose(np.mean(rates, axis=0)[:3], velocity, atol=3e-3)
+
+
+def test_turning_and_shifting_the_world_turns_and_shifts_the_answer(rng):
+    turn, shift = random_rotations(rng, 1)[0], rng.normal(size=3)
+    both, four = (np.kron(np.eye(count), turn) for count in (2, 4))
+    root = rng.normal(size=(6, 6)) * np.repeat([1e-3, 1e-2], 3)[:, None]
+    noise = root @ root.T + 0.1 * NOISE
+    for k in range(15):
+        pose = path((0.1, 0.2, 0.0), (0.0, 1.0, 0.5), DT * k * (k > 5))
+        position, rotation = moved(*pose, drawn(rng, (1 - CONSTANT) * noise))
+        one = position, rotation, noise
+        other = turn @ position + shift, turn @ rotation, both @ noise @ both.T
+        if k == 0:
+            here, there = MotionFilter.start(*one), MotionFilter.start(*other)
+        else:
+            here, there = here.predicted(DT), there.predicted(DT)
+            assert surprise(here, *one) == pytest.approx(surprise(there, *other), rel=1e-6)
+            here, there = here.updated(*one), there.updated(*other)
+        first, second = here.state, there.state
+        np.testing.assert_allclose(second.position, turn @ first.position + shift, atol=1e-9)
+        np.testing.assert_allclose(second.rotation, turn @ first.rotation, atol=1e-9)
+        np.testing.assert_allclose(second.velocity, both @ first.velocity, atol=1e-8)
+        np.testing.assert_allclose(second.covariance, four @ first.covariance @ four.T, atol=1e-8)
+        assert second.at_rest == pytest.approx(first.at_rest, abs=1e-6)
+
+
+MOVES = {"still": [0] * 25, "moving": [1] * 25, "starts and stops": [0] * 8 + [1] * 8 + [0] * 9}
+"""Whether the object moves during each step."""
+
+
+@pytest.fixture(scope="module")
+def squares():
+    """NEES (films, steps) of each kind, once a film has settled."""
+    found = {kind: [] for kind in MOVES}
+    for kind, moves in MOVES.items():
+        for seed in range(60):
+            rng = np.random.default_rng([3, seed])
+            start = random_rotations(rng, 1)[0]
+            velocity, spin = 0.1 * rng.normal(size=3), 0.7 * rng.normal(size=3)
+            poses = [path(velocity, spin, t, start) for t in DT * np.cumsum(moves)]
+            states = zip(run(poses, rng)[4:], poses[4:], strict=True)
+            found[kind].append([nees(error_of(s, *pose), s.covariance[:6, :6]) for s, pose in states])
+    return found
+
+
+@pytest.mark.parametrize("kind", MOVES)
+@pytest.mark.parametrize(("factor", "holds"), FACTORS)
+def test_stated_covariance_is_that_of_the_errors_at_every_step(squares, kind, factor, holds):
+    assert {consistent(step, factor) for step in np.transpose(squares[kind])} == {holds}
+
+
+def test_a_first_measurement_is_taken_as_it_is(rng):
+    rotation = random_rotations(rng, 1)[0]
+    state = MotionFilter.start(np.ones(3), rotation, NOISE).state
+    np.testing.assert_allclose(state.position, np.ones(3), atol=1e-15)
+    np.testing.assert_allclose(state.rotation, rotation, atol=1e-15)
+    np.testing.assert_allclose(state.covariance[:6, :6], NOISE, rtol=1e-12)
+    np.testing.assert_array_equal(state.velocity, 0)
+
+
+def test_an_object_that_lies_still_is_known_to_and_one_that_moves_at_once():
+    for seed in range(20):
+        seen = filters([AT_HOME] * 19, np.random.default_rng([4, seed]))
+        filtered = seen[-1]
+        assert filtered.state.at_rest > max(0.8, seen[3].state.at_rest - 0.1)
+        filtered = filtered.predicted(DT).updated(np.array([0.01, 0.0, 0.0]), np.eye(3), NOISE)
+        assert filtered.state.at_rest < 0.05
+
+
+@given(st.sampled_from([1e-9, 1e-6, 1e-2, 1.0]), st.sampled_from([0.0, 1e-6, 0.1, 0.5, 10.0]))
+def test_any_accuracy_and_any_gap_give_finite_answers(size, gap):
+    noise = size**2 * np.eye(6)
+    filtered = MotionFilter.start(*AT_HOME, noise)
+    for k in range(1, 4):
+        measurement = 0.1 * k * np.ones(3), so3.exp([0.5 * k, 0.0, 0.0]), noise
+        filtered = filtered.predicted(gap)
+        assert np.isfinite(surprise(filtered, *measurement))
+        filtered = filtered.updated(*measurement)
+        for key in ("position", "rotation", "velocity", "covariance", "at_rest"):
+            assert np.isfinite(getattr(filtered.state, key)).all()
+
+
+def test_only_the_white_share_of_the_covariance_averages_away():
+    filtered = MotionFilter.start(*AT_HOME, NOISE).predicted(1e-9).updated(*AT_HOME, NOISE)
+    left = np.diag(filtered.state.covariance[:6, :6]) / np.diag(NOISE)
+    np.testing.assert_allclose(left, CONSTANT + (1 - CONSTANT) / 2, rtol=1e-3)
+
+
+def test_an_unseen_object_is_ever_less_surely_at_rest(rng):
+    unseen = [settled_at_rest(rng)]
+    for _ in range(20):
+        unseen.append(unseen[-1].predicted(DT))
+    chances = [filtered.state.at_rest for filtered in unseen]
+    assert (np.diff(chances) < 0).all()
+    assert chances[-1] < 0.7
 
 
 def predicted(p, r, v, covariance, dt, motions=PUSHED):
@@ -19,9 +288,6 @@ def predicted(p, r, v, covariance, dt, motions=PUSHED):
     modes = np.array([(1.0, p, r, v, covariance)], MODE)
     motion.predict(dt, motions, modes, False)
     return modes[0].tolist()[1:]
-
-
-NO_PUSH = Motions(np.array([False]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
 
 
 @pytest.mark.parametrize(("spin", "within"), [(0.0, 1e-7), (0.5, 0.03), (2.0, 0.11)])
@@ -32,7 +298,7 @@ def test_predicted_covariance_is_that_of_the_motions_derivatives(rng, spin, with
 
     def outcome(error):
         p2, r2, v2, _ = predicted(p + error[:3], so3.exp(error[3:6]) @ r, v + error[6:], np.eye(STATE), DT)
-        return np.concatenate([p2 - p1, so3.log(r2 @ r1.T), v2 - v1])
+        return np.concatenate([pose_error(p2, r2, p1, r1), v2 - v1])
 
     jacobian = numerical_jacobian(outcome, np.zeros(STATE))
     covariance = np.diag(rng.uniform(0.5, 2.0, STATE))
@@ -42,13 +308,13 @@ def test_predicted_covariance_is_that_of_the_motions_derivatives(rng, spin, with
 
 
 def test_predicted_covariance_is_that_of_samples(rng):
-    count, steps, dt = 20000, 20, 0.1
+    count, steps = 20000, 20
     start = np.diag(np.repeat(np.square([1e-3, 0.01, 0.02, 0.2]), 3))
-    p, r, v = np.zeros(3), np.eye(3), np.array([0.1, 0.0, 0.05, 0.0, 0.5, 0.2])
-    p1, r1, v1, stated = predicted(p, r, v, start, dt)
+    (p, r), v = AT_HOME, np.array([0.1, 0.0, 0.05, 0.0, 0.5, 0.2])
+    p1, r1, v1, stated = predicted(p, r, v, start, DT)
     errors = rng.multivariate_normal(np.zeros(STATE), start, count)
     positions, rotations, velocities = p + errors[:, :3], so3.exp(errors[:, 3:6]) @ r, v + errors[:, 6:]
-    h = dt / steps
+    h = DT / steps
     walk, push = (np.repeat(getattr(PUSHED, key)[0], 3) for key in ("walk", "push"))
     for _ in range(steps):
         kick = push * np.sqrt(h) * rng.normal(size=(count, 6))
@@ -63,23 +329,21 @@ def test_predicted_covariance_is_that_of_samples(rng):
 
 def test_two_half_steps_of_one_kind_are_one_step(rng):
     root = rng.normal(size=(STATE, STATE))
-    start = np.zeros(3), np.eye(3), np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.0]), root @ root.T
+    start = *AT_HOME, np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.0]), root @ root.T
     whole = predicted(*start, DT)
     halves = predicted(*predicted(*start, DT / 2), DT / 2)
     for one, other in zip(whole, halves, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 
 
-def drawn_modes(rng, count=3):
+def drawn_modes(rng):
     """Modes that differ a little, the likeliest first."""
-    modes = np.zeros(count, MODE)
+    modes, count = np.zeros(3, MODE), 3
     modes["weight"] = np.sort(rng.dirichlet(np.ones(count)))[::-1]
     root = 1e-3 * rng.normal(size=(count, STATE, STATE))
     modes["covariance"] = root @ np.swapaxes(root, 1, 2)
-    modes["position"], modes["velocity"] = (
-        1e-3 * rng.normal(size=(count, 3)),
-        0.1 * rng.normal(size=(count, 6)),
-    )
+    modes["position"] = 1e-3 * rng.normal(size=(count, 3))
+    modes["velocity"] = 0.1 * rng.normal(size=(count, 6))
     modes["rotation"] = so3.exp(1e-3 * rng.normal(size=(count, 3))) @ random_rotations(rng, 1)
     return modes
 
@@ -106,10 +370,10 @@ def test_all_kinds_together_have_the_mean_and_the_spread_of_their_mixture(rng):
     np.testing.assert_allclose(whole, spread, atol=1e-12)
 
 
-def mixed(modes, lasting, dt=1e-9):
+def mixed(modes, lasting):
     """Let modes change into each other in so short a time that none moves, in place."""
     nothing = np.zeros((3, 2))
-    motion.predict(dt, Motions(np.zeros(3, bool), nothing, nothing, lasting), modes, True)
+    motion.predict(1e-9, Motions(np.zeros(3, bool), nothing, nothing, lasting), modes, True)
 
 
 def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
