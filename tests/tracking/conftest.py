@@ -20,6 +20,12 @@ def near(answer, truth, *limits):
     return all(within(pose, truth, *limits) for pose in poses)
 
 
+def honest(answer, truth):
+    """Whether no pose of an answer is wrong and held to be right."""
+    poses = [pose for pose in (answer.object_pose, answer.filtered_object_pose) if pose is not None]
+    return all(pose.confidence < 0.5 or within(pose, truth, 5.0, 5.0) for pose in poses)
+
+
 @pytest.fixture(scope="session")
 def film(rig):
     """Images of a cube that is pushed, ten times a second."""
