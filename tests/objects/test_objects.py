@@ -7,6 +7,7 @@ import pytest
 
 from tracker.errors import ObjectModelError
 from tracker.geometry.cuboid import FACE_NAMES
+from tracker.objects import model
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel, load_object, object_names
 
@@ -23,6 +24,14 @@ colors = "cube_v2"
 "+z" = "blue"
 "-z" = "cyan"
 """
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """A valid file."""
+    file = tmp_path / "mine.toml"
+    file.write_text(VALID)
+    return file
 
 
 @pytest.mark.parametrize("name", ["cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2"])
@@ -61,33 +70,28 @@ def test_labels_have_the_order_of_the_contract():
     np.testing.assert_array_equal(DISPLAY_COLORS_BGR[COLOR_NAMES.index("cyan")], [255, 255, 0])
 
 
-def test_a_file_of_ones_own_is_read_with_colors_named_like_the_object_unless_given(tmp_path):
-    file = tmp_path / "mine.toml"
-    file.write_text(VALID)
-    for path in (file, str(file)):
+def test_a_file_of_ones_own_is_read_with_colors_named_like_the_object_unless_given(mine):
+    for path in (mine, str(mine)):
         model = load_object(path)
         assert (model.name, model.colors) == ("mine", "cube_v2")
         np.testing.assert_array_equal(model.size, [0.05, 0.06, 0.07])
         np.testing.assert_array_equal(model.face_labels, [1, 6, 2, 5, 3, 4])
-    file.write_text(VALID.replace('colors = "cube_v2"\n', ""))
-    assert load_object(file).colors == "mine"
+    mine.write_text(VALID.replace('colors = "cube_v2"\n', ""))
+    assert load_object(mine).colors == "mine"
 
 
-def test_colors_beside_the_file_are_found_from_anywhere(tmp_path, monkeypatch):
-    file = tmp_path / "mine.toml"
-    file.write_text(VALID.replace("cube_v2", "table.npz"))
-    (tmp_path / "table.npz").write_bytes(b"")
+def test_colors_beside_the_file_are_found_from_anywhere(mine, monkeypatch):
+    mine.write_text(VALID.replace("cube_v2", "table.npz"))
+    table = mine.with_name("table.npz")
+    table.touch()
     monkeypatch.chdir(os.sep)
-    assert Path(load_object(file).colors) == tmp_path / "table.npz"
+    assert Path(load_object(mine).colors) == table
 
 
-def test_the_format_in_the_docstring_is_valid(tmp_path):
-    import tracker.objects.model as module
-
-    lines = (module.__doc__ or "").splitlines()
-    file = tmp_path / "from_docstring.toml"
-    file.write_text("\n".join(line[4:] for line in lines if line.startswith("    ")))
-    np.testing.assert_array_equal(load_object(file).face_labels, load_object("cube_v2").face_labels)
+def test_the_format_in_the_docstring_is_valid(mine):
+    lines = model.__doc__.splitlines()
+    mine.write_text("\n".join(line[4:] for line in lines if line.startswith("    ")))
+    np.testing.assert_array_equal(load_object(mine).face_labels, load_object("cube_v2").face_labels)
 
 
 @pytest.mark.parametrize(
@@ -112,12 +116,11 @@ def test_the_format_in_the_docstring_is_valid(tmp_path):
         ('colors = "cube_v2"', "colors = 1", "colors: found 1"),
     ],
 )
-def test_a_malformed_file_names_file_and_fault(old, new, message, tmp_path):
-    file = tmp_path / "mine.toml"
-    file.write_text(VALID.replace(old, new, 1))
+def test_a_malformed_file_names_file_and_fault(old, new, message, mine):
+    mine.write_text(VALID.replace(old, new, 1))
     with pytest.raises(ObjectModelError, match=message) as caught:
-        load_object(file)
-    assert str(file) in str(caught.value)
+        load_object(mine)
+    assert str(mine) in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tracker
-from tracker.conventions import Image
 from tracker.segmentation.labels import look_up
 from tracker.segmentation.light import (
     BRIGHTNESS_RANK,
@@ -21,24 +20,28 @@ from tracker.segmentation.sensor import LOUD, NO_MOSAIC, calmed, find_mosaic, no
 SIZE = 135
 
 
-def greys(seed: int, level: float = 110.0) -> np.ndarray:
+def exposed(image, gains=(1.0, 1.0, 1.0)):
+    return np.clip(np.rint(image * np.asarray(gains)), 0, 255).astype(np.uint8)
+
+
+def greys(seed):
     """A grey scene (H, W, 3) of blocks of different brightness, with a little noise, in floats."""
     rng = np.random.default_rng(seed)
     blocks = np.kron(rng.uniform(0.6, 1.4, (9, 9)), np.ones((15, 15)))
-    return np.asarray(level * blocks[:, :, None] + rng.normal(0, 1.0, (SIZE, SIZE, 3)))
+    return 110.0 * blocks[:, :, None] + rng.normal(0, 1.0, (SIZE, SIZE, 3))
 
 
-def ramp(slope_x: float, slope_y: float) -> np.ndarray:
+def ramp(slope_x, slope_y):
     """Factor (H, W): exponential of a plane that is 0 in the middle."""
-    x = 2.0 * np.arange(SIZE)[None, :] / SIZE - 1.0
-    y = 2.0 * np.arange(SIZE)[:, None] / SIZE - 1.0
-    return np.asarray(np.exp(slope_x * x + slope_y * y))
+    along = 2.0 * np.arange(SIZE) / SIZE - 1.0
+    return np.exp(slope_x * along + slope_y * along[:, None])
 
 
-def chroma(image: Image) -> np.ndarray:
-    """Log of blue and red over green (2, H, W)."""
-    values = np.maximum(image.astype(float), 1.0)
-    return np.asarray(np.log(np.stack([values[..., 0], values[..., 2]]) / values[..., 1]))
+def colour_of_blocks(image):
+    """Medians (2, 3, 3) of the log of blue and red over green, in thirds of the picture."""
+    values = np.log(np.maximum(image.astype(float), 1.0))
+    chroma = np.stack([values[..., 0] - values[..., 1], values[..., 2] - values[..., 1]])
+    return np.median(chroma.reshape(2, 3, 45, 3, 45), axis=(2, 4))
 
 
 @pytest.mark.parametrize("slopes", [(0.35, 0.0, 0.0, 0.0), (0.0, -0.3, 0.25, 0.1), (-0.2, 0.2, 0.3, -0.2)])
@@ -50,9 +53,8 @@ def test_a_slope_of_the_lights_colour_is_found_and_taken_out(slopes):
     light = find_light(image)
     assert light.tilt == pytest.approx(np.reshape(slopes, (2, 2)), abs=0.02)
     assert light.gains == pytest.approx(find_light(exposed(greys(1))).gains, rel=0.03)  # those of the middle
-    left = chroma(evened(image, light))
-    assert np.abs(np.median(left.reshape(2, 3, 45, 3, 45), axis=(2, 4))).max() < 0.03
-    assert np.abs(np.median(chroma(image).reshape(2, 3, 45, 3, 45), axis=(2, 4))).max() > 0.1
+    assert np.abs(colour_of_blocks(evened(image, light))).max() < 0.03
+    assert np.abs(colour_of_blocks(image)).max() > 0.1
 
 
 def test_even_light_leaves_the_image_as_it_is_and_a_slight_slope_counts_as_even():
@@ -75,32 +77,31 @@ def test_clipped_values_stay_clipped_and_others_below():
     assert (even[..., 0][image[..., 0] < CLIPPED] < CLIPPED).all()
 
 
+def labels_of(image, name, gains=(1.0, 1.0, 1.0)):
+    colors, gains = tracker.load_colors(name), np.asarray(gains)
+    labels = np.empty(image.shape[:2], np.uint8)
+    look_up(image, colors.channel_tables(gains), colors.label_table, gains, labels)
+    return labels
+
+
 @pytest.mark.parametrize("gains", [(1.0, 1.0, 1.0), (1.6, 0.9, 0.7), (0.6, 1.2, 1.5)])
 def test_clipped_greys_are_background_under_any_gains(gains):
-    colors = tracker.load_colors("cube_v2")
-    factors = np.asarray(gains)
     # A bright grey as this camera shows it, of which some channels have reached their limit.
-    raw = [np.minimum(255, level / factors) for level in range(200, 420, 10)]
-    image = np.array([raw], dtype=np.float64).repeat(4, axis=0)
+    image = np.array([[np.minimum(255, level / np.array(gains)) for level in range(200, 420, 10)]] * 4)
     clipped = (image >= CLIPPED).any(axis=2)
-    labels = np.empty(image.shape[:2], np.uint8)
-    look_up(exposed(image), colors.channel_tables(factors), colors.label_table, factors, labels)
     assert clipped.any()
-    assert (labels[clipped] == 0).all()
+    assert (labels_of(exposed(image), "cube_v2", gains)[clipped] == 0).all()
 
 
 def test_a_face_with_a_clipped_channel_keeps_its_colour():
-    colors = tracker.load_colors("simulation")
     image = np.array([[[108, 235, 255], [112, 245, 255], [0, 52, 255]]], dtype=np.uint8)
-    labels = np.empty((1, 3), np.uint8)
-    look_up(image, colors.channel_tables(np.ones(3)), colors.label_table, np.ones(3), labels)
-    assert labels.tolist() == [[6, 6, 1]]
+    assert labels_of(image, "simulation").tolist() == [[6, 6, 1]]
 
 
-factor = st.floats(0.75, 1.3)
+factors = st.tuples(*[st.floats(0.75, 1.3)] * 3)
 
 
-def grey_scene(seed: int = 0, size: int = 270) -> np.ndarray:
+def grey_scene(seed, size=270):
     """Mostly grey of different brightness, with saturated patches on a ninth of it; float64."""
     rng = np.random.default_rng(seed)
     image = np.linspace(70, 150, size)[:, None, None] * np.ones((size, size, 3))
@@ -111,24 +112,18 @@ def grey_scene(seed: int = 0, size: int = 270) -> np.ndarray:
     return image + rng.normal(0, 2, image.shape)
 
 
-def exposed(image: np.ndarray, gains=(1.0, 1.0, 1.0)) -> np.ndarray:
-    return np.clip(np.rint(image * np.asarray(gains)), 0, 255).astype(np.uint8)
-
-
-@given(gains=st.tuples(factor, factor, factor), size=st.sampled_from([60, 135, 270, 540]))
+@given(gains=factors, size=st.sampled_from([60, 135, 270, 540]))
 def test_neutral_gains_invert_the_lights_gains_whatever_the_resolution(gains, size):
-    scene = grey_scene(1)
-    reference, found = find_light(exposed(scene)), find_light(exposed(grey_scene(1, size), gains))
+    reference, found = find_light(exposed(grey_scene(1))), find_light(exposed(grey_scene(1, size), gains))
     assert found.share > 0.5
     np.testing.assert_allclose(found.gains * gains / reference.gains, 1, atol=0.02 if size == 270 else 0.035)
 
 
-@given(gains=st.tuples(factor, factor, factor))
+@given(gains=factors)
 def test_normalising_makes_the_scenes_grey_grey(gains):
     scene = grey_scene(2)
     image = exposed(scene, gains)
-    normalised = apply_gains(image, find_light(image).gains)
-    greys = normalised[np.ptp(scene, axis=2) < 20]
+    greys = apply_gains(image, find_light(image).gains)[np.ptp(scene, axis=2) < 20]
     np.testing.assert_allclose(greys.mean(axis=0) / greys[:, 1].mean(), 1, atol=0.02)
     np.testing.assert_allclose(np.quantile(greys, BRIGHTNESS_RANK, axis=0), TARGET_GREY, atol=3)
 
@@ -149,7 +144,7 @@ def test_clipped_greys_do_not_pull_the_colour_of_grey():
     np.testing.assert_allclose(ratio / ratio[1], 1, atol=0.02)
 
 
-@given(gains=st.tuples(factor, factor, factor))
+@given(gains=factors)
 def test_gains_are_applied_by_rounding_and_clipping(gains):
     image = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
     np.testing.assert_array_equal(apply_gains(image, np.array(gains)), exposed(image.astype(float), gains))
@@ -159,7 +154,7 @@ ROWS, COLUMNS = np.mgrid[0:270, 0:270]
 SMOOTH = np.stack([100 + 40 * np.sin(COLUMNS / 40 + k) * np.cos(ROWS / 50) for k in range(3)], axis=-1)
 
 
-def noisy(rng: np.random.Generator, sigma: float, picture: np.ndarray = SMOOTH) -> np.ndarray:
+def noisy(rng, sigma, picture=SMOOTH):
     return exposed(picture + rng.normal(0, sigma, picture.shape))
 
 
@@ -179,11 +174,11 @@ def test_noise_of_a_picture_is_found_whatever_it_shows(rng, picture, sigma):
 
 
 def test_brightness_and_contrast_behave(rng):
-    image = rng.normal(0, 4.0, SMOOTH.shape)
-    level = noise_level(exposed(SMOOTH + image))
-    assert noise_level(exposed(SMOOTH + image + 30)) == pytest.approx(level, rel=0.02)
-    assert noise_level(exposed(0.5 * (SMOOTH + image))) == pytest.approx(0.5 * level, rel=0.03)
-    assert noise_level(255 - exposed(SMOOTH + image)) == level
+    image = SMOOTH + rng.normal(0, 4.0, SMOOTH.shape)
+    level = noise_level(exposed(image))
+    assert noise_level(exposed(image + 30)) == pytest.approx(level, rel=0.02)
+    assert noise_level(exposed(0.5 * image)) == pytest.approx(0.5 * level, rel=0.03)
+    assert noise_level(255 - exposed(image)) == level
 
 
 def test_the_loudest_image_has_a_level(rng):
@@ -220,26 +215,21 @@ def test_loud_images_become_quieter_and_keep_their_edges(rng, sigma):
         assert (np.abs(seen - own) < 0.25 * np.abs(left - right)).all()
 
 
-BAYER = {
-    cv2.COLOR_BAYER_BG2BGR: 0,
-    cv2.COLOR_BAYER_GB2BGR: 1,
-    cv2.COLOR_BAYER_GR2BGR: 2,
-    cv2.COLOR_BAYER_RG2BGR: 3,
-}
+BAYER = [cv2.COLOR_BAYER_BG2BGR, cv2.COLOR_BAYER_GB2BGR, cv2.COLOR_BAYER_GR2BGR, cv2.COLOR_BAYER_RG2BGR]
 
 
 @pytest.fixture
-def raw() -> np.ndarray:
+def raw():
     smooth = cv2.GaussianBlur(np.random.default_rng(3).random((90, 120)), (0, 0), 2.0)
     return (2000 * (smooth - smooth.min())).clip(0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("code", BAYER)
-def test_every_pattern_is_distinguished_from_its_interpolation_and_changes_where_rows_are_cut_off(raw, code):
-    image = cv2.cvtColor(raw, code)
-    assert find_mosaic(image) == BAYER[code]
-    assert find_mosaic(np.ascontiguousarray(image[1:])) == BAYER[code] ^ 2
-    assert find_mosaic(np.ascontiguousarray(image[:, 1:])) == BAYER[code] ^ 1
+@pytest.mark.parametrize("red", range(4))
+def test_every_pattern_is_distinguished_from_its_interpolation_and_changes_where_rows_are_cut_off(raw, red):
+    image = cv2.cvtColor(raw, BAYER[red])
+    assert find_mosaic(image) == red
+    assert find_mosaic(np.ascontiguousarray(image[1:])) == red ^ 2
+    assert find_mosaic(np.ascontiguousarray(image[:, 1:])) == red ^ 1
 
 
 def with_one_value_changed(image):

@@ -8,7 +8,6 @@ from tests.segmentation.test_light import exposed
 from tracker.color_learning.fit import FitOptions, combine
 from tracker.color_learning.labelled import intersection_over_union
 from tracker.objects.labels import COLOR_NAMES
-from tracker.segmentation.color_model import ColorModel
 
 OPTIONS = FitOptions()
 
@@ -29,7 +28,7 @@ def drawn_as_others(labelled):
     return fit_shipped_colors.face_histograms(labelled, OPTIONS.for_others())
 
 
-def assert_shipped(model: ColorModel, tmp_path) -> None:
+def assert_shipped(model, tmp_path):
     """The model, written and read, is the shipped one but for the last bit of an exponential."""
     model.save(tmp_path / "fitted.npz")
     fitted = tracker.load_colors(tmp_path / "fitted.npz").log_posterior
@@ -75,21 +74,15 @@ def test_segmentation_carries_over_to_images_left_out(name, labelled, histograms
     assert np.mean(values) > 0.85
 
 
-def drawn_scene(size: int = 240) -> tuple[np.ndarray, np.ndarray]:
-    """Greys of different brightness and a patch of each of the simulation's colours (float64); its labels."""
-    image = np.linspace(70, 150, size)[:, None, None] * np.ones((size, size, 3))
-    labels = np.zeros((size, size), np.uint8)
+def test_the_simulations_colours_keep_their_labels_in_other_light():
+    # Greys of different brightness, and a patch of each of the colours.
+    image = np.linspace(70, 150, 240)[:, None, None] * np.ones((240, 240, 3))
+    truth = np.zeros((240, 240), np.uint8)
     for place, (name, rgb) in enumerate(SIMULATION_RGB.items()):
         patch = slice(100, 130), slice(10 + 38 * place, 40 + 38 * place)
         image[patch] = 0.6 * np.array(rgb[::-1])
-        labels[patch] = COLOR_NAMES.index(name)
-    return image, labels
-
-
-def test_the_simulations_colours_keep_their_labels_in_other_light():
-    rng = np.random.default_rng(3)
-    image, truth = drawn_scene()
-    colors = tracker.load_colors("simulation")
+        truth[patch] = COLOR_NAMES.index(name)
+    rng, colors = np.random.default_rng(3), tracker.load_colors("simulation")
     for _ in range(20):
         found = tracker.segment(exposed(image, rng.uniform(0.6, 1.5, 3)), colors)
         assert np.mean(found[truth > 0] == truth[truth > 0]) > 0.97
