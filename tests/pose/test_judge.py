@@ -6,24 +6,7 @@ import pytest
 
 from tests.helpers.fits import made_fit, with_cameras
 from tracker import Arena, Status
-from tracker.pose.judge import (
-    EXPECTED,
-    MIN_VIEW,
-    SINGLE,
-    SURE,
-    alone,
-    confidence,
-    contradicting,
-    log_odds,
-    nearness,
-    probably_near,
-    rank,
-    refusal,
-    settled,
-    supporters,
-    trust,
-    unanimous,
-)
+from tracker.pose import judge
 
 GOOD = made_fit()
 NO_EDGES = {"usable": 0.0, "inliers": 0.0, "squares": 0.0}
@@ -63,7 +46,7 @@ def blind(fit, c, elsewhere=0):
 
 @pytest.mark.parametrize(("fit", "status"), REFUSED.values(), ids=REFUSED)
 def test_a_fit_is_refused_for_what_is_wrong_with_it(fit, status):
-    assert refusal(fit) is status
+    assert judge.refusal(fit) is status
 
 
 def test_every_refusal_is_in_the_table():
@@ -79,19 +62,19 @@ def test_every_refusal_is_in_the_table():
 @pytest.mark.parametrize(("cameras", "status"), [(3, Status.INCONSISTENT_VIEWS), (1, Status.AMBIGUOUS)])
 def test_an_object_below_the_table_is_refused(cameras, status):
     fit = made_fit(cameras=cameras)
-    assert refusal(fit) is None
+    assert judge.refusal(fit) is None
     arena = Arena()
     for lowest in (0.0, arena.lowest):
-        assert refusal(dataclasses.replace(fit, inside=arena.holds(fit.position, lowest))) is None
+        assert judge.refusal(dataclasses.replace(fit, inside=arena.holds(fit.position, lowest))) is None
     below = dataclasses.replace(fit, inside=arena.holds(fit.position, arena.lowest - 1e-3))
-    assert refusal(below) is status
+    assert judge.refusal(below) is status
 
 
 def test_poses_far_from_the_arena_are_refused():
     for place in ([0.3, 0.0, 0.03], [0.0, -0.26, 0.03], [0.0, 0.0, 0.25]):
         beyond = dataclasses.replace(GOOD, inside=Arena().holds(np.array(place), 0.0))
-        assert refusal(beyond) is Status.INCONSISTENT_VIEWS
-        assert not settled(beyond)
+        assert judge.refusal(beyond) is Status.INCONSISTENT_VIEWS
+        assert not judge.settled(beyond)
 
 
 @pytest.mark.parametrize(
@@ -105,9 +88,9 @@ def test_poses_far_from_the_arena_are_refused():
 )
 def test_what_speaks_against_a_fit_makes_it_less_likely(less, more):
     less_likely, likelier = (with_cameras(GOOD, **fields) for fields in (more, less))
-    assert rank(likelier) > rank(less_likely)
+    assert judge.rank(likelier) > judge.rank(less_likely)
     # Where all speaks for the object's colours, what is left is how rare other bodies are.
-    assert log_odds(likelier) > log_odds(less_likely) - 1e-3
+    assert judge.log_odds(likelier) > judge.log_odds(less_likely) - 1e-3
 
 
 def test_colours_outside_the_object_speak_against_it():
@@ -116,113 +99,113 @@ def test_colours_outside_the_object_speak_against_it():
 
 
 def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are():
-    ranks = [rank(rough(rms)) for rms in (0.1, 0.2, 0.4, 0.8)]
+    ranks = [judge.rank(rough(rms)) for rms in (0.1, 0.2, 0.4, 0.8)]
     assert ranks == sorted(set(ranks), reverse=True)
     for fit in (rough(0.05), rough(0.3)):
         fewer = {name: 0.7 * fit.cameras[name] for name in ("inliers", "squares")}
-        assert rank(with_cameras(fit, **fewer)) < rank(fit)
+        assert judge.rank(with_cameras(fit, **fewer)) < judge.rank(fit)
 
 
 def test_what_noise_explains_does_not_speak_against_the_object():
     fit = rough(0.8)
     noisy = [with_cameras(fit, noise=share * fit.cameras["squares"]) for share in (0.0, 0.5, 1.0, 2.0)]
-    trusted = [trust(one) for one in noisy]
+    trusted = [judge.trust(one) for one in noisy]
     assert trusted == sorted(trusted)
     assert trusted[0] < trusted[1] < trusted[2]
-    assert len({rank(one) for one in noisy}) == 1
+    assert len({judge.rank(one) for one in noisy}) == 1
 
 
 def test_a_rank_is_finite_for_a_fit_without_pieces():
-    assert math.isfinite(rank(with_cameras(GOOD, expected=0.0, blur=0.0, **NO_EDGES)))
+    assert math.isfinite(judge.rank(with_cameras(GOOD, expected=0.0, blur=0.0, **NO_EDGES)))
 
 
 def test_a_clear_fit_is_sure_and_settled_and_one_camera_settles_nothing():
     one = made_fit(cameras=1)
-    assert trust(GOOD) > SURE
-    assert settled(GOOD)
-    assert trust(one) > 0.95
-    assert alone(one)
+    assert judge.trust(GOOD) > judge.SURE
+    assert judge.settled(GOOD)
+    assert judge.trust(one) > 0.95
+    assert judge.alone(one)
     for doubtful in (one, made_fit(sure=False), dataclasses.replace(GOOD, converged=False)):
-        assert not settled(doubtful)
+        assert not judge.settled(doubtful)
 
 
 def test_a_camera_counts_from_some_weight_of_pieces_on():
-    for weight, expected in ((MIN_VIEW, False), (0.99 * MIN_VIEW, True), (0.0, True)):
+    for weight, expected in ((judge.MIN_VIEW, False), (0.99 * judge.MIN_VIEW, True), (0.0, True)):
         cameras = GOOD.cameras.copy()
         cameras["inliers"][1:] = 0.0, weight
-        assert alone(dataclasses.replace(GOOD, cameras=cameras)) is expected
+        assert judge.alone(dataclasses.replace(GOOD, cameras=cameras)) is expected
 
 
 def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():
-    assert confidence(GOOD) == pytest.approx(trust(GOOD) * nearness(GOOD.covariance, False))
-    assert trust(dataclasses.replace(GOOD, lead=0.0)) == pytest.approx(0.5, abs=0.01)
+    assert judge.confidence(GOOD) == pytest.approx(judge.trust(GOOD) * judge.nearness(GOOD.covariance, False))
+    assert judge.trust(dataclasses.replace(GOOD, lead=0.0)) == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.mark.parametrize("odds", [1e3, 1e5])
 def test_whatever_speaks_against_a_fit_leaves_a_number(odds):
     for field in ("body", "nothing", "resized"):
         other = dataclasses.replace(GOOD, evidence=GOOD.evidence._replace(**{field: odds}))
-        assert trust(other) < 1e-200
-        assert refusal(other) is not None
-    assert trust(dataclasses.replace(GOOD, lead=-odds)) < 1e-200
+        assert judge.trust(other) < 1e-200
+        assert judge.refusal(other) is not None
+    assert judge.trust(dataclasses.replace(GOOD, lead=-odds)) < 1e-200
 
 
 @pytest.mark.parametrize("single", [False, True])
 def test_a_pose_that_is_stated_to_be_nearer_is_nearer(single):
     spreads = [np.diag(np.repeat(np.square([shift, 0.02]), 3)) for shift in (3e-4, 1e-3, 2e-3, 4e-3, 0.1)]
-    found = [nearness(spread, single) for spread in spreads]
+    found = [judge.nearness(spread, single) for spread in spreads]
     assert found == sorted(found, reverse=True)
     assert found[0] > 0.99
     assert found[-1] < 0.01
-    assert nearness(np.full((6, 6), np.nan), single) == 0.0
+    assert judge.nearness(np.full((6, 6), np.nan), single) == 0.0
 
 
 def test_odds_of_being_near_are_as_stated_and_greater_for_a_single_camera():
     covariance = np.diag(np.repeat(np.square([2e-3, 0.02]), 3))
-    near, single = nearness(covariance, False), nearness(covariance, True)
-    assert near == pytest.approx(probably_near(covariance))
-    assert single / (1.0 - single) == pytest.approx(SINGLE * near / (1.0 - near))
+    near, single = judge.nearness(covariance, False), judge.nearness(covariance, True)
+    assert near == pytest.approx(judge.probably_near(covariance))
+    assert single / (1.0 - single) == pytest.approx(judge.SINGLE * near / (1.0 - near))
 
 
 def test_a_camera_that_shows_the_object_elsewhere_contradicts_and_one_that_shows_none_cannot_say():
-    assert contradicting(GOOD) == (False, False, False)
-    assert unanimous(GOOD)
+    assert judge.contradicting(GOOD) == (False, False, False)
+    assert judge.unanimous(GOOD)
     hidden, elsewhere = blind(GOOD, 1), blind(GOOD, 1, elsewhere=300)
     for fit in (hidden, elsewhere):
         assert (fit.cameras["shows"] > 0.5).tolist() == [True, False, True]
-        assert not unanimous(fit)
-        assert supporters(fit) == 2
-    assert not any(contradicting(hidden))
-    assert contradicting(elsewhere) == (False, True, False)
-    assert confidence(elsewhere) < confidence(hidden) < confidence(GOOD)
+        assert not judge.unanimous(fit)
+        assert judge.supporters(fit) == 2
+    assert not any(judge.contradicting(hidden))
+    assert judge.contradicting(elsewhere) == (False, True, False)
+    assert judge.confidence(elsewhere) < judge.confidence(hidden) < judge.confidence(GOOD)
 
 
 def test_a_camera_that_shows_another_thing_there_is_broken_and_does_not_spoil_the_pose():
     fit = with_cameras(GOOD, 2, agree=0, wrong=400, **NO_EDGES)
     assert fit.cameras["broken"][2] > 0.5
-    assert contradicting(fit) == (False, False, True)
-    assert supporters(fit) == 2
-    assert 0.2 < confidence(fit) < confidence(GOOD)
+    assert judge.contradicting(fit) == (False, False, True)
+    assert judge.supporters(fit) == 2
+    assert 0.2 < judge.confidence(fit) < judge.confidence(GOOD)
 
 
 def test_a_pose_that_one_camera_supports_and_two_contradict_is_not_sure():
     fit = blind(blind(GOOD, 0, elsewhere=300), 2, elsewhere=300)
-    assert confidence(fit) < 0.5
-    assert confidence(fit) < 0.8 * confidence(blind(blind(GOOD, 0), 2))
+    assert judge.confidence(fit) < 0.5
+    assert judge.confidence(fit) < 0.8 * judge.confidence(blind(blind(GOOD, 0), 2))
 
 
 def test_a_camera_in_whose_picture_the_object_is_not_has_no_say():
     fit = with_cameras(GOOD, 2, predicted=0, agree=0, wrong=0, missing=0, elsewhere=500, extra=0)
     assert (fit.cameras["shows"] > 0.5).tolist() == [True, True, False]
-    assert not any(contradicting(fit))
-    assert unanimous(fit)
-    assert not any(contradicting(with_cameras(fit, 2, predicted=EXPECTED - 1)))
+    assert not any(judge.contradicting(fit))
+    assert judge.unanimous(fit)
+    assert not any(judge.contradicting(with_cameras(fit, 2, predicted=judge.EXPECTED - 1)))
 
 
 @pytest.mark.parametrize("c", range(3))
 def test_what_cameras_say_does_not_depend_on_their_order(c):
     fit = blind(GOOD, c, elsewhere=200)
     turned = with_cameras(dataclasses.replace(fit, cameras=np.roll(fit.cameras, 1)))
-    assert tuple(np.roll(contradicting(fit), 1)) == contradicting(turned)
+    assert tuple(np.roll(judge.contradicting(fit), 1)) == judge.contradicting(turned)
     np.testing.assert_allclose(np.roll(fit.cameras["shows"], 1), turned.cameras["shows"])
-    assert log_odds(fit) == pytest.approx(log_odds(turned))
+    assert judge.log_odds(fit) == pytest.approx(judge.log_odds(turned))
