@@ -3,17 +3,9 @@ import json
 import numpy as np
 import pytest
 
-from tracker.errors import TrackerError
+from tracker import CameraUse, MotionEstimate, Observation, PoseEstimate, Status, TrackerError
 from tracker.geometry import so3
-from tracker.pose.result import (
-    CameraUse,
-    Forecast,
-    MotionEstimate,
-    MotionKind,
-    Observation,
-    PoseEstimate,
-    Status,
-)
+from tracker.pose.result import Forecast, MotionKind
 
 
 @pytest.mark.parametrize("word", [*Status, *CameraUse])

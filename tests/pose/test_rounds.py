@@ -37,11 +37,15 @@ def begun(monkeypatch):
     return seen
 
 
+def scores_of(estimator, images, order):
+    """Of what each round of a search finds."""
+    next_of = estimator.search.rounds(read(estimator, images))
+    return [[one.score for one in next_of(wide)] for wide in order]
+
+
 @pytest.mark.parametrize("order", [(LIKELIEST, NEARBY, EVERYWHERE), (LIKELIEST, TURNS), (EVERYWHERE,)])
 def test_rounds_begin_each_hypothesis_once(estimator, images, begun, order):
-    next_of = estimator.search.rounds(read(estimator, images))
-    for wide in order:
-        scores = [one.score for one in next_of(wide)]
+    for scores in scores_of(estimator, images, order):
         assert scores == sorted(scores, reverse=True)
     assert len(begun) == len(set(begun))
     first = begun[0][0]
@@ -50,9 +54,7 @@ def test_rounds_begin_each_hypothesis_once(estimator, images, begun, order):
 
 def test_what_is_begun_does_not_depend_on_the_rounds_before(estimator, images, begun):
     for order in ((LIKELIEST, NEARBY, EVERYWHERE), (EVERYWHERE,)):
-        next_of = estimator.search.rounds(read(estimator, images))
-        for wide in order:
-            next_of(wide)
+        scores_of(estimator, images, order)
     half = len(begun) // 2
     assert set(begun[:half]) == set(begun[half:])
 
