@@ -1,9 +1,7 @@
-import contextlib
 import dataclasses
-import io
 import json
 import shutil
-import subprocess
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -15,6 +13,7 @@ from synthetic.camera.rigs import standard_rig
 from synthetic.export.dataset import DatasetOptions, make_dataset
 from synthetic.frames import FrameOptions
 from tests.helpers import ROOT, contents, opencv_pixels, run_python
+from tests.helpers.command import well
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig, load_object
 from tracker.geometry.cuboid import corners
@@ -23,25 +22,18 @@ skip_without_platform()
 CAMERAS = ("camera60", "camera180", "camera300")
 
 
-def generate(folder: Path, *more: object, frames: int = 3, seed: int = 4, check: bool = True):
-    """What the command prints, in this process."""
-    options = ["--object", "cube_v2", "--frames", frames, "--seed", seed, "--quality", "fast"]
-    arguments = [str(part) for part in ("dataset", *options, "--out", folder, *more)]
-    with (
-        contextlib.redirect_stdout(io.StringIO()) as out,
-        contextlib.redirect_stderr(io.StringIO()) as err,
-        pytest.raises(SystemExit) as stop,
-    ):
-        cli.main(arguments)
-    assert stop.value.code == 0 or not check, err.getvalue()
-    return subprocess.CompletedProcess(arguments, int(stop.value.code or 0), out.getvalue(), err.getvalue())
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made") / "set"
-    generate(folder, "--bop", "--calibration", "perturbed")
+    make_dataset(DatasetOptions(FrameOptions("cube_v2", 4, "fast"), 3, "perturbed", bop=True), folder)
     return folder
+
+
+@pytest.fixture
+def generate(run_here):
+    """Runs the command that makes this data set."""
+    options = ("--object", "cube_v2", "--quality", "fast", "--bop", "--calibration", "perturbed")
+    return partial(run_here, "dataset", "--frames", 3, "--seed", 4, *options, "--out", main=cli.main)
 
 
 def read(path: Path):
@@ -73,12 +65,12 @@ def test_the_layout_is_complete(made):
 
 
 @pytest.mark.slow
-def test_the_pixels_do_not_depend_on_the_number_of_workers(made, tmp_path):
-    generate(tmp_path / "two", "--bop", "--calibration", "perturbed", "--workers", 2)
+def test_the_pixels_do_not_depend_on_the_number_of_workers(made, generate, tmp_path):
+    well(generate(tmp_path / "two", "--workers", 2))
     assert contents(made) == contents(tmp_path / "two")
 
 
-def test_an_interrupted_run_continues_where_it_stopped(made, tmp_path):
+def test_an_interrupted_run_continues_where_it_stopped(made, generate, tmp_path):
     folder = tmp_path / "set"
     shutil.copytree(made, folder)
     truth = truth_of(folder)
@@ -89,19 +81,21 @@ def test_an_interrupted_run_continues_where_it_stopped(made, tmp_path):
     shutil.rmtree(folder / "000002")
     (folder / ".000002.abcdef").mkdir()
     untouched = (folder / "000000" / "camera60.png").stat().st_mtime_ns
-    result = generate(folder, "--bop", "--calibration", "perturbed")
-    assert "2 frames made, 1 were there" in result.stdout
+    assert "2 frames made, 1 were there" in well(generate(folder)).stdout
     assert contents(folder) == expected
     assert (folder / "000000" / "camera60.png").stat().st_mtime_ns == untouched
 
 
 @pytest.mark.parametrize(
     ("more", "message"),
-    [({"seed": 5}, "made with seed 4, expected 5"), ({"frames": 2}, "expected fewer than the 2 asked for")],
+    [
+        (("--seed", 5), "made with seed 4, expected 5"),
+        (("--frames", 2), "expected fewer than the 2 asked for"),
+    ],
 )
-def test_a_folder_of_other_options_is_refused(made, more, message):
+def test_a_folder_of_other_options_is_refused(made, generate, more, message):
     before = contents(made)
-    result = generate(made, "--bop", "--calibration", "perturbed", check=False, **more)
+    result = generate(made, *more)
     assert result.returncode == 2
     assert message in result.stderr
     assert contents(made) == before
@@ -120,8 +114,7 @@ def test_errors_are_one_line_with_exit_code_2(tmp_path):
 
 def test_the_bop_files_agree_with_the_truth(made):
     rig = {camera.name: camera for camera in CameraRig.load(made)}
-    scene = made / "bop" / "test" / "000001"
-    size = load_object("cube_v2").size
+    scene, size = made / "bop" / "test" / "000001", load_object("cube_v2").size
     models = read(made / "bop" / "models" / "models_info.json")
     assert models["1"]["size_x"] == pytest.approx(65.0)
     assert models["1"]["diameter"] == pytest.approx(65.0 * np.sqrt(3))

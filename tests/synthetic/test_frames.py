@@ -14,16 +14,15 @@ from synthetic.camera.rigs import standard_rig
 from synthetic.frames import FrameMaker, FrameOptions, frames
 from tracker import CameraRig, TrackerError
 
+NAMES = ("camera60", "camera180", "camera300")
+
 
 def make(count=2, seed=5, name="cube_v2", **more):
     return list(frames(name, count, seed, quality="fast", **more))
 
 
-NAMES = ("camera60", "camera180", "camera300")
-
-
 def pixels(frame):
-    return np.concatenate([*frame.images, *(layer[..., None] for layer in frame.labels)], axis=None)
+    return np.concatenate([*frame.images, *frame.labels], axis=None)
 
 
 def test_a_frame_depends_on_seed_and_number_alone():
