@@ -12,8 +12,8 @@ if missing():
 from synthetic.frames import DatasetError, FrameOptions, frames
 from synthetic.world.look_alikes import KINDS, LARGER, LONGER, SHORTER, SMALLER, look_alike
 from synthetic.world.look_alikes import turned_arrangements as turned
-from synthetic.world.platform import Platform
 from synthetic.world.scenes import random_scene
+from tests.helpers.stills import platform
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 REARRANGED = ("permuted", "plain", "layers", "other_object", "mirrored", "pairs")
@@ -27,6 +27,13 @@ def make(look_alike, name="cube_v2", seed=31, count=1, **more):
 def marked(scene):
     """The bodies that show the object, or what stands for it."""
     return [body for body in scene.bodies if body.labels.any()]
+
+
+def bare_scenes(name, count):
+    """Scenes without fingers, each with the generator that drew it."""
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        yield random_scene(platform(name), rng, fingers="none"), rng
 
 
 def ratios(scene, kind, rng):
@@ -83,35 +90,30 @@ def test_faces_that_are_seen_have_the_colors_of_their_labels(name):
 @pytest.mark.parametrize("name", OBJECTS)
 @pytest.mark.parametrize("kind", REARRANGED)
 def test_no_other_arrangement_is_the_true_one_turned(kind, name):
-    with Platform(name) as platform:
-        true = turned(platform.model.face_labels)
-        assert len(true) == 24
-        for seed in range(25):
-            rng = np.random.default_rng(seed)
-            scene = look_alike(random_scene(platform, rng, fingers="none"), kind, rng)
-            (body,) = marked(scene)
-            for first in range(0, len(body.labels) - 5, 6):
-                assert tuple(body.labels[first : first + 6].tolist()) not in true
-            if kind == "layers":
-                slabs = np.vstack([platform.model.face_labels, body.labels.reshape(-1, 6)])
-                assert 3 <= len(slabs) <= 4
-                assert (np.diff(slabs, axis=0) != 0).all()
-                assert (slabs[1:] != slabs[0]).all()
+    own = platform(name).model.face_labels
+    true = turned(own)
+    assert len(true) == 24
+    for scene, rng in bare_scenes(name, 25):
+        (body,) = marked(look_alike(scene, kind, rng))
+        for first in range(0, len(body.labels) - 5, 6):
+            assert tuple(body.labels[first : first + 6].tolist()) not in true
+        if kind == "layers":
+            slabs = np.vstack([own, body.labels.reshape(-1, 6)])
+            assert 3 <= len(slabs) <= 4
+            assert (np.diff(slabs, axis=0) != 0).all()
+            assert (slabs[1:] != slabs[0]).all()
 
 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_sizes_are_what_their_names_say(name):
-    with Platform(name) as platform:
-        for seed in range(10):
-            rng = np.random.default_rng(seed)
-            scene = random_scene(platform, rng, fingers="none")
-            (scale,) = np.unique(ratios(scene, "size", rng))
-            assert SMALLER[0] <= scale <= SMALLER[1] or LARGER[0] <= scale <= LARGER[1]
-            one, same, other = np.sort(ratios(scene, "stretched", rng))
-            assert same == 1.0
-            least, most = SHORTER if other == 1.0 else LONGER
-            assert least <= one * other <= most
-            assert 1.0 in (one, other)
+    for scene, rng in bare_scenes(name, 10):
+        (scale,) = np.unique(ratios(scene, "size", rng))
+        assert SMALLER[0] <= scale <= SMALLER[1] or LARGER[0] <= scale <= LARGER[1]
+        one, same, other = np.sort(ratios(scene, "stretched", rng))
+        assert same == 1.0
+        least, most = SHORTER if other == 1.0 else LONGER
+        assert least <= one * other <= most
+        assert 1.0 in (one, other)
 
 
 def test_plates_photos_and_prisms_are_what_their_names_say():
@@ -126,19 +128,16 @@ def test_plates_photos_and_prisms_are_what_their_names_say():
 
 
 def test_a_mirrored_object_and_one_in_pairs_keep_what_their_names_say():
-    with Platform("cube_v2") as platform:
-        true = np.asarray(platform.model.face_labels)
-        for seed in range(10):
-            rng = np.random.default_rng(seed)
-            scene = random_scene(platform, rng, fingers="none")
-            (one,), (other,) = (marked(look_alike(scene, kind, rng)) for kind in ("mirrored", "pairs"))
-            mirrored, pairs = one.labels, other.labels
-            changed = np.flatnonzero(mirrored != true)
-            assert len(changed) == 2
-            assert changed[0] // 2 == changed[1] // 2
-            assert set(mirrored.tolist()) == set(true.tolist())
-            assert (pairs[::2] == pairs[1::2]).all()
-            assert all(label in true[2 * axis : 2 * axis + 2] for axis, label in enumerate(pairs[::2]))
+    true = np.asarray(platform("cube_v2").model.face_labels)
+    for scene, rng in bare_scenes("cube_v2", 10):
+        (one,), (other,) = (marked(look_alike(scene, kind, rng)) for kind in ("mirrored", "pairs"))
+        mirrored, pairs = one.labels, other.labels
+        changed = np.flatnonzero(mirrored != true)
+        assert len(changed) == 2
+        assert changed[0] // 2 == changed[1] // 2
+        assert set(mirrored.tolist()) == set(true.tolist())
+        assert (pairs[::2] == pairs[1::2]).all()
+        assert all(label in true[2 * axis : 2 * axis + 2] for axis, label in enumerate(pairs[::2]))
 
 
 def test_look_alikes_repeat_to_the_bit_and_stay_through_a_film():

@@ -18,22 +18,25 @@ def platform():
     return stills.platform("cube_v2")
 
 
-def random_joints(rng):
-    return rng.uniform(np.tile(kinematics.LOWER_LIMITS, 3), np.tile(kinematics.UPPER_LIMITS, 3))
+LIMITS = np.tile(kinematics.LOWER_LIMITS, 3), np.tile(kinematics.UPPER_LIMITS, 3)
 
 
-def test_the_tips_are_where_pybullet_has_them(platform, rng):
-    for _ in range(20):
-        joints = random_joints(rng)
-        platform.world.set_joints(joints)
-        expected = [platform.world.link_pose(links[-1])[:3, 3] for links in platform.world.finger_links]
-        np.testing.assert_allclose(kinematics.tips(joints), expected, atol=1e-6)
+@pytest.fixture
+def posed(platform, rng):
+    """Joint angles, and the bodies of a scene with them and one object."""
+    joints = rng.uniform(*LIMITS)
+    states = platform.object_states(np.zeros((1, 3)), np.eye(3)[None])
+    look, lighting = random_look(rng, platform.model), random_lighting(rng)
+    return joints, platform.scene(states, joints, look, lighting, {}).bodies
 
 
-def test_inverse_kinematics_finds_the_joint_angles_of_every_tip(rng):
+def test_the_tips_are_where_pybullet_has_them_and_lead_back_to_the_joint_angles(platform, rng):
     for _ in range(100):
-        joints = random_joints(rng)
+        joints = rng.uniform(*LIMITS)
+        platform.world.set_joints(joints)
         tips = kinematics.tips(joints)
+        expected = [platform.world.link_pose(links[-1])[:3, 3] for links in platform.world.finger_links]
+        np.testing.assert_allclose(tips, expected, atol=1e-6)
         for finger in range(3):
             found = kinematics.finger_angles(finger, tips[finger])
             assert found is not None
@@ -48,16 +51,11 @@ def test_a_place_out_of_reach_has_no_joint_angles():
 def test_joint_limits_are_those_of_the_description(platform):
     world = platform.world
     limits = [pybullet.getJointInfo(world.robot, j, physicsClientId=world.client)[8:10] for j in world.joints]
-    lower, upper = np.transpose(limits)
-    np.testing.assert_allclose(lower, np.tile(kinematics.LOWER_LIMITS, 3))
-    np.testing.assert_allclose(upper, np.tile(kinematics.UPPER_LIMITS, 3))
+    np.testing.assert_allclose(np.transpose(limits), LIMITS)
 
 
-def test_bodies_of_a_scene_are_where_pybullet_has_the_links(platform, rng):
-    joints = random_joints(rng)
-    look, lighting = random_look(rng, platform.model), random_lighting(rng)
-    scene = platform.scene((), joints, look, lighting, {})
-    poses = {body.name: body.world_from_body for body in scene.bodies}
+def test_bodies_of_a_scene_are_where_pybullet_has_the_links(platform, posed):
+    poses = {body.name: body.world_from_body for body in posed[1]}
     world, seen = platform.world, 0
     for link, name in world.links.items():
         if name in poses:
@@ -69,23 +67,18 @@ def test_bodies_of_a_scene_are_where_pybullet_has_the_links(platform, rng):
     assert seen == 19
 
 
-def test_meshes_of_the_robot_end_at_the_tips(platform, rng):
-    joints = random_joints(rng)
-    scene = platform.scene((), joints, random_look(rng, platform.model), random_lighting(rng), {})
-    bodies = {body.name: body for body in scene.bodies}
-    for finger, name in enumerate(("finger_tip_link_0", "finger_tip_link_120", "finger_tip_link_240")):
-        body = bodies[name]
+def test_meshes_of_the_robot_end_at_the_tips(posed):
+    joints, bodies = posed
+    for finger, tip in enumerate(kinematics.tips(joints)):
+        (body,) = (body for body in bodies if body.name == f"finger_tip_link_{120 * finger}")
         points = body.mesh.vertices @ body.world_from_body[:3, :3].T + body.world_from_body[:3, 3]
-        distance = np.linalg.norm(points - kinematics.tips(joints)[finger], axis=1)
+        distance = np.linalg.norm(points - tip, axis=1)
         assert distance.min() == pytest.approx(kinematics.TIP_RADIUS, abs=1e-4)
 
 
-def test_groups_have_colours_and_labels_and_meshes_with_one_key_are_equal(platform, rng):
-    look, lighting = random_look(rng, platform.model), random_lighting(rng)
-    states = platform.object_states(np.zeros((1, 3)), np.eye(3)[None])
-    scene = platform.scene(states, np.zeros(9), look, lighting, {})
+def test_groups_have_colours_and_labels_and_meshes_with_one_key_are_equal(posed):
     meshes = {}
-    for body in scene.bodies:
+    for body in posed[1]:
         assert body.mesh.groups.max() < len(body.colors) == len(body.labels)
         assert len(body.mesh.groups) == len(body.mesh.triangles)
         assert body.mesh.triangles.max() < len(body.mesh.vertices)

@@ -4,16 +4,18 @@ import pytest
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.render.renderer import shared_renderer
-from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene
+from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene, transform
 from tests.helpers import opencv_pixels, random_rotations
 from tests.helpers.pyrender_labels import labels_and_depth
-from tracker.conventions import Array, FloatArray
+from tracker.conventions import Array
 from tracker.geometry.cuboid import FACE_CORNERS, corners
 
 LABELS = np.array([1, 6, 2, 5, 3, 4], np.uint8)  # +x … -z, none twice
 COLORS = np.array([[1, 1, 10], [1, 9, 9], [2, 8, 2], [7, 2, 7], [9, 2, 1], [8, 7, 1]]) / 20
 WHITE = np.ones(3)
 RENDERER = shared_renderer()
+CAMERA = default_cameras()[0]
+LENS = Lens(CAMERA, 1)
 
 
 def box(size: tuple[float, ...]) -> Mesh:
@@ -27,12 +29,6 @@ def ball(radius: float = 0.02) -> Mesh:
     return Mesh("ball", sphere.vertices, sphere.faces, np.zeros(len(sphere.faces), int))
 
 
-def placed(rotation: Array, position: Array) -> FloatArray:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = rotation, position
-    return out
-
-
 def lighting(ambient: float = 0.5, *lamps: Lamp) -> Lighting:
     return Lighting(ambient * WHITE, lamps)
 
@@ -42,49 +38,46 @@ def lamp(x: float, y: float, z: float, strength: float = 0.5) -> Lamp:
 
 
 def thing(name: str, mesh: Mesh, position: Array, reflectance: float = 0.5) -> Body:
-    groups = int(mesh.groups.max()) + 1
-    pose = placed(np.eye(3), position)
+    groups, pose = int(mesh.groups.max()) + 1, transform(np.eye(3), position)
     return Body(name, mesh, pose, np.full((groups, 3), reflectance), np.zeros(groups, np.uint8))
 
 
+TABLE = thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2)
+
+
 def crowded(rotation: Array) -> PlatformScene:
-    pose = placed(rotation, [0.02, -0.01, 0.06])
-    bodies = [Body("object", box((0.065, 0.065, 0.065)), pose, COLORS, LABELS, gloss=0.1, texture=0.1)]
-    bodies.append(thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2))
-    bodies += [thing(f"ball{k}", ball(), [0.05 * k - 0.07, 0.05, 0.1]) for k in range(4)]
-    return PlatformScene(tuple(bodies), lighting(0.5, lamp(0.3, 0.2, 1)))
+    pose = transform(rotation, [0.02, -0.01, 0.06])
+    cube = Body("object", box((0.065, 0.065, 0.065)), pose, COLORS, LABELS, gloss=0.1, texture=0.1)
+    balls = (thing(f"ball{k}", ball(), [0.05 * k - 0.07, 0.05, 0.1]) for k in range(4))
+    return PlatformScene((cube, TABLE, *balls), lighting(0.5, lamp(0.3, 0.2, 1)))
 
 
 def test_shadows_only_take_light_away() -> None:
-    scene, view = crowded(np.eye(3)), Lens(default_cameras()[0], 1).view
-    dark, bright = (RENDERER.render(scene, view, shadows=shadows) for shadows in (True, False))
+    scene = crowded(np.eye(3))
+    dark, bright = (RENDERER.render(scene, LENS.view, shadows=shadows) for shadows in (True, False))
     assert np.array_equal(dark.labels, bright.labels)
     assert (dark.color <= bright.color + 1e-6).all()
     assert (dark.color < 0.8 * bright.color).any(axis=-1).mean() > 0.02
 
 
 def test_light_is_linear() -> None:
-    lens = Lens(default_cameras()[0], 1)
     colors = []
     for ambient, strength in ((0.2, 0.0), (0.0, 0.7), (0.4, 2.1)):
         light = lighting(ambient, lamp(0.3, 0.2, 1, strength))
         scene = PlatformScene(crowded(np.eye(3)).bodies, light)
-        colors.append(RENDERER.render(scene, lens.view).color)
+        colors.append(RENDERER.render(scene, LENS.view).color)
     np.testing.assert_allclose(colors[2], 2 * colors[0] + 3 * colors[1], rtol=1e-5, atol=1e-6)
 
 
 def test_lambert_holds_on_a_level_table() -> None:
-    table = thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2)
-    scene = PlatformScene((table,), lighting(0.5, lamp(3, 0, 4, 0.5)))
-    camera = default_cameras()[0]
-    lens = Lens(camera, 1)
-    color = lens.to_camera(RENDERER.render(scene, lens.view, shadows=False).color, "mean")
-    column, row = np.rint(opencv_pixels(camera, np.zeros((1, 3)))[0]).astype(int)
+    scene = PlatformScene((TABLE,), lighting(0.5, lamp(3, 0, 4, 0.5)))
+    color = LENS.to_camera(RENDERER.render(scene, LENS.view, shadows=False).color, "mean")
+    column, row = np.rint(opencv_pixels(CAMERA, np.zeros((1, 3)))[0]).astype(int)
     np.testing.assert_allclose(color[row, column], 0.2 * (0.5 + 0.5 * 0.8), rtol=1e-3)
 
 
 def test_empty_scene_is_black() -> None:
-    layers = RENDERER.render(PlatformScene((), lighting()), Lens(default_cameras()[0], 1).view)
+    layers = RENDERER.render(PlatformScene((), lighting()), LENS.view)
     assert not layers.color.any()
     assert not layers.labels.any()
     assert not layers.alone.any()
@@ -104,14 +97,13 @@ def test_pyrender_sees_the_same_labels_and_depths() -> None:
 
 @pytest.mark.parametrize("supersampling", [1, 2, 3])
 def test_lens_keeps_flat_layers_and_places(supersampling: int) -> None:
-    camera = default_cameras()[0]
-    lens = Lens(camera, supersampling)
+    lens = Lens(CAMERA, supersampling)
     view = lens.view
     assert np.allclose(lens.to_camera(np.full((view.height, view.width, 3), 0.3, np.float32), "mean"), 0.3)
     # A layer that holds its own rays: coordinates come back as OpenCV distorts them.
     x, y = np.meshgrid(np.arange(view.width), np.arange(view.height))
     rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones(x.shape)], axis=-1)
     back = lens.to_camera(rays, "mean").astype(float).reshape(-1, 3)
-    pixels = opencv_pixels(camera, back, np.eye(4))
-    grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+    pixels = opencv_pixels(CAMERA, back, np.eye(4))
+    grid = np.stack(np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height)), axis=-1)
     assert np.abs(pixels.reshape(grid.shape) - grid).max() < 0.03

@@ -17,6 +17,11 @@ def step_edge():
     return light
 
 
+def middle(layer):
+    """Row and column of the light's centre."""
+    return np.array([(layer * index).sum() for index in np.indices(layer.shape)]) / layer.sum()
+
+
 def test_what_is_below_the_black_level_is_zero_and_bright_light_ends_at_the_ceiling():
     levels = {"black": (0.004, 0.004, 0.004), "ceiling": (255.0, 249.0, 255.0)}
     sensor = Sensor(psf_sigma=0.0, gamma=2.0, path="new", **levels)
@@ -38,18 +43,11 @@ def test_noise_of_a_mosaic_is_greatest_in_the_dark_as_in_recorded_pictures():
     assert noise[120] == pytest.approx([2.2, 2.2, 2.6], rel=0.5)
 
 
-def test_a_picture_of_the_new_path_is_the_interpolation_of_its_own_mosaic():
-    picture = Sensor.sample(rng(3), "new").expose(step_edge(), rng(4))
-    assert np.array_equal(demosaicked(mosaicked(picture))[INNER], picture[INNER])
-
-
-def test_the_old_path_mosaics_what_it_has_halved():
-    light = step_edge()
-    picture = Sensor.sample(rng(3), "old").expose(light, rng(4), halved=True)
-    assert picture.shape == (30, 30, 3)
-    assert np.array_equal(demosaicked(mosaicked(picture))[INNER], picture[INNER])
-    new = Sensor.sample(rng(3), "new").expose(light, rng(4), halved=True)
-    assert not np.array_equal(demosaicked(mosaicked(new))[INNER], new[INNER])
+@pytest.mark.parametrize(("path", "size", "own"), [("new", 60, True), ("old", 30, True), ("new", 30, False)])
+def test_a_picture_is_the_interpolation_of_its_own_mosaic_unless_halved_by_the_new_path(path, size, own):
+    picture = Sensor.sample(rng(3), path).expose(step_edge(), rng(4), halved=size == 30)
+    assert picture.shape == (size, size, 3)
+    assert np.array_equal(demosaicked(mosaicked(picture))[INNER], picture[INNER]) == own
 
 
 def test_the_new_path_halves_after_a_median():
@@ -67,10 +65,7 @@ def test_no_path_moves_the_picture(path, halved):
     picture = Sensor(path=path).expose(np.repeat(spot[..., None], 3, axis=2), rng(0), NEUTRAL, halved=halved)
     center = (picture.shape[0] - 1) / 2
     for channel in range(3):
-        weight = picture[..., channel].astype(float)
-        rows, columns = np.indices(weight.shape)
-        assert (weight * rows).sum() / weight.sum() == pytest.approx(center, abs=0.05)
-        assert (weight * columns).sum() / weight.sum() == pytest.approx(center, abs=0.05)
+        assert middle(picture[..., channel].astype(float)) == pytest.approx([center, center], abs=0.05)
 
 
 def test_settings_of_a_camera_stay_while_noise_changes():
@@ -114,9 +109,7 @@ def test_blur_keeps_light_and_place():
     spot = np.zeros((21, 21, 3), np.float32)
     spot[10, 8] = 4.0
     image = Sensor(psf_sigma=1.2).expose(spot, rng(0))[:, :, 0].astype(float)
-    rows, columns = np.indices(image.shape)
-    assert (image * columns).sum() / image.sum() == pytest.approx(8, abs=1e-9)
-    assert (image * rows).sum() / image.sum() == pytest.approx(10, abs=1e-9)
+    assert middle(image) == pytest.approx([10, 8], abs=1e-9)
     assert image.sum() == pytest.approx(4 * 255, rel=0.02)
 
 

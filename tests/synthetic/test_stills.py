@@ -15,7 +15,7 @@ from synthetic.render.renderer import shared_renderer
 from synthetic.render.surfaces import SurfaceStore
 from synthetic.scene import ObjectState, PlatformScene
 from synthetic.stills import Still
-from tests.helpers import opencv_pixels
+from tests.helpers import look_at, opencv_pixels
 from tests.helpers.stills import bare_scene, posed_scene, scene_with_fingers, take
 from tracker import Camera, CuboidModel, load_object
 from tracker.conventions import Array
@@ -38,23 +38,18 @@ def face_outlines(state: ObjectState, model: CuboidModel, camera: Camera) -> lis
     """Pixels (N, 2) along the outline of each visible face; edges sampled finely, as lenses bend them."""
     outlines = []
     points = corners(model.size) @ state.rotation.T + state.position
-    eye = np.linalg.inv(camera.camera_from_world)[:3, 3]
     share = np.linspace(0, 1, 40, endpoint=False)[:, None]
     for normal, ring in zip(FACE_NORMALS @ state.rotation.T, points[FACE_CORNERS], strict=True):
-        if normal @ (eye - ring[0]) > 0:
+        if normal @ (camera.position - ring[0]) > 0:
             outline = [a + share * (b - a) for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)]
             outlines.append(opencv_pixels(camera, np.concatenate(outline)))
     return outlines
 
 
 def area_and_centroid(outlines: list[Array]) -> tuple[float, Array]:
-    area, moment = 0.0, np.zeros(2)
-    for a in outlines:
-        b = np.roll(a, -1, axis=0)
-        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        area += abs(cross.sum() / 2)
-        moment += np.sign(cross.sum()) * ((a + b) * cross[:, None]).sum(axis=0) / 6
-    return area, moment / area
+    moments = [cv2.moments(outline.astype(np.float32)) for outline in outlines]
+    area, *along = (sum(part[key] for part in moments) for key in ("m00", "m10", "m01"))
+    return area, np.array(along) / area
 
 
 @pytest.mark.parametrize("width", [270, 540])
@@ -92,14 +87,10 @@ def test_camera_of_twice_the_width_sees_the_same() -> None:
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_faces_lie_on_their_axes(model: CuboidModel) -> None:
-    camera = CAMERAS[1]
-    eye = np.linalg.inv(camera.camera_from_world)[:3, 3]
-    position = np.array([0.01, -0.02, 0.06])
+    camera, position = CAMERAS[1], np.array([0.01, -0.02, 0.06])
+    # Columns towards the camera, to its side, and perpendicular to both.
+    in_world = look_at(position, camera.position)[(2, 0, 1), :3].T
     for face, normal in enumerate(FACE_NORMALS):
-        towards = (eye - position) / np.linalg.norm(eye - position)
-        side = np.cross(towards, [0.0, 0.0, 1.0])
-        side /= np.linalg.norm(side)
-        in_world = np.stack([towards, side, np.cross(towards, side)], axis=1)
         in_object = np.stack([normal, np.roll(normal, 1), np.cross(normal, np.roll(normal, 1))], axis=1)
         rotation = in_world @ in_object.T
         scene = posed_scene(model, (position, rotation), rng(face))
