@@ -52,8 +52,7 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(scope="session")
 def real() -> Path:
     """Folder of recorded data of real platforms; tests that need it are skipped where it is absent."""
-    default = Path(__file__).resolve().parents[2] / "shared" / "real"
-    folder = Path(os.environ.get("TRACKER_REAL_DATA", default))
+    folder = Path(os.environ.get("TRACKER_REAL_DATA", ROOT.parent / "shared" / "real"))
     if not folder.is_dir():
         lack("real", "no recorded data; set TRACKER_REAL_DATA to its folder")
     return folder

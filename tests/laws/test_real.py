@@ -9,27 +9,25 @@ from benchmarks.measure.recorded import inside_distances, light_changes
 from tracker.color_learning.labelled import intersection_over_union, read_labelled
 
 
-def posed(real: Path, name: str):
+@pytest.fixture(params=POSED)
+def posed(real: Path, request: pytest.FixtureRequest):
     """Tracker and labelled images of a triplet, the calibration of halved images corrected."""
-    return triplet(real, name, corrected=name == "cuboid_2x2x8_v2")
+    return triplet(real, request.param, corrected=request.param == "cuboid_2x2x8_v2")
 
 
-@pytest.mark.parametrize("name", POSED)
-def test_labelled_pixels_lie_in_the_faces_of_their_colour(real, name):
-    assert np.mean(inside_distances(*posed(real, name)) >= 0) >= 0.99
+def test_labelled_pixels_lie_in_the_faces_of_their_colour(posed):
+    assert np.mean(inside_distances(*posed) >= 0) >= 0.99
 
 
-@pytest.mark.parametrize("name", POSED)
-def test_the_face_on_the_table_is_level(real, name):
-    detector, images = posed(real, name)
+def test_the_face_on_the_table_is_level(posed):
+    detector, images = posed
     pose = detector.detect([i.image for i in images]).object_pose
     upright = np.abs(pose.rotation[2]).max()
     assert np.degrees(np.arccos(min(upright, 1.0))) < 2
 
 
-@pytest.mark.parametrize("name", POSED)
-def test_changed_light_does_not_move_the_pose(real, name):
-    detector, images = posed(real, name)
+def test_changed_light_does_not_move_the_pose(posed):
+    detector, images = posed
     near, draws = 0, 50
     for shift, turn, confidence in light_changes(detector, [i.image for i in images], draws):
         right = shift < 3 and turn < 3
