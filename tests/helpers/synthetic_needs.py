@@ -27,8 +27,7 @@ def missing() -> str:
 
 def skip_without_platform() -> None:
     """Skip the test that calls it, with the reason, where the platform cannot be rendered."""
-    reason = missing()
-    if reason:
+    if reason := missing():
         lack("platform", reason)
 
 

@@ -56,11 +56,16 @@ def test_the_layout_is_complete(made):
     assert CameraRig.load(made).names == CAMERAS
     for entry in truth["frames"]:
         assert set(entry) == {"frame", "timestamp", "object", "robot_position", "cameras", "scene"}
+        assert len(entry["robot_position"]) == 9
+        assert np.linalg.norm(entry["object"]["orientation_xyzw"]) == pytest.approx(1)
         for name in CAMERAS:
-            labels = read(made / entry["frame"] / f"labels_{name}.png")
-            assert read(made / entry["frame"] / f"{name}.png").shape == (270, 270, 3)
-            assert labels.shape == (270, 270)
-            assert np.count_nonzero(labels) == entry["cameras"][name]["visible_px"]
+            seen = entry["cameras"][name]
+            image, labels = (read(made / entry["frame"] / f"{kind}{name}.png") for kind in ("", "labels_"))
+            assert image.dtype == labels.dtype == np.uint8
+            assert (image.shape, labels.shape) == ((270, 270, 3), (270, 270))
+            assert labels.max() <= 6
+            assert np.count_nonzero(labels) == seen["visible_px"]
+            assert 0 <= seen["visible_fraction"] <= 1
     assert not list(made.glob(".*"))
 
 

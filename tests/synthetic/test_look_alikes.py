@@ -3,13 +3,12 @@ import functools
 import numpy as np
 import pytest
 
-from tests.helpers.needs import lack
-from tests.helpers.synthetic_needs import missing
+from tests.helpers.synthetic_needs import missing, skip_without_platform
 
 if missing():
-    lack("platform", missing())
+    skip_without_platform()
 
-from synthetic.frames import DatasetError, FrameOptions, frames
+from synthetic.frames import frames
 from synthetic.world.look_alikes import KINDS, LARGER, LONGER, SHORTER, SMALLER, look_alike
 from synthetic.world.look_alikes import turned_arrangements as turned
 from synthetic.world.scenes import random_scene
@@ -145,9 +144,3 @@ def test_look_alikes_repeat_to_the_bit_and_stay_through_a_film():
     assert all(np.array_equal(a, b) for a, b in zip(one.images, other.images, strict=True))
     film = make("permuted", count=2, sequence=True, kind="push", length=2)
     assert len({body.labels.tobytes() for frame in film for body in marked(frame.scene)}) == 1
-
-
-@pytest.mark.parametrize(("name", "kind"), [("cube_v2", "twin"), ("dice", "plain")])
-def test_what_has_no_look_alike_is_refused(name, kind):
-    with pytest.raises(DatasetError, match="look_alike: found"):
-        FrameOptions(name, 1, look_alike=kind)

@@ -12,7 +12,7 @@ from synthetic.camera.rigs import standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, mosaicked
 from synthetic.camera.shot import QUALITIES, shoot
 from synthetic.camera.units import MOST, PERIOD, Timing, Unit
-from synthetic.frames import DatasetError, FrameMaker, FrameOptions, frames
+from synthetic.frames import FrameMaker, FrameOptions, frames
 from synthetic.render.raster import Layers
 from synthetic.scene import ObjectState
 from synthetic.world.motion import film
@@ -125,13 +125,6 @@ def test_a_shutter_is_open_around_its_stamp_and_the_longer_way_takes_more_scenes
         assert len(times) == count
         assert np.mean(times) == pytest.approx(5.0)
         assert np.ptp(times) == pytest.approx(own.exposure * (1 - 1 / count))
-
-
-@pytest.mark.parametrize(("found", "message"), [({}, "raw: found size 270"), ({"path": "new"}, "raw")])
-def test_small_pictures_are_no_mosaics_unless_mosaicked_again(found, message):
-    with pytest.raises(DatasetError, match=message):
-        FrameOptions("cube_v2", 1, raw=True, **found)
-    FrameOptions("cube_v2", 1, raw=True, path="old")
 
 
 @pytest.fixture(scope="module")

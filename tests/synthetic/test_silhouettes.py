@@ -2,12 +2,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers.needs import lack
-from tests.helpers.synthetic_needs import missing
+from tests.helpers.synthetic_needs import missing, skip_without_platform
 from tracker.errors import TrackerError
 
 if missing():
-    lack("platform", missing())
+    skip_without_platform()
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import sized, standard_rig

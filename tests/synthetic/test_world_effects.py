@@ -4,12 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.helpers.needs import lack
 from tests.helpers.pyrender_labels import labels_and_depth
-from tests.helpers.synthetic_needs import missing
+from tests.helpers.synthetic_needs import missing, skip_without_platform
 
 if missing():
-    lack("platform", missing())
+    skip_without_platform()
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
