@@ -63,31 +63,20 @@ def answer(**values: Any) -> dict[str, Any]:
 
 def answers(count: int, seed: int = 5) -> pd.DataFrame:
     """`count` answers to each workload and object, honest ones, and to scenes without the object."""
-    rng = np.random.default_rng(seed)
-    rows = []
-    for group, scale in GROUPS.items():
-        for name in OBJECTS:
-            for index in range(count):
-                confidence = float(rng.beta(20, 1))
-                right = rng.random() < confidence
-                rows.append(
-                    answer(
-                        group=group,
-                        object=name,
-                        index=index,
-                        visible=float(rng.uniform(0.3, 1)),
-                        confidence=confidence,
-                        mm=scale * float(rng.lognormal(0, 0.3)) if right else 30.0,
-                        deg=scale * float(rng.lognormal(0, 0.3)) if right else 90.0,
-                        nees=float(rng.chisquare(6)),
-                        ratio=float(rng.lognormal(0.7, 0.2)),
-                        pictures=float(rng.normal()),
-                    )
-                )
+    rng, parts = np.random.default_rng(seed), []
     empty = {"present": False, "found": False, "status": "no_object_colors", "visible": 0.0}
-    for group in ("absent", "look-alike: plain"):
-        rows += [answer(group=group, object=n, index=k, **empty) for n in OBJECTS for k in range(count)]
-    return pd.DataFrame(rows)
+    for name in OBJECTS:
+        own = {"object": name, "index": range(count)}
+        parts += [answer(**own, **empty, group=group) for group in ("absent", "look-alike: plain")]
+        for group, scale in GROUPS.items():
+            confidence = rng.beta(20, 1, count)
+            right = rng.random(count) < confidence
+            own |= {"group": group, "confidence": confidence, "visible": rng.uniform(0.3, 1, count)}
+            for unit, off in (("mm", 30.0), ("deg", 90.0)):
+                own[unit] = np.where(right, scale * rng.lognormal(0, 0.3, count), off)
+            own |= {"nees": rng.chisquare(6, count), "ratio": rng.lognormal(0.7, 0.2, count)}
+            parts.append(answer(**own, pictures=rng.normal(size=count)))
+    return pd.concat(map(pd.DataFrame, parts), ignore_index=True)
 
 
 def film(count: int = 10, **changed: Any) -> pd.DataFrame:
@@ -105,13 +94,8 @@ def film(count: int = 10, **changed: Any) -> pd.DataFrame:
 
 def results(count: int = 30) -> Results:
     """Results with several parts."""
-    films = pd.concat(
-        [film(object=name, group=group) for name in OBJECTS for group in ("all", "world")], ignore_index=True
-    )
-    third = pd.DataFrame(
-        [
-            {"object": name, "group": "camera60", "px": 0.8, "miss_mm": 1.4, "shift_mm": 0.3, "turn_deg": 0.2}
-            for name in OBJECTS
-        ]
-    )
+    own = [film(object=name, group=group) for name in OBJECTS for group in ("all", "world")]
+    films = pd.concat(own, ignore_index=True)
+    miss = {"group": "camera60", "px": 0.8, "miss_mm": 1.4, "shift_mm": 0.3, "turn_deg": 0.2}
+    third = pd.DataFrame([{"object": name, **miss} for name in OBJECTS])
     return Results(dict(ABOUT), {"accuracy": answers(count), "films": films, "third camera": third})

@@ -36,8 +36,8 @@ def silhouette(camera, position, rotation) -> np.ndarray:
 
 
 def scene_of(positions, rotations, labels=None, bars=()) -> DiceScene:
-    images = tuple(np.zeros((SIZE, SIZE, 3), np.uint8) for _ in RIG)
-    labels = labels or tuple(np.zeros((SIZE, SIZE), np.uint8) for _ in RIG)
+    images = (np.zeros((SIZE, SIZE, 3), np.uint8),) * 3
+    labels = labels or (np.zeros((SIZE, SIZE), np.uint8),) * 3
     bars = np.array(bars, float).reshape(-1, 3, 2)
     return DiceScene(4, images, labels, np.array(positions, float), np.array(rotations, float), bars)
 
@@ -80,12 +80,10 @@ def test_the_cross_is_where_the_cameras_own_projection_has_it():
     bar = np.array([[-0.03, 0.03], [-0.004, 0.004], [0.0, 0.0002]])
     for camera in RIG:
         meets = cross_pixels(camera, bar[None])
-        inside = camera.project(np.column_stack([np.linspace(-0.028, 0.028, 9), np.zeros((9, 2))]))
-        beside = camera.project(
-            np.column_stack([np.linspace(-0.05, 0.05, 9), np.full(9, 0.012), np.zeros(9)])
-        )
-        assert all(meets[tuple(np.rint(pixel).astype(int)[::-1])] for pixel in inside)
-        assert not any(meets[tuple(np.rint(pixel).astype(int)[::-1])] for pixel in beside)
+        for reach, y in ((0.028, 0.0), (0.05, 0.012)):
+            points = np.column_stack([np.linspace(-reach, reach, 9), np.full(9, y), np.zeros(9)])
+            columns, rows = np.rint(camera.project(points)).astype(int).T
+            assert (meets[rows, columns] == (y == 0)).all()
         assert not cross_pixels(camera, bar[None][:0]).any()
 
 
@@ -105,9 +103,8 @@ def test_dice_that_are_left_over_are_invented():
 
 
 def test_distance_is_in_space_and_half_an_edge_is_near_enough():
-    true = np.zeros((1, 3))
     for distance, right in ((RIGHT - 1e-6, True), (RIGHT + 1e-6, False)):
-        assert judge_positions(true, [die([0.0, 0.0, distance])]).right.tolist() == [right]
+        assert judge_positions(np.zeros((1, 3)), [die([0.0, 0.0, distance])]).right.tolist() == [right]
 
 
 def test_no_pair_is_given_up_for_a_nearer_one():
@@ -184,13 +181,11 @@ def test_a_recorded_picture_is_compared_with_its_mask(tmp_path):
 
 
 @pytest.mark.usefixtures("sketched")
-@pytest.mark.usefixtures("sketched")
 def test_a_smoke_run_of_the_command(tmp_path):
     skip_without_platform()
-    out = tmp_path / "out"
-    places = ["--cache", str(tmp_path / "cache"), "--real", str(tmp_path / "nowhere"), "-o", str(out)]
-    arguments = ["dice", "--scenes", "1", "--workers", "1", "--seed", "5", *places]
-    assert "## Dice" in printed_by(*arguments)
+    out, cache = tmp_path / "out", tmp_path / "cache"
+    places = ("--cache", cache, "--real", tmp_path / "nowhere", "-o", out)
+    assert "## Dice" in printed_by("dice", "--scenes", 1, "--workers", 1, "--seed", 5, *places)
     results = read_results(out)
     assert (results.about["seed"], results.about["draw"]) == (5, "other")
     rows = {(row["table"], row["group"]): row for row in results.figures}
@@ -198,4 +193,4 @@ def test_a_smoke_run_of_the_command(tmp_path):
         assert rows["dice, masks", kind]["n"] == 3
         assert 0.5 < rows["dice, masks", kind]["iou"] <= 1
     assert len(results.frames["dice, positions"]) == 2 * 2 * 25
-    assert len(list((tmp_path / "cache").rglob("*.npz"))) == 2
+    assert len(list(cache.rglob("*.npz"))) == 2

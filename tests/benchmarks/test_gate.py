@@ -22,6 +22,12 @@ def baseline() -> Results:
     return read_results(gate.BASELINE)
 
 
+def assert_told(before: Results, after: Results, *words: str) -> None:
+    """The gate fails, with one of some words."""
+    worse = gate.failures(before, after)
+    assert any(word in line for line in worse for word in words), worse
+
+
 def changed(run: Results, **columns) -> Results:
     """The same run with columns of the accuracy computed again from its frame."""
     after = copy.deepcopy(run)
@@ -92,8 +98,7 @@ def test_the_gate_lets_through(baseline, name):
 @pytest.mark.parametrize("name", SABOTAGE)
 def test_the_gate_tells(baseline, name):
     columns, word = SABOTAGE[name]
-    worse = gate.failures(baseline, changed(baseline, **columns))
-    assert any(word in line for line in worse), worse
+    assert_told(baseline, changed(baseline, **columns), word)
 
 
 @pytest.mark.parametrize("part", ["third camera", "recorded, one camera"])
@@ -104,10 +109,9 @@ def test_the_gate_tells_of_recorded_pictures(baseline, part):
         frame["px"] += 0.2
     else:
         frame.loc[frame.index % 2 == 0, ["found", "mm", "deg", "confidence"]] = False, np.nan, np.nan, np.nan
-    found = gate.failures(baseline, worse)
-    assert any(name in line for line in found for name in frame.object.unique())
+    assert_told(baseline, worse, *frame.object.unique())
     del worse.frames[part]
-    assert any("not measured" in line for line in gate.failures(baseline, worse))
+    assert_told(baseline, worse, "not measured")
 
 
 def test_other_pictures_are_not_compared(baseline):
@@ -122,8 +126,7 @@ def test_other_pictures_are_not_compared(baseline):
 def test_scenes_that_are_not_measured_are_missed(baseline):
     fewer = copy.deepcopy(baseline)
     fewer.frames["accuracy"] = fewer.frames["accuracy"].iloc[3:]
-    found = gate.failures(baseline, fewer)
-    assert any("3 scenes of the baseline were not measured" in line for line in found)
+    assert_told(baseline, fewer, "3 scenes of the baseline were not measured")
 
 
 def test_the_committed_baseline_is_of_these_scenes_and_says_why_it_stands(baseline):
@@ -172,7 +175,7 @@ def test_the_same_tree_gives_the_same_answers(measured):
 def test_the_gate_tells_of_a_tracker_with_wrong_covariances(measured, monkeypatch, factor):
     run, before = measured
     monkeypatch.setattr(tracker.ObjectTracker, "detect", scaled(factor))
-    assert any("NEES" in line for line in gate.failures(before, run()))
+    assert_told(before, run(), "NEES")
 
 
 @pytest.mark.parametrize("name", ["pixel", "hidden", "inlier", "lacking", "temper", "body", "shape"])
@@ -180,7 +183,7 @@ def test_the_gate_tells_of_a_number_of_the_evidence(measured, monkeypatch, name)
     run, before = measured
     other = {name: 1.5 * getattr(evidence.NUMBERS, name)}
     monkeypatch.setattr(evidence, "NUMBERS", evidence.NUMBERS._replace(**other))
-    assert any("confidence" in line for line in gate.failures(before, run()))
+    assert_told(before, run(), "confidence")
 
 
 def test_the_gate_tells_of_another_objects_colours(measured, monkeypatch):
@@ -210,10 +213,8 @@ def test_ratios_have_intervals(pair):
 def test_pairs_are_of_the_same_scene_whatever_the_order(pair):
     before, after = pair
     after.frames["accuracy"] = after.frames["accuracy"].sample(frac=1.0, random_state=1)
-    one, other = (
-        sorted(compare(*runs), key=lambda row: (row["group"], row["object"]))
-        for runs in (pair, (before, after))
-    )
+    rows = [compare(*runs) for runs in (pair, (before, after))]
+    one, other = (sorted(own, key=lambda row: (row["group"], row["object"])) for own in rows)
     assert text(one) == text(other)
 
 

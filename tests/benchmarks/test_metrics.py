@@ -18,12 +18,10 @@ CUBE, CUBOID = tracker.load_object("cube_v2").size, tracker.load_object("cuboid_
 
 
 def test_rotation_splits_into_axis_and_roll(rng):
-    rotations = random_rotations(rng, 20)
+    rotations, frame = random_rotations(rng, 20), random_rotations(rng, 1)[0]
     turned = rotations @ so3.exp([0.02, 0, 0]) @ so3.exp([0, 0.3, 0])
-    np.testing.assert_allclose(errors.roll_error(rotations, turned, 1), 0.3, atol=1e-9)
-    np.testing.assert_allclose(errors.roll_error(turned, rotations, 1), 0.3, atol=1e-9)
-    frame = random_rotations(rng, 1)[0]
-    np.testing.assert_allclose(errors.roll_error(frame @ rotations, frame @ turned, 1), 0.3, atol=1e-9)
+    for pair in ((rotations, turned), (turned, rotations), (frame @ rotations, frame @ turned)):
+        np.testing.assert_allclose(errors.roll_error(*pair, 1), 0.3, atol=1e-9)
 
 
 def test_only_the_cuboid_has_a_longest_axis():
@@ -42,12 +40,12 @@ def test_nees_of_a_true_covariance_is_chi_squared(rng):
     assert values.mean() == pytest.approx(6, abs=0.2)
     assert np.median(values) == pytest.approx(5.348, abs=0.2)
     np.testing.assert_allclose(errors.nees(true, found, 4 * covariance), values / 4)
-    inside = {"found": True, "nees": values}
-    assert INSIDE.of(pd.DataFrame(inside)) == pytest.approx(95, abs=1)
+    assert INSIDE.of(pd.DataFrame({"found": True, "nees": values})) == pytest.approx(95, abs=1)
 
 
 def test_figures_count_right_wrong_and_missing():
-    rows = [answer(mm=0.5, deg=0.4, confidence=0.9)] * 6 + [
+    rows = [
+        *[answer(mm=0.5, deg=0.4, confidence=0.9)] * 6,
         answer(mm=6.0, deg=1.0, confidence=0.8),
         answer(mm=1.0, deg=6.0, confidence=0.2),
         answer(found=False, status="poor_fit"),

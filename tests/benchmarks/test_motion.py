@@ -27,16 +27,9 @@ def frame_of(number, moving=True) -> MotionFrame:
     """A frame of an object that goes along x at 1 m/s."""
     stamps = number / 10 - np.array([0.0, 0.005, 0.01])
     image = np.full((4, 4, 3), number, np.uint8)
-    return MotionFrame(
-        stamps,
-        (image,) * 3,
-        (image + 100,) * 3,
-        np.stack([pose([stamp, 0, 0]) for stamp in stamps]),
-        pose([number / 10, 0, 0]),
-        pose([number / 10 + AHEAD, 0, 0]),
-        moving,
-        moving,
-    )
+    at_stamps = np.stack([pose([stamp, 0, 0]) for stamp in stamps])
+    latest, ahead = (pose([time, 0, 0]) for time in (number / 10, number / 10 + AHEAD))
+    return MotionFrame(stamps, (image,) * 3, (image + 100,) * 3, at_stamps, latest, ahead, moving, moving)
 
 
 class Knowing:
@@ -67,11 +60,11 @@ def test_a_motion_has_no_jumps_and_stays_in_view(seed):
         assert before.end == after.begin
         for one, other in zip(before.pose(before.end), after.pose(after.begin), strict=True):
             np.testing.assert_allclose(one, other, atol=1e-12)
-    speeds = [motion.speed(time) for time in np.arange(0, 7.8, 0.01)]
+    times = np.arange(0, 7.8, 0.01)
+    speeds = [motion.speed(time) for time in times]
     assert min(speeds) == pytest.approx(0, abs=1e-9)
     assert 0.5 * SPEED < np.median(speeds) < 1.5 * SPEED
-    for time in np.arange(0, 7.8, 0.01):
-        (x, y, z), rotation = motion.pose(time)
+    for (x, y, z), rotation in map(motion.pose, times):
         assert np.hypot(x, y) < REACH + BULGE * LEAST
         assert HEIGHTS[0] <= z <= HEIGHTS[1]
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
@@ -147,12 +140,9 @@ def test_a_frame_is_given_with_the_stamps_of_its_way(way):
 
 def test_what_is_compared_has_units(rng):
     rotation = random_rotations(rng, 1)[0]
-    off = so3.exp([0, 0, np.radians(2)]) @ rotation
-    found = SimpleNamespace(
-        position=np.array([0.003, 0, 0]),
-        orientation=so3.quaternion_from_matrix(off),
-        covariance=np.diag([1e-6] * 3 + [np.radians(1) ** 2] * 3),
-    )
+    orientation = so3.quaternion_from_matrix(so3.exp([0, 0, np.radians(2)]) @ rotation)
+    covariance = np.diag([1e-6] * 3 + [np.radians(1) ** 2] * 3)
+    found = SimpleNamespace(position=[0.003, 0, 0], orientation=orientation, covariance=covariance)
     assert pose_errors(found, pose([0, 0, 0], rotation)) == pytest.approx((3, 2, 13))
     assert np.isnan(pose_errors(None, pose([0, 0, 0]))).all()
 
@@ -171,11 +161,10 @@ def test_only_frames_that_move_count():
 
 def test_steady_frames_lie_within_one_leg():
     motion = film_motion(515151, 0)
-    for number in range(20):
-        frame_leg, time = motion.leg(number / 10), number / 10
-        if frame_leg.begin <= time - STEADY and frame_leg.end >= time + AHEAD:
-            assert motion.leg(time - STEADY) is frame_leg
-            assert motion.leg(time + AHEAD - 1e-9) is frame_leg
+    for time in np.arange(20) / 10:
+        leg = motion.leg(time)
+        if leg.begin <= time - STEADY and leg.end >= time + AHEAD:
+            assert motion.leg(time - STEADY) is motion.leg(time + AHEAD - 1e-9) is leg
 
 
 def test_every_way_is_played(tmp_path, monkeypatch):
@@ -184,8 +173,7 @@ def test_every_way_is_played(tmp_path, monkeypatch):
     monkeypatch.setattr(measured_motion, "FRAMES", 3)
 
     def played(own, frames, given):
-        # The store is asked for frames, as by the real thing.
-        assert len(list(frames)) == 3
+        assert len(list(frames)) == 3  # the store is asked for frames, as by the real thing
         return play(Knowing(), [frame_of(1)], given)
 
     monkeypatch.setattr(measured_motion, "play", played)

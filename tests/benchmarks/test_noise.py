@@ -19,13 +19,12 @@ def made_up(count: int = 40, length: int = 30):
     return list(rows)
 
 
-def values_of(model: NoiseModel):
-    return {group: {key: n.value for key, n in numbers.items()} for group, numbers in model.numbers.items()}
+NUMBERS = NoiseModel.load("platform").numbers
+VALUES = {group: {key: n.value for key, n in numbers.items()} for group, numbers in NUMBERS.items()}
 
 
 def test_a_model_agrees_with_what_it_made(tmp_path):
-    values = values_of(NoiseModel.load("platform"))
-    one, other = (score.simulated(values, made_up(), seed) for seed in (1, 2))
+    one, other = (score.simulated(VALUES, made_up(), seed) for seed in (1, 2))
     for name, first, second in score.agreement(one, other):
         assert abs(second / first - 1.0) < 0.15, name
     write_plot(one, other, tmp_path / "plot.png")
@@ -33,20 +32,19 @@ def test_a_model_agrees_with_what_it_made(tmp_path):
 
 
 def test_a_file_that_is_written_is_read_again(tmp_path):
-    model, path = NoiseModel.load("platform"), tmp_path / "noise.toml"
+    path = tmp_path / "noise.toml"
     found = {
         group: {key: (number.value, number.interval or ()) for key, number in numbers.items()}
-        for group, numbers in model.numbers.items()
+        for group, numbers in NUMBERS.items()
     }
     path.write_text(score.to_toml("again", found), encoding="utf-8")
-    assert NoiseModel.load(path).numbers == model.numbers
+    assert NoiseModel.load(path).numbers == NUMBERS
     assert path.stat().st_size < 5000
 
 
 def test_rates_of_misses_are_found_again():
-    values = values_of(NoiseModel.load("platform"))
-    own = values["missed"] = {"lost": 3.0, "lost_visible": 2.0, "found": 2.0, "found_visible": 1.0}
-    found = score._missed(score.simulated(values, made_up(), 3))
+    own = {"lost": 3.0, "lost_visible": 2.0, "found": 2.0, "found_visible": 1.0}
+    found = score._missed(score.simulated({**VALUES, "missed": own}, made_up(), 3))
     for key, value in found.items():
         assert abs(value - own[key]) < 0.25 * own[key], key
 

@@ -52,14 +52,18 @@ def test_nothing_is_installed_unless_requested(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_an_environment_is_made_once(tmp_path, commands):
+def test_an_environment_is_made_once_and_again_where_its_python_has_gone(tmp_path, commands):
     python = interpreter(tmp_path)
     assert python.is_file()
     assert python.is_relative_to(tmp_path)
     assert any(f"{PACKAGE}=={VERSION}" in command for command in commands)
-    count = len(commands)
+    commands.clear()
     assert interpreter(tmp_path, install=False) == python
-    assert len(commands) == count
+    assert commands == []
+    python.unlink()
+    with pytest.raises(PackageError, match="not installed"):
+        interpreter(tmp_path, install=False)
+    assert interpreter(tmp_path).is_file()
 
 
 def test_what_an_interruption_left_unfinished_is_made_again(tmp_path, commands, monkeypatch):
@@ -80,13 +84,6 @@ def test_what_an_interruption_left_unfinished_is_made_again(tmp_path, commands, 
     assert not (root / "half a package").exists()
 
 
-def test_an_environment_whose_python_has_gone_is_made_again(tmp_path, commands):
-    interpreter(tmp_path).unlink()
-    with pytest.raises(PackageError, match="not installed"):
-        interpreter(tmp_path, install=False)
-    assert interpreter(tmp_path).is_file()
-
-
 def test_a_command_that_fails_says_why_in_one_line():
     assert run([sys.executable, "-c", "print('printed')"]) == "printed\n"
     with pytest.raises(PackageError, match=f"^{PACKAGE}: the reason$"):
@@ -99,12 +96,10 @@ def test_a_bent_picture_shows_points_where_opencv_projects_them(rng):
     camera = make_camera()
     straight = dataclasses.replace(camera, distortion=np.zeros(5))
     points = np.column_stack([rng.uniform(-0.15, 0.15, (40, 2)), rng.uniform(0, 0.1, 40)])
-    size = camera.width + 2 * LENS_MARGIN
-    columns, rows = np.meshgrid(np.arange(size), np.arange(size))
+    rows, columns = np.indices((camera.height + 2 * LENS_MARGIN, camera.width + 2 * LENS_MARGIN))
     places = bend_map(camera, LENS_MARGIN)
-    for (x, y), (u, v) in zip(
-        opencv_pixels(straight, points) + LENS_MARGIN, opencv_pixels(camera, points), strict=True
-    ):
+    before, after = opencv_pixels(straight, points) + LENS_MARGIN, opencv_pixels(camera, points)
+    for (x, y), (u, v) in zip(before, after, strict=True):
         spot = np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 3.0**2)).astype(np.float32)
         picture = bent(spot, places)
         near = picture * (np.hypot(*np.subtract(np.indices(picture.shape), [[[v]], [[u]]])) < 12)
@@ -121,12 +116,9 @@ def test_without_distortion_a_lens_bends_nothing(rng):
     np.testing.assert_array_equal(bent(picture, bend_map(camera, LENS_MARGIN)), inner)
 
 
-def test_a_margin_that_is_too_narrow_says_so():
+def test_a_margin_that_is_too_narrow_and_a_lens_without_inverse_are_named():
     with pytest.raises(CalibrationError, match=r"camera60: its lens shows .* px more .* margin of 5 px"):
         bend_map(make_camera(), 5)
-
-
-def test_a_lens_without_inverse_says_so():
     camera = dataclasses.replace(make_camera(), distortion=np.array([-3.0, 0, 0, 0, 0]))
     with pytest.raises(CalibrationError, match="camera60: the lens has no inverse"):
         normalised(camera)
@@ -160,9 +152,9 @@ def test_with_its_lens_a_camera_keeps_what_its_file_says():
 
 
 def test_workloads_through_the_lens_share_their_scenes():
-    first, second = BY_NAME["simulation package, lens"], BY_NAME["simulation package, lens, blurred"]
-    assert first.base == second.base
-    assert PACKAGES[first.base].lens
+    first, second = (BY_NAME[f"simulation package, lens{more}"].base for more in ("", ", blurred"))
+    assert first == second
+    assert PACKAGES[first].lens
 
 
 def test_a_slight_blur_is_the_same_for_all(rng):
