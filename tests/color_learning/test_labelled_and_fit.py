@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers.stated_sizes import OF_SIZE, encoded
+from tests.helpers.stated_sizes import KINDS, encoded, of_size
 from tracker.color_learning.fit import FitOptions, combine, image_histograms
 from tracker.color_learning.labelled import LabelledImage, intersection_over_union, read_image, read_labelled
 from tracker.errors import ColorModelError, ImageError
@@ -246,14 +246,14 @@ def test_what_cannot_be_read_or_taught_is_named(given, message, tmp_path):
         given(tmp_path)
 
 
-@pytest.mark.parametrize("kind", OF_SIZE)
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_image_that_claims_to_be_huge_is_named(kind, tmp_path):
-    (tmp_path / f"image.{kind}").write_bytes(OF_SIZE[kind](8193, 8192))
+    (tmp_path / f"image.{kind}").write_bytes(of_size(kind, 8193, 8192))
     with pytest.raises(ImageError, match=rf"image\.{kind}: found 8193×8192 px, expected at most 67108864"):
         read_image(tmp_path / f"image.{kind}")
 
 
-@pytest.mark.parametrize("kind", OF_SIZE)
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_image_of_any_format_is_read_whole_or_named(kind, tmp_path, rng):
     image = rng.integers(0, 256, (30, 40, 3), dtype=np.uint8)
     whole = encoded(kind, image)

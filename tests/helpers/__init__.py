@@ -16,7 +16,6 @@ from tracker.geometry import so3
 from tracker.pose.views import Sight
 
 ROOT = Path(__file__).resolve().parents[2]
-"""Folder of the repository."""
 
 
 def run_python(
@@ -45,11 +44,8 @@ def contents(folder: Path) -> dict[str, bytes | None]:
 def numerical_jacobian(function: Callable[[FloatArray], Array], at: Array, step: float = 1e-6) -> FloatArray:
     """Central differences of `function` (n,) -> (...) at `at` (n,): derivatives (..., n)."""
     at = np.asarray(at, dtype=np.float64)
-    columns = []
-    for k in range(len(at)):
-        offset = np.zeros(len(at))
-        offset[k] = step
-        columns.append((np.asarray(function(at + offset)) - np.asarray(function(at - offset))) / (2 * step))
+    offsets = step * np.eye(len(at))
+    columns = [np.subtract(function(at + offset), function(at - offset)) / (2 * step) for offset in offsets]
     return np.stack(columns, axis=-1)
 
 
@@ -89,7 +85,7 @@ def make_camera(azimuth_degrees: float = 60.0, name: str | None = None) -> Camer
         width=270,
         height=270,
         matrix=np.array([[294.4, 0.0, 135.9], [0.0, 296.4, 141.5], [0.0, 0.0, 1.0]]),
-        distortion=np.array([-0.2358, 0.1142, -0.00136, -5.2e-05, -0.0506]),
+        distortion=np.array(LENSES[5]),
         camera_from_world=look_at(position),
         camera_from_world_std=std,
     )

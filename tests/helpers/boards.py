@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tests.helpers.log_writers import write_picture
 from tracker import Camera, CameraRig
 from tracker.calibration.board.board import Board, Page, page_image
 from tracker.calibration.board.sighting import BoardView
@@ -94,9 +95,8 @@ def write_photos(
     lenses = [Camera(name, LENS.width, LENS.height, matrix, distortion, np.eye(4)) for name in cameras]
     CameraRig(tuple(lenses)).save(root / "lenses")
     for folder, place in places.items():
-        (root / folder).mkdir()
         for name, true in cameras.items():
-            cv2.imwrite(str(root / folder / f"{name}.png"), photo(true @ place, rng))
+            write_picture(root / folder / f"{name}.png", photo(true @ place, rng))
 
 
 @functools.cache

@@ -30,8 +30,7 @@ def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str,
     assert result.stdout == ""
     assert result.stderr.startswith("tracker: ")
     assert len(result.stderr.splitlines()) == 1, result.stderr
-    for word in words:
-        assert word in result.stderr
+    assert [word for word in words if word not in result.stderr] == [], result.stderr
 
 
 def assert_refused(run: Run, folder: Path, arguments: Sequence[object], *words: str, code: int = 2) -> None:

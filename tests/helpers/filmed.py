@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 import tracker
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import Sensor
 from tests.helpers.kept_stills import take
+from tests.helpers.log_writers import write_picture
 from tests.helpers.stills import Still, scene_with_fingers
 from tracker.color_learning.labelled import intersection_over_union
 from tracker.color_learning.lessons import Frames
@@ -34,10 +34,8 @@ def footage_of(film: list[Still]) -> Frames:
 def write_recording(folder: Path, film: list[Still]) -> Path:
     """A folder of pictures with its calibration."""
     for number, shot in enumerate(film):
-        frame = folder / f"{number:06d}"
-        frame.mkdir(parents=True)
         for camera, image in zip(RIG, shot.images, strict=True):
-            cv2.imwrite(str(frame / f"{camera.name}.png"), image)
+            write_picture(folder / f"{number:06d}" / f"{camera.name}.png", image)
     RIG.save(folder)
     return folder
 

@@ -10,7 +10,7 @@ import resource
 import signal
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +48,9 @@ class Sample:
     """A key of READERS."""
     path: Path
     """Where it is read from; there may be other files beside it that are not damaged."""
-    heads: tuple[tuple[int, int], ...] = field(default=())
+    heads: tuple[tuple[int, int], ...] = ()
     """Parts [start, end) in which lengths and kinds stand."""
     text: bool = False
-    """Whether it is text."""
 
 
 @dataclass(frozen=True)

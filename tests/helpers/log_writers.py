@@ -139,10 +139,9 @@ def write_store(
     import lmdb
     import numcodecs
 
-    pictures = []
-    for raw in content.raw.reshape(-1, *content.raw.shape[2:]):
-        pixels = quadrants(raw) if reorder else raw
-        pictures.append(cv2.imencode(codec, pixels)[1].tobytes())
+    shots = content.raw.reshape(-1, *content.raw.shape[2:])
+    shots = [quadrants(raw) if reorder else raw for raw in shots]
+    pictures = [cv2.imencode(codec, pixels)[1].tobytes() for pixels in shots]
     total = len(pictures) if length is None else length
     folder.mkdir(parents=True)
     codec_of = numcodecs.get_codec(compressor) if compressor else None
@@ -152,13 +151,13 @@ def write_store(
         def put(key: str, data: bytes) -> None:
             transaction.put(key.encode(), codec_of.encode(data) if codec_of and key[-1].isdigit() else data)
 
-        def array(name: str, count: int, dtype: str, filters: list[dict[str, str]] | None) -> None:
-            meta = {"zarr_format": 2, "shape": [count], "chunks": [chunk], "dtype": dtype, "order": "C"}
-            meta.update(filters=filters, compressor=compressor, fill_value=0)
+        def array(name: str, shape: Sequence[int], chunks: Sequence[int], dtype: str, **more: object) -> None:
+            meta = {"zarr_format": 2, "shape": shape, "chunks": chunks, "dtype": dtype, "order": "C"}
+            meta |= {"filters": None, "compressor": compressor, "fill_value": 0, **more}
             put(f"{name}/.zarray", json.dumps(meta).encode())
 
         put(".zgroup", b'{"zarr_format": 2}')
-        array("images", total, "|O", [{"id": coding}])
+        array("images", [total], [chunk], "|O", filters=[{"id": coding}])
         attributes = {"n_cameras": content.raw.shape[1], "n_channels": 3, "compression": "image"}
         attributes |= {"image_codec": codec[1:], "image_shape": content.raw.shape[2:]}
         attributes["reorder_pixels"] = reorder
@@ -169,20 +168,16 @@ def write_store(
             put(f"images/{start // chunk}", block)
         for name, numbers in (("obs_to_image_index", shown), ("episode_ends", ends)):
             if numbers is not None:
-                array(name, len(numbers), "<i8", None)
-                for start in range(0, len(numbers), chunk):
-                    block = np.zeros(chunk, "<i8")
-                    block[: len(numbers[start : start + chunk])] = numbers[start : start + chunk]
-                    put(f"{name}/{start // chunk}", block.tobytes())
-        if observations is not None:
-            tile = (7, 50)  # which fits neither rows nor columns
-            meta = {"zarr_format": 2, "shape": observations.shape, "chunks": tile, "dtype": "<f4"}
-            meta.update(order="F", filters=None, compressor=compressor, fill_value=0.0)
-            put("observations/.zarray", json.dumps(meta).encode())
-            for i, j in np.ndindex(-(-len(observations) // 7), -(-observations.shape[1] // 50)):
-                block = np.zeros(tile, "<f4")
-                part = observations[7 * i : 7 * i + 7, 50 * j : 50 * j + 50]
-                block[: part.shape[0], : part.shape[1]] = part
+                array(name, [len(numbers)], [chunk], "<i8")
+                whole = np.pad(np.asarray(numbers, "<i8"), (0, -len(numbers) % chunk))
+                for k, block in enumerate(whole.reshape(-1, chunk)):
+                    put(f"{name}/{k}", block.tobytes())
+        if observations is not None:  # of chunks that fit neither rows nor columns
+            array("observations", observations.shape, [7, 50], "<f4", order="F", fill_value=0.0)
+            rows, columns = observations.shape
+            whole = np.pad(observations.astype("<f4"), ((0, -rows % 7), (0, -columns % 50)))
+            for i, j in np.ndindex(len(whole) // 7, whole.shape[1] // 50):
+                block = whole[7 * i : 7 * i + 7, 50 * j : 50 * j + 50]
                 put(f"observations/{i}.{j}", block.tobytes("F"))
     environment.close()
     (folder / "lock.mdb").unlink()

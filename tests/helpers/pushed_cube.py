@@ -59,8 +59,7 @@ def bits(observation):
         if pose is None:
             result.append(None)
             continue
-        values = dataclasses.asdict(pose)
-        result += [(key, np.asarray(value).tobytes()) for key, value in values.items()]
+        result += [(key, np.asarray(value).tobytes()) for key, value in dataclasses.asdict(pose).items()]
     return result
 
 
