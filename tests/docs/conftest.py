@@ -4,12 +4,12 @@ import re
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from tests.docs.samples import blocks
 from tests.helpers import ROOT
+from tests.helpers.log_writers import write_picture
 
 BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
 
@@ -26,15 +26,14 @@ def working(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(2):
         shutil.copytree(folder / "my_recording", folder / "episodes" / f"{number:04d}", ignore=few)
     shutil.copytree(ROOT / "examples" / "dice", folder / "examples" / "dice")
-    (folder / "my_images").mkdir()
     for number in range(2):
         image = np.random.default_rng(number).normal(110, 4, (90, 120, 3))
         for index, (color, bgr) in enumerate(BGR.items()):
             mask = np.zeros((90, 120), np.uint8)
             mask[20 + 9 * number :, 10 + 40 * index :][:30, :30] = 255
             image[mask > 0] = bgr
-            cv2.imwrite(str(folder / "my_images" / f"0{number}_mask_{color}.png"), mask)
-        cv2.imwrite(str(folder / "my_images" / f"0{number}_image.png"), np.rint(image).astype(np.uint8))
+            write_picture(folder / "my_images" / f"0{number}_mask_{color}.png", mask)
+        write_picture(folder / "my_images" / f"0{number}_image.png", np.rint(image).astype(np.uint8))
     objects = [block for block in blocks("toml") if re.search("^size = ", block, re.MULTILINE)]
     (folder / "my_object.toml").write_text(objects[0], encoding="utf-8")
     return folder

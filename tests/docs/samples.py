@@ -11,22 +11,18 @@ PAGES = {
 }
 """Their texts by name: `README`, `docs/poses`, …"""
 
+FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+"""A block: its language, and what it shows."""
+
 _SHELL = re.compile(r"^```sh\n(.*?)^```$(?:\n\n```(text|json)\n(.*?)^```$)?", flags=re.DOTALL | re.MULTILINE)
 
 _INLINE = re.compile(r"`(tracker [a-z]+ [^`]* (?:--object|-o) [^`]+)`")
-
-_FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
-
-
-def languages() -> dict[str, set[str]]:
-    """Of each page the languages of its blocks."""
-    return {name: {language for language, _ in _FENCED.findall(text)} for name, text in PAGES.items()}
 
 
 def blocks(language: str, *pages: str) -> list[str]:
     """Blocks of some pages, or of all: each once, in the pages' order."""
     texts = [PAGES[name] for name in pages or PAGES]
-    found = [block for text in texts for kind, block in _FENCED.findall(text) if kind == language]
+    found = [block for text in texts for kind, block in FENCED.findall(text) if kind == language]
     return list(dict.fromkeys(found))
 
 
@@ -41,26 +37,21 @@ class Sample(NamedTuple):
     shown: str
 
 
-def samples() -> list[Sample]:
-    """All blocks of shell commands, in the pages' order."""
-    return [
-        Sample(page, tuple(_lines(block)), language, shown)
-        for page, text in PAGES.items()
-        for block, language, shown in _SHELL.findall(text)
-    ]
-
-
-def inline_commands() -> list[str]:
-    """Whole commands within sentences."""
-    return list(dict.fromkeys(one for text in PAGES.values() for one in _INLINE.findall(text)))
-
-
-def _lines(block: str) -> list[str]:
+def _lines(block: str) -> tuple[str, ...]:
     lines = block.replace("\\\n", " ").splitlines()
     found = (re.sub(r"\s+", " ", line.partition(" # ")[0]).strip() for line in lines)
-    return [line for line in found if line]
+    return tuple(line for line in found if line)
 
 
-def commands() -> list[str]:
-    """The shell commands of all pages, without remarks."""
-    return list(dict.fromkeys(line for sample in samples() for line in sample.commands))
+SAMPLES = [
+    Sample(page, _lines(block), language, shown)
+    for page, text in PAGES.items()
+    for block, language, shown in _SHELL.findall(text)
+]
+"""All blocks of shell commands, in the pages' order."""
+
+COMMANDS = list(dict.fromkeys(line for sample in SAMPLES for line in sample.commands))
+"""The shell commands of all pages, without remarks."""
+
+INLINE_COMMANDS = list(dict.fromkeys(one for text in PAGES.values() for one in _INLINE.findall(text)))
+"""Whole commands within sentences."""

@@ -22,30 +22,32 @@ def platform():
         yield one
 
 
-def test_fingers_that_know_the_cube_bring_it_to_the_goal(platform):
-    goal = -0.04, -0.02
-    with Pushing(platform, np.zeros(2), 0.3) as pushing:
-        for _ in range(round(3.0 / STEP)):
-            pushing.step(pushing.truth, np.array(goal))
-        assert np.linalg.norm(pushing.truth[0][:2] - goal) < 0.006
-        assert pushing.truth[0][2] == pytest.approx(0.0325, abs=0.001)
+@pytest.fixture
+def pushing(platform):
+    with Pushing(platform, np.zeros(2), 0.3) as one:
+        yield one
 
 
-def test_fingers_that_know_nothing_wait(platform):
-    with Pushing(platform, np.zeros(2), 0.3) as pushing:
-        for _ in range(round(0.5 / STEP)):
-            pushing.step(None, np.array([0.04, 0.03]))
-        assert np.linalg.norm(pushing.truth[0][:2]) < 0.001
+def test_fingers_that_know_the_cube_bring_it_to_the_goal(pushing):
+    goal = np.array([-0.04, -0.02])
+    for _ in range(round(3.0 / STEP)):
+        pushing.step(pushing.truth, goal)
+    assert np.linalg.norm(pushing.truth[0][:2] - goal) < 0.006
+    assert pushing.truth[0][2] == pytest.approx(0.0325, abs=0.001)
 
 
-def test_poses_from_late_pictures_are_those_of_the_moment_of_acting(platform):
-    known = late_poses.Predicted(platform, 3)
-    with Pushing(platform, np.zeros(2), 0.3) as pushing, contextlib.closing(known):
-        poses = []
+def test_fingers_that_know_nothing_wait(pushing):
+    for _ in range(round(0.5 / STEP)):
+        pushing.step(None, np.array([0.04, 0.03]))
+    assert np.linalg.norm(pushing.truth[0][:2]) < 0.001
+
+
+def test_poses_from_late_pictures_are_those_of_the_moment_of_acting(platform, pushing):
+    poses = []
+    with contextlib.closing(late_poses.Predicted(platform, 3)) as known:
         for number in range(round(0.3 / STEP)):
             poses.append(known.pose(number * STEP, pushing))
             pushing.step(None, np.zeros(2))
-        late = round(late_poses.DELAY / STEP)
-        assert all(pose is None for pose in poses[: late - 1])
-        truth = pushing.truth
-        assert all(np.linalg.norm(pose[0] - truth[0]) < 1e-3 for pose in poses[late + 1 :])
+    late, true = round(late_poses.DELAY / STEP), pushing.truth[0]
+    assert all(pose is None for pose in poses[: late - 1])
+    assert all(np.linalg.norm(pose[0] - true) < 1e-3 for pose in poses[late + 1 :])

@@ -3,12 +3,12 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from tests.docs.samples import PAGES, blocks
 from tests.helpers import ROOT
+from tests.helpers.log_writers import write_picture
 from tests.helpers.synthetic_needs import skip_without_platform
 
 EXAMPLES = ROOT / "examples"
@@ -26,30 +26,29 @@ def working(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_page_shows_the_examples_and_names_every_one():
-    page = PAGES["docs/examples"]
-    named = set(re.findall(r"`(\w+\.py)`", page))
-    elsewhere = {"demo.py", "dice_scene.py"}  # of `make demo`, and of the pictures that another one reads
-    assert named | set(SHOWN.findall(page)) == {path.name for path in EXAMPLES.glob("*.py")} - elsewhere
-
-
-def test_every_example_is_shown_on_a_page():
+def test_the_page_names_every_example_and_every_short_one_is_shown_on_a_page():
     texts = {path.name: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
+    page, elsewhere = PAGES["docs/examples"], {"demo.py", "dice_scene.py"}
+    # These are of `make demo`, and of the pictures that another one reads.
+    assert {*re.findall(r"`(\w+\.py)`", page), *SHOWN.findall(page)} == set(texts) - elsewhere
     shown = {name for page in PAGES.values() for name in SHOWN.findall(page)}
     shown |= {name for name, text in texts.items() if text in blocks("python")}
     long = ("close_the_loop", "cube_pusher", "late_poses", "noisy_environment", "still")  # pages name them
-    assert set(texts) - shown == {"demo.py", "dice_scene.py"} | {f"{name}.py" for name in long}
+    assert set(texts) - shown == elsewhere | {f"{name}.py" for name in long}
 
 
-def test_a_loop_gets_the_pose_at_which_to_act(working, run_script):
-    lines = run_script(EXAMPLES / "control_loop.py", folder=working).stdout.splitlines()
-    assert len(lines) == 4
-    assert lines[-1].startswith("act at [0.11")
-
-
-def test_rewards_come_from_images(working, run_script):
-    printed = run_script(EXAMPLES / "reward_from_images.py", folder=working).stdout
-    assert re.fullmatch(r"reward -0\.\d+ of 4 frames, 0 of them unknown\n", printed)
+@pytest.mark.parametrize(
+    ("name", "printed"),
+    [
+        ("own_arena", ""),
+        ("track_recording", r".* s  found \[.*\n(.*\n)*"),
+        ("follow_live", r"(refound|found|tracking), \d+ ms old, in 50 ms at \[.*\n(.*\n)*"),
+        ("control_loop", r"(.*\n){3}act at \[0\.11.*\n"),
+        ("reward_from_images", r"reward -0\.\d+ of 4 frames, 0 of them unknown\n"),
+    ],
+)
+def test_an_example_prints_what_it_finds_in_a_recording(name, printed, working, run_script):
+    assert re.fullmatch(printed, run_script(EXAMPLES / f"{name}.py", folder=working).stdout)
 
 
 def test_what_was_tracked_is_plotted_and_not_tracked_again(working, run_script):
@@ -111,14 +110,13 @@ def test_fingers_that_the_robot_log_tells_of_are_hidden(tmp_path, run_script):
     film = list(frames("cube_v2", 3, 8, quality="fast", sequence=True, dropped=0.0))
     folder = tmp_path / "my_recording"
     film[0].rig.save(folder)
-    names = [f"observation_position_{k}" for k in range(9)]
+    names = (f"observation_position_{k}" for k in range(9))
     lines = [" ".join(["#time_index timestamp", *names])]
     for frame in film:
-        (folder / f"{frame.timestamp:.3f}").mkdir()
+        stamp = f"{frame.timestamp:.3f}"
         for camera, image in zip(frame.rig, frame.images, strict=True):
-            cv2.imwrite(str(folder / f"{frame.timestamp:.3f}" / f"{camera.name}.png"), image)
-        angles = " ".join(map(str, frame.scene.robot_position))
-        lines.append(f"{frame.index} {frame.timestamp:.3f} {angles}")
+            write_picture(folder / stamp / f"{camera.name}.png", image)
+        lines.append(" ".join(map(str, (frame.index, stamp, *frame.scene.robot_position))))
     (folder / "robot_data.csv").write_text("\n".join(lines) + "\n")
     printed = run_script(EXAMPLES / "hidden_fingers.py", folder=tmp_path).stdout.splitlines()
     assert len(printed) == len(film)

@@ -35,30 +35,25 @@ def named(text: str) -> list[tuple[str, str]]:
     ]
 
 
-def holders() -> dict[int, set[tuple[str, str]]]:
-    """Of each equation what holds it: the files and names in the line "Where" below it."""
-    blocks = re.findall(r"\\tag\{(\d+)\}\n```\n\nWhere: ([^\n]+)", TEXT)
-    return {int(number): set(named(where)) for number, where in blocks}
+WHERE = re.findall(r"\\tag\{(\d+)\}\n```\n\nWhere: ([^\n]+)", TEXT)
+HOLDERS = {number: set(named(where)) for number, where in WHERE}
+"""Of each equation what holds it: the files and names in the line "Where" below it."""
 
 
-def references() -> set[tuple[int, tuple[str, str]]]:
+def references() -> set[tuple[str, tuple[str, str]]]:
     """(equation, (file, name)) of all docstrings in the tracker that refer to one."""
     return {
-        (int(number), (path, name))
+        (number, (path, name))
         for path in (file.relative_to(ROOT).as_posix() for file in ROOT.glob("tracker/**/*.py"))
         for name, docstring in docstrings(path).items()
         for number in REFERENCE.findall(docstring)
     }
 
 
-def test_the_text_refers_to_equations_that_exist():
+def test_the_text_refers_to_equations_that_exist_and_every_equation_says_what_holds_it():
     words = re.sub(r"(?s)```.*?```|\$[^$\n]+\$", "", TEXT)
-    assert {int(number) for number in re.findall(r"\((\d+)\)", words)} <= set(holders())
-
-
-def test_every_equation_says_what_holds_it():
-    numbers = {int(number) for number in re.findall(r"\\tag\{(\d+)\}", TEXT)}
-    assert {number for number, where in holders().items() if where} == numbers
+    assert set(re.findall(r"\((\d+)\)", words)) <= set(HOLDERS)
+    assert {number for number, where in HOLDERS.items() if where} == set(re.findall(r"\\tag\{(\d+)\}", TEXT))
 
 
 def test_every_file_and_function_that_the_document_names_exists():
@@ -73,13 +68,12 @@ def test_every_file_and_function_that_the_document_names_exists():
 
 
 def test_code_and_document_name_each_other_at_every_equation():
-    assert {number for number, _ in references()} == set(holders())
+    assert {number for number, _ in references()} == set(HOLDERS)
     for number, holder in references():
-        assert holder in holders()[number], f"equation ({number}) in {holder}"
+        assert holder in HOLDERS[number], f"equation ({number}) in {holder}"
     for path in ROOT.glob("tracker/**/*.py"):
         text = " ".join(path.read_text(encoding="utf-8").split())
-        numbers = re.findall(r"(?i:equation) \((\d+)\)", text)
-        assert {int(number) for number in numbers} <= set(holders()), path
+        assert set(re.findall(r"(?i:equation) \((\d+)\)", text)) <= set(HOLDERS), path
 
 
 def test_the_script_draws_every_picture(tmp_path, run_script):

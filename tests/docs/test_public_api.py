@@ -3,6 +3,7 @@ import re
 from functools import cache
 
 from scripts.public_api import SNAPSHOT, public_api
+from tests.docs.samples import PAGES
 from tests.helpers import ROOT
 
 stated = cache(public_api)
@@ -27,11 +28,9 @@ def test_every_name_of_the_snapshot_is_there():
 
 
 def test_what_a_page_or_an_example_recommends_is_public_and_in_the_reference():
-    reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
-    pages = [
-        page for page in (ROOT / "docs").glob("*.md") if page.name not in ("commands.md", "reference.md")
-    ]
-    texts = [p.read_text(encoding="utf-8") for p in (*pages, *(ROOT / "examples").glob("*.py"))]
+    reference = PAGES["docs/reference"]
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "examples").glob("*.py")]
+    texts += [PAGES[name] for name in set(PAGES) - {"README", "docs/commands", "docs/reference"}]
     public = {".".join(parts) for parts in NAME.findall(stated())}
     named = {name for text in texts for name in re.findall(r"\btracker(?:\.[a-z_]\w*)*\.[A-Za-z]\w*", text)}
     for module, names in re.findall(r"^from (tracker[\w.]*) import (.+)$", "\n".join(texts), re.MULTILINE):
@@ -46,10 +45,3 @@ def test_what_a_page_or_an_example_recommends_is_public_and_in_the_reference():
             source = getattr(value, "__module__", module)
             homes = {f"{source}.{last}", source, home, module}
             assert any(f"::: {one}\n" in f"{reference}\n" for one in homes), f"{name}: not in the reference"
-
-
-def test_the_changelog_tells_what_is_unreleased_and_then_of_versions():
-    sections = re.findall(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert sections[0] == "Unreleased"
-    assert all(re.fullmatch(r"\d+\.\d+\.\d+", section) for section in sections[1:])
-    assert len(set(sections)) == len(sections)

@@ -16,20 +16,6 @@ README = PAGES["README"]
 EXAMPLES = ROOT / "examples"
 
 
-def test_the_example_with_an_arena_of_ones_own_runs(working, run_script):
-    run_script(EXAMPLES / "own_arena.py", folder=working)  # fails where it raises
-
-
-def test_the_example_tracks_a_recording(working, run_script):
-    result = run_script(EXAMPLES / "track_recording.py", folder=working)
-    assert " s  found [" in result.stdout.splitlines()[0]
-
-
-def test_the_example_follows_a_recording_live(working, run_script):
-    result = run_script(EXAMPLES / "follow_live.py", folder=working)
-    assert re.match(r"(refound|found|tracking), \d+ ms old, in 50 ms at \[", result.stdout.splitlines()[0])
-
-
 def test_the_dice_example_tells_which_dice_to_move(tmp_path, run_script):
     result = run_script(EXAMPLES / "dice_task.py", folder=tmp_path)
     error, *moves = result.stdout.splitlines()

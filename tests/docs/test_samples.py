@@ -1,6 +1,7 @@
 """No sample of README and pages that is not run: here, by a test of its own, or it stands in NOT_RUN."""
 
 import glob
+import itertools
 import json
 import re
 import shlex
@@ -10,7 +11,6 @@ from functools import partial
 from pathlib import Path
 
 import click
-import cv2
 import numpy as np
 import pytest
 
@@ -20,12 +20,12 @@ from synthetic.camera.shot import QUALITIES
 from synthetic.cli import commands as synthetic_commands
 from synthetic.export.workers import run_tasks
 from tests.calibration.board.test_extrinsics import PLACES, TRUE
-from tests.docs.samples import blocks, commands, inline_commands, languages, samples
+from tests.docs.samples import COMMANDS, FENCED, INLINE_COMMANDS, PAGES, SAMPLES, blocks
 from tests.helpers import ROOT, robot_stores
 from tests.helpers.boards import photo, pose_towards, write_photos
 from tests.helpers.command import Run
 from tests.helpers.filmed import RIG, write_recording
-from tests.helpers.log_writers import make_content, write_native
+from tests.helpers.log_writers import make_content, write_native, write_picture
 from tests.helpers.moving_cube import carried, knocked, rests
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.synthetic_needs import skip_without_platform
@@ -63,9 +63,13 @@ def beginning(command: str) -> str | None:
     return next((start for start in NOT_RUN if command.startswith(start)), None)
 
 
+RUN = [command for command in COMMANDS if beginning(command) is None]
+
+
 def test_every_block_says_in_which_language_it_is():
-    known = {"python", "sh", "toml", "json", "text", "math", "c", "bibtex"}
-    assert {name: found - known for name, found in languages().items() if found - known} == {}
+    known = ("python", "sh", "toml", "json", "text", "math", "c", "bibtex")
+    found = [(page, language) for page, text in PAGES.items() for language, _ in FENCED.findall(text)]
+    assert [(page, language) for page, language in found if language not in known] == []
 
 
 def test_every_python_sample_is_an_example_or_run_here():
@@ -76,14 +80,13 @@ def test_every_python_sample_is_an_example_or_run_here():
 
 
 def test_every_command_is_run_or_says_why_not():
-    assert {beginning(command) for command in commands()} - {None} == set(NOT_RUN)
-    run = [command for command in commands() if beginning(command) is None]
-    assert [command for command in run if not command.startswith(tuple(PROGRAMS))] == []
+    assert {beginning(command) for command in COMMANDS} - {None} == set(NOT_RUN)
+    assert [command for command in RUN if not command.startswith(tuple(PROGRAMS))] == []
 
 
 def test_every_block_of_commands_has_below_it_what_they_print():
-    assert [sample for sample in samples() if not sample.shown] == []
-    assert len(samples()) > 25
+    assert [sample for sample in SAMPLES if not sample.shown] == []
+    assert len(SAMPLES) > 25
 
 
 def test_commands_that_are_not_run_are_understood(tmp_path, monkeypatch):
@@ -93,7 +96,7 @@ def test_commands_that_are_not_run_are_understood(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     understood = []
     monkeypatch.setattr(click.Command, "invoke", lambda self, _: understood.append(self.name))
-    for command in (*filter(beginning, commands()), *inline_commands()):
+    for command in (*filter(beginning, COMMANDS), *INLINE_COMMANDS):
         for start, program in PROGRAMS.items():
             if command.startswith(f"{start} "):
                 program.main(shlex.split(command.removeprefix(start)), standalone_mode=False)
@@ -101,34 +104,23 @@ def test_commands_that_are_not_run_are_understood(tmp_path, monkeypatch):
     assert {"gate", "new"} < set(understood)
 
 
-@pytest.fixture(scope="module")
-def calibrated(working: Path) -> Path:
-    """Cubes that rest in many places of a world below the table; others in the air, and knocked cameras."""
+@pytest.fixture
+def recorded(working: Path) -> None:
+    """What else the commands read."""
+    # Cubes that rest in many places of a world below the table; others in the air, and knocked cameras.
     high = np.eye(4)
     high[2, 3] = -0.004
     moved(RIG, high).save(write_recording(working / "rests", list(rests())))
     knocked(RIG, seed=4).save(write_recording(working / "carried", list(carried())))
-    return working
-
-
-@pytest.fixture(scope="module")
-def stores(working: Path) -> Path:
-    """An image store of two robots' episodes, and their calibrations."""
+    # An image store of two robots' episodes, and their calibrations.
     robot_stores.write(working / "my_data.zarr")
     robot_stores.write_robots(working / "robots")
-    return working
-
-
-@pytest.fixture(scope="module")
-def boards(working: Path) -> Path:
-    """Photos of a board: of one camera, and of three with lenses that are known, in two places."""
+    # Photos of a board: of one camera, and of three with lenses that are known, in two places.
     rng = np.random.default_rng(93)
-    (working / "photos").mkdir()
     for number in range(8):
-        cv2.imwrite(str(working / "photos" / f"{number}.png"), photo(pose_towards(rng), rng))
+        write_picture(working / "photos" / f"{number}.png", photo(pose_towards(rng), rng))
     places = {"board_on_table": PLACES[0], "board_elsewhere": PLACES[1]}
     write_photos(working, dict(zip(RIG.names, TRUE, strict=True)), places, rng)
-    return working
 
 
 @pytest.fixture
@@ -145,21 +137,20 @@ def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("boards", "calibrated", "stores", "quickly")
+@pytest.mark.usefixtures("recorded", "quickly")
 def test_the_pages_commands_run_and_print_what_is_shown(working, tmp_path, run_here):
     needed = {"distributed": "cluster", "matplotlib": "plot", "pandas": "bench", "numcodecs": "datasets"}
     for module, extra in {**needed, "rerun": "rerun"}.items():
         pytest.importorskip(module, reason=f"{extra}: no module {module}")
     skip_without_platform()
     printed: dict[str, str] = {}
-    for command in commands():
-        if beginning(command) is None:
-            if "build/after" in command:  # a change that changed nothing
-                shutil.copytree(working / "build" / "before", working / "build" / "after")
-            # What the demo leaves is there already.
-            folder = tmp_path if command == "tracker demo" else working
-            printed[command] = output_of(command, folder, run_here)
-    for sample in samples():
+    for command in RUN:
+        if "build/after" in command:  # a change that changed nothing
+            shutil.copytree(working / "build" / "before", working / "build" / "after")
+        # What the demo leaves is there already.
+        folder = tmp_path if command == "tracker demo" else working
+        printed[command] = output_of(command, folder, run_here)
+    for sample in SAMPLES:
         *before, last = sample.commands
         assert [command for command in before if printed.get(command)] == [], sample.page
         if sample.language == "json":
@@ -175,7 +166,8 @@ def test_the_pages_commands_run_and_print_what_is_shown(working, tmp_path, run_h
 
 def output_of(command: str, folder: Path, run_here: Run) -> str:
     """What a command prints, which ends well."""
-    words = [found for word in shlex.split(command) for found in expanded(word, folder)]
+    expanded = (sorted(glob.glob(word, root_dir=folder)) or [word] for word in shlex.split(command))
+    words = list(itertools.chain.from_iterable(expanded))
     start = next(start for start in PROGRAMS if command.startswith(f"{start} "))
     main = cli.main if start == "tracker" else PROGRAMS[start].main
     result = run_here(*words[len(start.split()) :], folder=folder, main=main)
@@ -196,11 +188,6 @@ def keys(value: object) -> object:
     if isinstance(value, dict):
         return {key: keys(item) for key, item in value.items() if key != "timing_ms"}
     return keys(value[0]) if isinstance(value, list) and value else None
-
-
-def expanded(word: str, folder: Path) -> list[str]:
-    """What a shell makes of a word."""
-    return sorted(glob.glob(word, root_dir=folder)) or [word]
 
 
 def run_block(block: str) -> dict[str, object]:
@@ -247,10 +234,9 @@ def test_the_sample_of_a_folder_with_names_of_its_own_is_read(tmp_path, rng):
     stated = [block for block in blocks("toml", "docs/recordings") if "[cameras]" in block]
     (tmp_path / "recording.toml").write_text(stated[0], encoding="utf-8")
     images = list(rng.integers(0, 256, (3, 48, 64, 3), np.uint8))
-    (tmp_path / "left").mkdir()
     for number, image in enumerate(images):
-        cv2.imwrite(str(tmp_path / "left" / f"{number}.png"), image)
-        cv2.imwrite(str(tmp_path / f"right_{number}.jpg"), image)
+        write_picture(tmp_path / "left" / f"{number}.png", image)
+        write_picture(tmp_path / f"right_{number}.jpg", image)
     write_film(tmp_path / "above.mp4", images, rate=30)
     with tracker.open_log(tmp_path) as log:
         assert log.camera_names == ("camera60", "camera180", "camera300")

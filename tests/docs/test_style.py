@@ -28,14 +28,17 @@ def test_words_have_plainer_ones():
     assert all(re.fullmatch(r"[a-z']+->[a-z', ]+", line) for line in WORDS.splitlines())
 
 
-def test_each_version_of_the_changelog_begins_with_what_users_get_and_has_a_tag():
+def test_the_changelog_is_of_what_is_unreleased_and_of_tags_and_each_begins_with_what_users_get():
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     sections = re.split(r"^## \[", text, flags=re.MULTILINE)[1:]
     for section in sections:
         assert re.match(r"[\w.]+\].*\n\n### For users\n", section), section.partition("\n")[0]
+    first, *versions = (section.partition("]")[0] for section in sections)
+    assert first == "Unreleased"
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+", version) for version in versions)
+    assert len(set(versions)) == len(versions)
     listed = subprocess.run(["git", "tag"], cwd=ROOT, capture_output=True, text=True, check=False)
     tags = set(listed.stdout.split())
-    versions = {section.partition("]")[0] for section in sections} - {"Unreleased"}
     # A copy without history has none.
     assert not tags or {f"v{version}" for version in versions} <= tags
 
