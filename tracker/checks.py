@@ -134,7 +134,8 @@ def float_array(
     return result
 
 
-LATEST = 1e11  # largest valid timestamp [s], over three thousand years: anything larger is not in seconds
+LATEST = 1e11
+"""Largest valid timestamp [s], over three thousand years: anything larger is not in seconds."""
 
 
 def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) -> FloatArray:

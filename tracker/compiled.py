@@ -25,8 +25,11 @@ from numba.core.typing.templates import make_concrete_template
 _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 _FOLDER = "kernels-"
-_OTHERS = 1  # cache folders of other source versions to keep, so that switching does not recompile
-_OTHERS_SHARED = 8  # the same below NUMBA_CACHE_DIR, which all copies of a package share
+_OTHERS = 1
+"""Number of cache folders of other source versions to keep, so that switching versions does not recompile."""
+
+_OTHERS_SHARED = 8
+"""The same below NUMBA_CACHE_DIR, which all copies of a package share."""
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:

@@ -46,8 +46,11 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
-KERNELS = 17  # number of machine code files that compilation produces
-_THRESHOLDS = (100_000, 50, 100)  # of Python's garbage collection; without it, a process needs 200 MB more
+KERNELS = 17
+"""Number of machine code files that compilation produces."""
+
+_THRESHOLDS = (100_000, 50, 100)
+"""Thresholds of Python's garbage collection; without it, each process would need 200 MB more memory."""
 
 
 def kernels_are_cached() -> bool:

@@ -26,9 +26,14 @@ from tracker.recordings.track import Recipe
 
 Scheduler = Literal["htcondor", "slurm"]
 
-FOLDER = ".jobs"  # subfolder of the results for lists of recordings, job descriptions and job logs
-RECORDINGS_A_JOB = 10  # usual number per job: loading the program then costs little in comparison
-MOST_JOBS = 1000  # largest number of jobs, Slurm's default limit; beyond it, each job gets more recordings
+FOLDER = ".jobs"
+"""Subfolder of the results for lists of recordings, job descriptions and job logs."""
+
+RECORDINGS_A_JOB = 10
+"""Usual number of recordings per job: enough that loading the program costs little in comparison."""
+
+MOST_JOBS = 1000
+"""Largest number of jobs, Slurm's default limit; beyond it, each job gets more recordings."""
 
 _THREADS = " ".join(f"{name}={value}" for name, value in ONE_THREAD.items())
 

@@ -98,21 +98,28 @@ def _is_of_results(path: str, folder: str) -> bool:
         return False
 
 
-SUFFIX = ".poses.h5"  # suffix of a file of poses, after the name of its recording
+SUFFIX = ".poses.h5"
+"""Suffix of a file of poses, after the name of its recording."""
 
 _LINE, _REASON = ".summary.json", ".failed.json"
 
 ASKED, TABLE, FAILURES = "batch.json", "summary", "failures.json"
 """Files of the folder of results: options and recordings, table (without suffix), failures."""
 
-OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)  # files of the folder of results itself
+OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)
+"""All files that may be in the folder of results itself."""
 
 IMAGES, STEPS, ZARR, REPORT = "images.parquet", "steps.parquet", "poses.zarr", "report.json"
 """Files in the folder of an image store's episodes, see `stores`."""
 
-_EPISODE = "episode-"  # precedes the number in the name of an episode's file of poses
-OF_STORE = (IMAGES, STEPS, ZARR, REPORT)  # all files about a whole image store
-MAX_FILE_SIZE = 100_000  # largest small file that is read [bytes]; they usually have 2 kB
+_EPISODE = "episode-"
+"""Prefix of the number in the name of an episode's file of poses, in a folder named like the store."""
+
+OF_STORE = (IMAGES, STEPS, ZARR, REPORT)
+"""All files about a whole image store."""
+
+MAX_FILE_SIZE = 100_000
+"""Largest small file that is read [bytes]; they usually have 2 kB."""
 
 
 def output_of(log: Path, folder: Path) -> Path:

@@ -108,7 +108,8 @@ def _recipe(options: Options, expected: str) -> Recipe:
     return recipe
 
 
-MAX_LIST = 1 << 28  # largest list of recordings [bytes]
+MAX_LIST = 1 << 28
+"""Largest list of recordings [bytes]."""
 
 _LEFT = re.compile(r"(\..+?)\.(?:[a-z0-9_]{8}\.tmp|lock)", re.DOTALL)
 """Names of temporary folders and locks that `tracker.files` makes while files are written."""

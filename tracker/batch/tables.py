@@ -39,7 +39,8 @@ class State:
         return self.total - len(self.lines) - len(self.failures)
 
 
-RECENT = 600.0  # time over which the rate is measured [s]
+RECENT = 600.0
+"""Time over which the rate is measured [s]."""
 
 
 def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:

@@ -29,9 +29,14 @@ Engine = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[tuple[Any, Any
 """Applies a function to independent tasks, which are taken lazily; yields each task with its result or
 Exception as they finish."""
 
-AHEAD = 2  # tasks submitted per worker of a scheduler, so that no worker waits and the queue stays small
-ATTEMPTS = 4  # number of times a task is tried if its process is killed from outside
-CONNECT_SECONDS = 20.0  # timeout for connecting to a scheduler [s]
+AHEAD = 2
+"""Tasks submitted per worker of a scheduler, so that no worker waits and the queue stays small."""
+
+ATTEMPTS = 4
+"""Number of times a task is tried if its process is killed from outside."""
+
+CONNECT_SECONDS = 20.0
+"""Timeout for connecting to a scheduler [s]."""
 
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"

@@ -128,7 +128,8 @@ _SILENT = 10  # after so many lines, one per second, without images, print nothi
 
 _NEVER = "never found: check the object, its colours and the calibration; --check measures the cameras"
 
-_STAMPS = ""  # key of faults in all cameras' timestamps, among faults by camera name, which is never empty
+_STAMPS = ""
+"""Key of faults in all cameras' timestamps, among faults by camera name; no camera's name is empty."""
 
 
 class Statistics:

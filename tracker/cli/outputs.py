@@ -16,7 +16,9 @@ import tracker
 from tracker.errors import LogError, install
 from tracker.files import check_suffix
 
-PICTURE = (".png", ".jpg", ".jpeg")  # suffixes of images that commands write
+PICTURE = (".png", ".jpg", ".jpeg")
+"""One camera's image as a whole."""
+
 _PACKAGES = {"plot": "matplotlib", "video": "av"}  # package for each extra
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"

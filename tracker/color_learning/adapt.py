@@ -26,11 +26,20 @@ from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, color_model_names, load_colors
 
-GATES = (0.3, 0.5, 0.7, 0.8, 0.9)  # least confidence to learn from, round by round: at first few are sure
-FEW = 2  # smallest number of frames to learn from
-GAIN = 0.002  # smallest gain of `Judgement.explained` with which a fit counts as better
-OFTEN = 5  # number of pixels of one colour mistaken for a face in a round from which it is not by chance
-PATIENCE = 2  # number of rounds without a gain after which learning ends
+GATES = (0.3, 0.5, 0.7, 0.8, 0.9)
+"""Smallest confidence of the poses that are learned from, round by round: at first few are confident."""
+
+FEW = 2
+"""Smallest number of frames to learn from."""
+
+GAIN = 0.002
+"""Smallest gain of `Judgement.explained` with which a fit counts as better."""
+
+OFTEN = 5
+"""Number of pixels of one colour mistaken for a face in a round from which it is not by chance."""
+
+PATIENCE = 2
+"""Number of rounds without a gain after which learning ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +137,8 @@ def _told_wrong(hues: Mapping[int, float]) -> str:
     return "faces are mistaken for each other: " + ", ".join(parts) if parts else ""
 
 
-TRIED = 12  # approximate number of frames on which the models are compared
+TRIED = 12
+"""Approximate number of frames on which the models are compared."""
 
 
 def nearest(model: CuboidModel, footage: Sequence[Frames]) -> ColorModel:
@@ -140,13 +150,17 @@ def nearest(model: CuboidModel, footage: Sequence[Frames]) -> ColorModel:
     return max(models, key=lambda colors: judge(model, few, colors).explained)
 
 
-DRAWN = 40_000  # number of pixels drawn for each colour known only by its name
-HUE_SPREAD = 12.0  # standard deviation of a paint's hue around that of its name [degrees]
+DRAWN = 40_000
+"""Number of pixels drawn for each colour known only by its name."""
+
+HUE_SPREAD = 12.0
+"""Standard deviation of a paint's hue around that of its name [degrees]."""
 
 LEVELS, SATURATIONS = (25.0, 255.0), (0.4, 1.0)
 """Ranges of the brightest channel and of the saturation from which pixels of a face are drawn."""
 
-GREY = 0.25  # largest saturation of background pixels that are drawn
+GREY = 0.25
+"""Largest saturation of background pixels that are drawn."""
 
 
 def from_names(seed: int) -> ColorModel:
@@ -165,14 +179,18 @@ def from_names(seed: int) -> ColorModel:
     return combine([pixel_histograms(pixels, options, rng)], (), options, name="names")
 
 
-GROUPS = 6  # number of groups of frames, each with the same weight
-ENOUGH = 150  # smallest number of pixels, over all frames, from which a colour is learned
+GROUPS = 6
+"""Number of groups of frames, each with the same weight."""
+
+ENOUGH = 150
+"""Smallest number of pixels, over all frames, from which a colour is learned."""
 
 DISTRACTING = 0.2
 """Share of background pixels whose colours were mistaken for a face, if there are any; they are oversampled,
 since a cross on the table fills only a thousandth of the images."""
 
-MOST = 200_000  # largest number of background pixels kept per group
+MOST = 200_000
+"""Largest number of background pixels kept per group."""
 
 
 def learned(pixels: Sequence[Mapping[int, Array]]) -> dict[int, int]:

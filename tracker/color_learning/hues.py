@@ -24,16 +24,24 @@ from tracker.segmentation.light import apply_gains, evened, find_light
 NAMED_HUES: FloatArray = np.array([np.nan, 12.0, 100.0, 212.0, 178.0, 312.0, 52.0])
 """(7,) hue that each label's name implies [degrees]; label 0 has none."""
 
-MAX_OFF = 45.0  # largest accepted deviation of a hue from that of its name [degrees]
-MAX_GAIN = 30.0  # names are wrong if permuting them reduces the summed deviations by more [degrees]
+MAX_OFF = 45.0
+"""Largest accepted deviation of a hue from that of its name [degrees]."""
+
+MAX_GAIN = 30.0
+"""Names count as wrong if permuting them reduces the summed deviations by more than this [degrees]."""
 
 BRIGHTNESS, CHANNEL, LEVEL = 0.35, 0.07, 6.0
 """Standard deviations of the log of a face's brightness (light and shade), of the log of each channel, and of
 the level that haze and noise add [levels]."""
 
-NEAR = 4.0  # distance below which two colours are occasionally confused [standard deviations]
-MOST = 4000  # largest number of pixels kept per colour
-LIGHT = 0  # label that stands, in pairs of colours, for the colour of the light, which is that of all greys
+NEAR = 4.0
+"""Distance below which two colours are occasionally confused [standard deviations]."""
+
+MOST = 4000
+"""Largest number of pixels kept per colour."""
+
+LIGHT = 0
+"""Label that stands, in pairs of colours, for the colour of the light, which is that of all greys."""
 
 _HUES, _SATURATIONS, _LEVELS = np.arange(-20.0, 21.0, 10.0), (0.6, 0.75, 0.9), (70.0, 110.0, 160.0, 210.0)
 _SWEEPS = 4

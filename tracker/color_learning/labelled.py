@@ -24,8 +24,11 @@ from tracker.logs.pictures import READ, check_whole, head_of
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
 
-MAX_PIXELS = 1 << 26  # largest number of pixels of an image: about eight thousand by eight thousand
-MAX_FILE_SIZE = 4 * MAX_PIXELS  # largest image file [bytes]
+MAX_PIXELS = 1 << 26
+"""Largest number of pixels of an image: about eight thousand by eight thousand."""
+
+MAX_FILE_SIZE = 4 * MAX_PIXELS
+"""Largest image file [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,8 @@ from tracker.segmentation.light import apply_gains
 Images = tuple[Image | None, ...]
 """Image (H, W, 3) BGR of each camera of a rig, None for a missing one."""
 
-FEWEST_FRAMES = 3  # smallest number of frames to learn from and judge by
+FEWEST_FRAMES = 3
+"""Smallest number of frames to learn from and judge by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,8 @@ def shares(lengths: Sequence[int], count: int) -> list[int]:
     return result
 
 
-SURE = 0.5  # confidence above which a frame counts as posed
+SURE = 0.5
+"""Confidence above which a frame counts as posed."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,14 @@ def overlap(fit: Fit) -> float:
     return fit.total("agree") / max(union, 1.0)
 
 
-RIM = 2.0  # width left out along a face's borders, where both sides mix [px at the reference size]
-AROUND = 6.0  # width left out around the object, likewise: reflections and fringes have its colours
-_SHIFT = 4  # fractional bits of OpenCV's polygon corners
+RIM = 2.0
+"""Width left out along a face's borders, where both sides mix [px at the reference size]."""
+
+AROUND = 6.0
+"""Width left out around the object, likewise: reflections on the table and fringes have its colours."""
+
+_SHIFT = 4
+"""Fractional bits of OpenCV's polygon corners."""
 
 
 def outline(
@@ -128,13 +135,15 @@ CONSISTENT = 4.0
 """Factor by which a colour must be more frequent where the poses put a face than elsewhere: fingers that hide
 the face are seen elsewhere, too."""
 
-SMOOTHING = 0.7  # standard deviation of the smoothing of the densities to compare [nodes]
+SMOOTHING = 0.7
+"""Standard deviation of the smoothing of the densities to compare [nodes]."""
 
 PALEST, DARK = 1.25, 6.0
 """Smallest ratio of the largest to the smallest channel of a face in neutral light, and what is added to both
 first, since dark greys are noisy [levels]."""
 
-LEAST = 20  # smallest number of pixels of a face in a frame needed to measure its hue
+LEAST = 20
+"""Smallest number of pixels of a face in a frame needed to measure its hue."""
 
 
 @dataclass(frozen=True, eq=False)

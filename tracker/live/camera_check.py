@@ -14,11 +14,20 @@ from tracker.conventions import Image
 from tracker.live.moment import ImageSet, ImageSource, SourceEnded
 from tracker.summaries.remarks import PictureLook
 
-MOST_MISSING = 0.01  # largest share of missing images
-MOST_FROZEN = 0.02  # largest share of images that are bit-identical to the previous image
-MOST_SKEW = 0.02  # largest age of an image relative to the latest in its set [s]; the platform's reach 0.01
-MOST_AGE = 0.1  # largest age of the latest image of a set when it is delivered [s]
-LOOK_EVERY = 0.5  # interval between looks at images [s], which take longer than a frame
+MOST_MISSING = 0.01
+"""Largest share of missing images."""
+
+MOST_FROZEN = 0.02
+"""Largest share of images that are bit-identical to the previous image."""
+
+MOST_SKEW = 0.02
+"""Largest age of a camera's image relative to the latest in its set [s]; the platform's reach 0.01."""
+
+MOST_AGE = 0.1
+"""Largest age of the latest image of a set when it is delivered [s]."""
+
+LOOK_EVERY = 0.5
+"""Interval between measurements of brightness, clipping and blur [s], which take longer than a frame."""
 
 
 @dataclass
@@ -26,12 +35,16 @@ class CameraLooks:
     """Statistics of one camera's images."""
 
     name: str
-    size: tuple[int, int]  # width and height for which it is calibrated [px]
+    size: tuple[int, int]
+    """Width and height for which it is calibrated [px]."""
     pictures: int = 0
-    missing: Counter[str] = field(default_factory=Counter)  # number of missing images by reason
+    missing: Counter[str] = field(default_factory=Counter)
+    """Number of missing images by reason."""
     frozen: int = 0
-    skews: list[float] = field(default_factory=list)  # age of each relative to the latest in its set [s]
-    looks: list[PictureLook] = field(default_factory=list)  # brightness, clipping and blur of some images
+    skews: list[float] = field(default_factory=list)
+    """Age of each image relative to the latest in its set [s]."""
+    looks: list[PictureLook] = field(default_factory=list)
+    """Brightness, clipping and blur of some of the images."""
     other_sizes: Counter[tuple[int, int]] = field(default_factory=Counter)
     _before: Image | None = None
     _next_look: float = 0.0
@@ -86,9 +99,11 @@ class SetLooks:
     """Statistics of all cameras' images."""
 
     cameras: list[CameraLooks]
-    seconds: float = 0.0  # from the first set to the last
+    seconds: float = 0.0
+    """Time from the first set to the last [s]."""
     sets: int = 0
-    ages: list[float] = field(default_factory=list)  # of the latest image of each set on delivery [s]
+    ages: list[float] = field(default_factory=list)
+    """Age of the latest image of each set when it was delivered [s]."""
 
     @property
     def rate(self) -> float:

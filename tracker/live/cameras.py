@@ -18,12 +18,21 @@ from tracker.live.moment import ImageSet, SourceEnded
 from tracker.logs.log import Settings as Settings
 from tracker.logs.pictures import from_bayer
 
-RATE = 10.0  # sets of images per second [Hz], as on the platform
-LOOK_AGAIN = 1.0  # interval between attempts to reopen a lost camera [s]
-OPENING = 5.0  # how long the first set waits for cameras that are being opened [s]
-OPENING_LONG = 20.0  # likewise if no camera is open yet, but an attempt to open one is still running [s]
+RATE = 10.0
+"""Sets of images per second [Hz], as on the platform."""
 
-_GRAB = 1.0  # longest time that a camera may take for an image [s]; sets are delivered without it long before
+LOOK_AGAIN = 1.0
+"""Interval between attempts to reopen a lost camera [s]."""
+
+OPENING = 5.0
+"""How long the first set waits for cameras that are being opened [s]."""
+
+OPENING_LONG = 20.0
+"""How long to wait if no camera is open yet, but an attempt to open one is still running [s]."""
+
+_GRAB = 1.0
+"""Longest time that a camera may take for an image [s]; the set is delivered without it long before."""
+
 _UNTRIED = "not opened yet"
 
 
@@ -73,13 +82,17 @@ class LiveCamera(Protocol):
 class _Slot:
     """State that a camera's thread shares with the others."""
 
-    answered: int = 0  # number of the newest requested set that the camera has answered
-    picture: Grabbed | None = None  # its image; None: it failed, for the reason in `fault`
+    answered: int = 0
+    """Number of the newest requested set that the camera has answered."""
+    picture: Grabbed | None = None
+    """Its image; None: it failed, for the reason in `fault`."""
     fault: str | None = _UNTRIED
-    there: bool = False  # whether the camera is open
+    there: bool = False
+    """Whether the camera is open."""
     final: LiveError | None = None
     """Why the whole source ends: the camera's film is over, or it was unusable when first opened."""
-    settings: Settings | None = None  # when it was last opened; None: it never was
+    settings: Settings | None = None
+    """Settings when it was last opened; None: it never was."""
 
 
 class CameraSet:

@@ -17,7 +17,9 @@ from tracker.logs.log import Settings
 from tracker.objects.model import CuboidModel
 from tracker.viz.rerun_viewer import open_scene
 
-WAITING = 30  # number of image sets that may wait for the disk: three seconds at 10 Hz
+WAITING = 30
+"""Number of image sets that may wait for the disk: three seconds at 10 Hz."""
+
 FLUSH = 0.7
 """Interval between flushes to the disk [s]; with the flush and the wait for the next set, it is a second."""
 

@@ -19,11 +19,17 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.result import MotionEstimate
 from tracker.warm_up import load
 
-HISTORY = 256  # number of moments kept: 25 s at 10 Hz; only the newest keeps its images
-STAMPS_APART = 1.0  # from a camera's timestamp to the others' [s]; an image beyond it is dropped
-CLOSING = 5.0  # how long `close` waits for a source that does not return [s]
+HISTORY = 256
+"""Number of moments kept: 25 s at 10 Hz. Only the newest keeps its images."""
 
-_PATIENCE = 0.1  # how long the thread waits before it checks whether to end [s]
+STAMPS_APART = 1.0
+"""Largest difference of a camera's timestamp from the others' [s]; beyond it the image is dropped."""
+
+CLOSING = 5.0
+"""How long `close` waits for a source that does not return [s]."""
+
+_PATIENCE = 0.1
+"""How long the thread waits before it checks whether to end [s]."""
 
 
 def check_arguments(tracker: object, history: object) -> None:

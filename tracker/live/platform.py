@@ -30,8 +30,11 @@ from tracker.logs.pictures import from_bayer
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import PoseEstimate
 
-HISTORY = 30  # number of observations kept, with their images: three seconds at 10 Hz
-_PATIENCE = 0.1  # how long is waited before it is checked whether the source has ended [s]
+HISTORY = 30
+"""Number of observations kept, with their images: three seconds at 10 Hz."""
+
+_PATIENCE = 0.1
+"""How long the thread waits before it checks whether to end [s]."""
 
 
 class CameraObservation(NamedTuple):

@@ -19,7 +19,8 @@ from tracker.errors import LiveError
 from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
 
-VERSION = 3  # of the message; increased when a field is removed or changes its meaning, not when one is added
+VERSION = 3
+"""Version of the message; increased when a field is removed or changes its meaning, not when one is added."""
 
 _FORMS = "tcp://127.0.0.1:PORT, ipc://PATH"
 _ADDRESS = re.compile(r"tcp://(?P<host>.+):(?P<port>\d{1,5}|\*)|(ipc|inproc)://.+")
@@ -112,7 +113,9 @@ def _refuse_file(address: str) -> None:
         raise LiveError(f"publish {address}: found something other than a socket there, expected a new path")
 
 
-FINGERPRINT = 0x2D41F07A9260F694  # LCM's hash of the type's fields, with which every message begins
+FINGERPRINT = 0x2D41F07A9260F694
+"""LCM's hash of the type, derived from names, types and dimensions of its fields; every message begins with
+it."""
 
 POSITIONS = ("qw", "qx", "qy", "qz", "x", "y", "z")
 VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
@@ -128,7 +131,9 @@ _LCM_FORMS = (
     "lcm://, udpm://ADDRESS:PORT?ttl=0 with a group from 224.0.0.0 on and a ttl up to 255, or file://PATH"
 )
 _NEW = "?mode=w"
-_HEADER = 28  # size of the header of each event in a log, before channel and message [bytes]
+_HEADER = 28
+"""Size of the header of each event in a log, before channel and message [bytes]."""
+
 _ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
 
 

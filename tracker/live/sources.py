@@ -29,7 +29,8 @@ from tracker.pipeline import ObjectTracker
 if TYPE_CHECKING:
     from synthetic.frames import Frame, FrameMaker
 
-_PAUSE = 0.1  # between two episodes [s], whose timestamps are unrelated
+_PAUSE = 0.1
+"""Pause between two episodes [s], whose timestamps are unrelated."""
 
 
 def _came(due: float, until: float) -> bool:
@@ -108,8 +109,11 @@ class Replay:
         yield SourceEnded("recording: it has ended")
 
 
-FRAMES = 40  # in the simulated film: four seconds; rendering one takes some tenths of a second
-_PERIOD = 0.1  # time between frames of the film [s]
+FRAMES = 40
+"""Length of the simulated film [frames]: four seconds; rendering takes some tenths of a second per frame."""
+
+_PERIOD = 0.1
+"""Time between frames of the film [s]."""
 
 
 class Simulation:

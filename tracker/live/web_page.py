@@ -28,8 +28,12 @@ from tracker.pipeline import ObjectTracker
 from tracker.summaries.remarks import MOST_BLUR, PictureLook
 from tracker.viz.overlays import overlay
 
-SPAN = 10.0  # time window for rates, skews and missing images [s]
-LATENCIES = 600  # number of latencies whose percentiles are shown: a minute at 10 Hz
+SPAN = 10.0
+"""Time window for rates, skews and missing images [s]."""
+
+LATENCIES = 600
+"""Number of latencies whose percentiles are shown: a minute at 10 Hz."""
+
 PERCENTILES = (50, 90, 99, 100)
 
 LIMITS = {
@@ -133,9 +137,14 @@ class WebPageState:
         }
 
 
-LOOK_EVERY = 1.0  # interval between measurements of the images [s]
-WATCHED = 5.0  # how long a page counts as open after its last request [s]; without one nothing is measured
-CONNECTIONS = 16  # each takes a thread and a file handle, which cameras and disk need, too
+LOOK_EVERY = 1.0
+"""Interval between measurements of brightness, clipping, blur, residual and disagreement [s]."""
+
+WATCHED = 5.0
+"""How long a page counts as open after its last request [s]; without an open page nothing is measured."""
+
+CONNECTIONS = 16
+"""Largest number of connections; each takes a thread and a file handle, which cameras and disk need, too."""
 
 _HOST = "127.0.0.1"
 _JPEG_QUALITY = 85

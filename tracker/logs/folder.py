@@ -24,7 +24,8 @@ from tracker.logs.pictures import FilmPicture, decode, head_of
 TRUTH_FILE = "ground_truth.json"
 """File that `python -m synthetic dataset` writes beside the pictures; timestamps are read from it."""
 
-_PAUSE = 8  # frames; sequences lack only single pictures, but pauses between motions have 10 frames or more
+_PAUSE = 8
+"""Pause between two episodes [s], whose timestamps are unrelated."""
 
 _MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # bytes; more than the largest picture uncompressed
 _MAX_TRUTH = 1 << 28  # bytes; a frame has about 1000

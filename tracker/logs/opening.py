@@ -28,7 +28,9 @@ JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_d
 STORE_FILE = "data.mdb"
 """The file of an image store."""
 
-_BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)  # what describes the pictures in a folder
+_BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
+"""Files in a folder that describe its pictures."""
+
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 

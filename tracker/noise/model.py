@@ -27,9 +27,14 @@ UNITS: Mapping[str, Mapping[str, str]] = {
 }
 """The numbers of a model by group, and the unit of each."""
 
-RADIUS = 0.05  # distance that counts as much as a rotation by one radian [m]
-LEAST_VISIBLE = 0.05  # lower bound of the visible share, except in the rates of missed poses and gross errors
-_MOST = 60.0  # largest exponent of a rate
+RADIUS = 0.05
+"""Distance that counts as much as a rotation by one radian [m]."""
+
+LEAST_VISIBLE = 0.05
+"""Lower bound of the visible share, except in the rates of missed poses and gross errors."""
+
+_MOST = 60.0
+"""Largest exponent of a rate."""
 
 _DATA = Path(__file__).parent / "data"
 

@@ -19,7 +19,9 @@ FLIP = np.radians(45)
 """Angle [rad] above which orientations show different faces; no turn between images is as large."""
 
 LAGS = np.linspace(-0.1, 0.5, 61)  # candidate delays [s]
-MOVING = 0.005  # smallest standard deviation of the positions [m] for which a delay is estimated
+MOVING = 0.005
+"""With lagging cameras, also the change of the object's velocity from the expected one."""
+
 _GROSS = 0.1  # distance [m] above which a stored pose is not used to estimate the delay
 
 

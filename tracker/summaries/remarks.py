@@ -33,7 +33,8 @@ from tracker.poses.poses import Poses
 from tracker.recordings.track import Job, chosen, rig_for
 from tracker.summaries.summary import camera_shares, to_look_at
 
-SURE, UNSURE = 0.9, 0.75  # confidence at and above which images fit the cameras, and below which they do not
+SURE, UNSURE = 0.9, 0.75
+"""Confidence at and above which images fit the cameras, and below which they do not."""
 
 _MOST_CAMERAS = 4  # up to this number of cameras all orders (24) are tried, above it only swapped pairs
 _MOST_SETS = 7  # sets of images to check: motion blur or a finger may spoil some
@@ -199,7 +200,8 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
     )
 
 
-MOST_BLUR = 2.5  # largest standard deviation of the sharpest edges' blur [px]
+MOST_BLUR = 2.5
+"""Largest standard deviation [px] of the blur; above it, markers are missed and corners shift."""
 
 
 class PictureLook(NamedTuple):

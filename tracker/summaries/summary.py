@@ -176,7 +176,9 @@ def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
     return {"reward_total": total, "reward_mean": mean, "error_end": 0.0 - float(held[-1])}
 
 
-STEP = 0.002  # shortest movement that counts towards a path's length [m]: an object at rest moves less
+STEP = 0.002
+"""Shortest movement that counts towards a path's length [m]: poses of an object at rest differ by less."""
+
 FAST = 99.0  # percentile of the reported speed, rather than the maximum, which depends on a single frame
 
 COLUMNS: dict[str, type] = {

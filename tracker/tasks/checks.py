@@ -15,7 +15,8 @@ from tracker.errors import TaskError, shown
 LARGEST = 1e100
 """Largest absolute value of a number, far above any that makes sense; its square does not overflow."""
 
-SHORTEST = 1e-9  # smallest length of a quaternion, far above rounding errors
+SHORTEST = 1e-9
+"""Smallest length of a quaternion, far above rounding errors."""
 
 
 def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:

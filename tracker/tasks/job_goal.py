@@ -22,8 +22,11 @@ from tracker.tasks import move_object
 from tracker.tasks.checks import numbers
 from tracker.tasks.rearrange_dice.goals import parse_pattern, places_of, read_stored
 
-FILE_NAME = "goal.json"  # name of the file in a job's folder
-STEPS_PER_SECOND = 1000.0  # rate of the platform's control steps, the unit of time in trajectories [1/s]
+FILE_NAME = "goal.json"
+"""Name of the file in a job's folder."""
+
+STEPS_PER_SECOND = 1000.0
+"""Rate of the platform's control steps, the unit of time in trajectories [1/s]."""
 
 Task = Literal["move_object", "trajectory", "rearrange_dice"]
 

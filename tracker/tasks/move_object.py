@@ -37,13 +37,17 @@ __all__ = [
     "weighted_total",
 ]
 
-XY_RANGE = 0.39  # largest horizontal distance of two positions: the arena's diameter [m]
-Z_RANGE = 0.1  # height of the space that contains all goals [m]
+XY_RANGE = 0.39
+"""Largest horizontal distance of two positions: the arena's diameter [m]."""
+
+Z_RANGE = 0.1
+"""Height of the space that contains all goals [m]."""
 
 LEVELS = (1, 2, 3, 4)
 """Levels of difficulty: on the table, lifted, anywhere in the air; 4 with an orientation."""
 
-LONG = 2.0  # an object has a long axis if its longest edge is at least this many times as long as the next
+LONG = 2.0
+"""An object has a long axis if its longest edge is at least this many times as long as the next."""
 
 Trajectory = Sequence[tuple[float, npt.ArrayLike]]
 """Pairs of the time at which a goal becomes active, and its position (3,) [m]."""

@@ -21,7 +21,9 @@ from tracker.viz.plots import figure, png, rgb
 
 BAD: paint.Color = (80, 110, 245)
 
-_SIDE, _HEAD = 420, 76  # size of a camera's panel and height of the text above it [px]
+_SIDE, _HEAD = 420, 76
+"""Size of a camera's panel and height of the text above it [px]."""
+
 _SHOWN = 4.0  # range of a panel [limits]
 _WIDTH = 1080  # width of the picture of residuals [px]
 _STRIP = 40  # height of the line of text below [px]

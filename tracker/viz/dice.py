@@ -136,13 +136,17 @@ def _caption(
 
 DIE: paint.Color = (255, 150, 70)
 
-_SCALE = 38 / DIE_WIDTH  # [px/m]; cells are whole pixels wide, so that all grid lines are equally sharp
+_SCALE = 38 / DIE_WIDTH
+"""Scale [px/m]; cells are a whole number of pixels wide, so that all grid lines are equally sharp."""
+
 _BORDER = 26  # around the arena [px]
 _LABELS = 48  # space for the axes, left of and below the border [px]
 _FLOOR: paint.Color = (50, 43, 40)
 _TICKS_M = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 _TEXT_SIZE = 11.0
-_FAR = 10 * ARENA_RADIUS  # to which coordinates are clipped so that pixels do not overflow [m]
+_FAR = 10 * ARENA_RADIUS
+"""Limit, outside the picture, to which coordinates are clipped so that pixels do not overflow [m]."""
+
 _HIGHER = 1e-3  # places at least this far above the floor are marked with their height [m]
 
 _SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * DIE_WIDTH / 2

@@ -21,8 +21,11 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate
 from tracker.viz import paint
 
-MIN_HEIGHT = 400  # smallest height of a panel [px]; smaller images are enlarged by the least integer factor
-GAP = 6  # between panels [px]
+MIN_HEIGHT = 400
+"""Smallest height of an image [px]; smaller images are enlarged by the smallest sufficient integer factor."""
+
+GAP = 6
+"""Half the distance up to which patches belong to one object [px at the reference size]."""
 
 _NAME_SIZE = 14.0
 _EMPTY = (44, 38, 35)
@@ -61,7 +64,8 @@ DOUBTFUL: paint.Color = (80, 170, 245)
 _MARGIN, _LINE, _SPACE, _COLUMN = 24, 28, 50, 17
 """Spacing around the strip, and between lines, blocks, and columns of a block [px]; scaled with the strip."""
 _SIZES = (10.0, 12.0, 12.0)  # heights of the digits in a block's lines [px]
-_WIDTH, _MOST = 1000, 1.5  # width of a strip above which its text is enlarged [px], and the largest factor
+_WIDTH, _MOST = 1000, 1.5
+"""Width of a strip above which its text is enlarged [px], and the largest factor."""
 
 
 class Block(NamedTuple):
@@ -140,7 +144,9 @@ def _numbers(values: Array, digits: int) -> list[str]:
     return [f"{value:.{digits}f}".replace("-", "−") for value in values]
 
 
-SAMPLES = 17  # points per edge, which is drawn as a polyline, since the lens bends edges
+SAMPLES = 17
+"""Approximate number of pixels sampled; more do not change the result by a level."""
+
 HINT = 0.5  # confidence below which a pose is only a hint, drawn in amber
 
 _TINT = 0.15

@@ -26,7 +26,8 @@ WHITE: Color = (255, 255, 255)
 BLACK: Color = (0, 0, 0)
 
 _FINE = 4  # oversampling: shapes are drawn on a grid this much finer, then averaged
-_SHIFT = 4  # bits of their coordinates after the point
+_SHIFT = 4
+"""Fractional bits of OpenCV's polygon corners."""
 
 # Pillow's built-in font has no umlauts.
 _FONT = Path(__file__).parent / "fonts" / "DejaVuSansCondensed.ttf"

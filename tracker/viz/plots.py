@@ -170,7 +170,9 @@ STATUS_COLORS: dict[str, paint.Color] = {
 """Colours of the status strip, the same in all plots."""
 
 _LABEL_X = -0.065  # left of the longest tick label, so that the labels of all panels are aligned
-_LEAST_SHARE = 0.003  # of the strip's width for a run of frames, so that single frames are visible
+_LEAST_SHARE = 0.003
+"""Smallest share of the strip's width that a run of frames gets, so that single frames are visible."""
+
 _LEAST = 2.0  # smallest range of an axis that is fitted to its values
 _FEW = 250  # largest number of frames at which dots have their full size
 
@@ -226,9 +228,12 @@ class Series(NamedTuple):
 
     label: str
     color: paint.Color
-    values: Array  # (3, n) drawn as line, dots and circles
-    band: FloatArray  # lower and upper ends (2, n) of a band around the line, which may be very wide
-    limits: tuple[float, float]  # of the axis
+    values: Array
+    """Values (3, n) drawn as line, dots and circles."""
+    band: FloatArray
+    """Lower and upper ends (2, n) of a band around the line, which may be very wide."""
+    limits: tuple[float, float]
+    """Limits of the axis."""
 
 
 def series_of(poses: Poses) -> list[Series]:

@@ -36,7 +36,8 @@ from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.viz.overlays import edges_in_view
 
 SIGMAS = 2.0  # half axes of the ellipsoid, in standard deviations
-TIME, FRAME = "time", "frame"  # timelines: seconds since the first frame shown, its number in the recording
+TIME, FRAME = "time", "frame"
+"""Timelines: seconds since the first frame shown, and the frame's number in the recording."""
 
 KINDS = {"measured": (30, 136, 229), "filtered": (225, 100, 0)}
 """Colour (red, green, blue) of each kind of pose, visible on dark and light backgrounds.

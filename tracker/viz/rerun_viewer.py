@@ -26,11 +26,15 @@ if TYPE_CHECKING:
 
     from tracker.viz.rerun_scene import Scene
 
-APPLICATION = "trifinger-object-tracker"  # by which the viewer remembers the arrangement of its windows
-HOST = "127.0.0.1"  # with a free port: Rerun's default port may belong to another user's viewer
+APPLICATION = "trifinger-object-tracker"
+"""Name under which the viewer remembers the arrangement of its windows."""
+
+HOST = "127.0.0.1"
+"""Address of the viewer, with a free port: Rerun's default port may belong to another user's viewer."""
 
 _STARTING = 30.0  # longest time that the viewer may take to listen [s]
-_SETTLING = 0.5  # how long it is watched after that [s]: without a screen it first listens, then exits
+_SETTLING = 0.5
+"""How long the viewer is watched after that [s]: without a screen it first listens, then exits."""
 
 _open: list[subprocess.Popen[bytes]] = []
 """Viewers that were started; Python warns about a running process whose object is deleted."""

@@ -15,18 +15,25 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH
 
-SHADE = 0.6  # gain if a top explains a pixel as bright as the tops, loss if a side does; vice versa if dark
+SHADE = 0.6
+"""Gain if a top explains a pixel as bright as the tops, loss if a side does; vice versa for dark ones."""
 
 PIP = 1.5
 """Loss if the rim of a face, which has no pips, explains a pixel as pale as a pip; if another part of a face
 does, the gain is half as large."""
 
-PALENESS = 0.3  # difference between the ratio of red to blue in a pip and that in the dice's blue
-OUTLINE = 0.3  # weight of the mask's outermost pixels, which may not show dice if the mask is generous
-MIN_PIXELS = 50  # smallest number of dice pixels in an image at which their brightness is used
+PALENESS = 0.3
+"""Difference between the ratio of red to blue in a pip and that in the dice's blue."""
+
+OUTLINE = 0.3
+"""Weight of the mask's outermost pixels, which may not show dice if the mask is generous."""
+
+MIN_PIXELS = 50
+"""Smallest number of dice pixels in an image at which their brightness is used."""
 
 
-NOTHING, DICE, UNKNOWN = range(3)  # values of a pixel in a mask
+NOTHING, DICE, UNKNOWN = range(3)
+"""Values of a pixel in a mask."""
 
 
 def evidence(mask: Array, image: Image | None) -> tuple[Array, Image, Array]:
@@ -77,20 +84,38 @@ def tops(masks: Image, shades: Array) -> Array:
     return np.choose(masks, (np.float32(-0.7), seen, np.float32(0))).astype(np.float32)
 
 
-CELL = 0.002  # edge length of the plane's cells [m]
-REACH = 0.196  # radius around the arena's centre beyond which no die reaches [m]
-LEVELS = 2  # number of planes: the tops of dice on the table, and of dice on these
-STACKED = 0.25  # penalty on a die on top of another, as a share of the largest possible evidence
-ENOUGH = 0.15  # smallest evidence for a proposed square, as a share of the largest possible
-BORDER = 0.003  # width of a square's outline [m]
-SLACK = 0.0005  # width by which neighbours may overlap a proposed square [m]
-_STYLES = ((0.5, 0.0), (0.9, 0.0), (0.5, 7.5))  # weight of the outline, and first yaw [°], for each style
-STYLES = len(_STYLES)  # number of ways to fill a crowd with squares
+CELL = 0.002
+"""Edge length of the plane's cells [m]."""
+
+REACH = 0.196
+"""Radius around the arena's centre beyond which no die reaches [m]."""
+
+LEVELS = 2
+"""Number of planes: the tops of dice on the table, and of dice on these."""
+
+STACKED = 0.25
+"""Penalty on the evidence for a die on top of another, as a share of the largest possible evidence."""
+
+ENOUGH = 0.15
+"""Smallest evidence for a proposed square, as a share of the largest possible."""
+
+BORDER = 0.003
+"""Width of a square's outline [m]."""
+
+SLACK = 0.0005
+"""Width by which neighbours may overlap a proposed square [m]."""
+
+_STYLES = ((0.5, 0.0), (0.9, 0.0), (0.5, 7.5))
+"""Weight of the outline, and first yaw [°], for each style."""
+
+STYLES = len(_STYLES)
+"""Number of ways to fill a crowd with squares."""
 
 _COUNT = 2 * round(0.2 / CELL)
 _LINE = (np.arange(_COUNT) - (_COUNT - 1) / 2) * CELL
 _X, _Y = np.meshgrid(_LINE, _LINE)
-_HALF = int(np.ceil((DIE_WIDTH / 2 + BORDER) * np.sqrt(2) / CELL))  # cells from the middle to a corner
+_HALF = int(np.ceil((DIE_WIDTH / 2 + BORDER) * np.sqrt(2) / CELL))
+"""Cells from the middle of a square to the farthest corner of its outline."""
 
 
 class Plan:

@@ -29,20 +29,38 @@ from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, NUM_DICE
 from tracker.tasks.rearrange_dice.score import masks_of
 from tracker.tasks.rearrange_dice.set_score import Canvas, Views, overlap
 
-SIZE = 270  # approximate shorter side of the reduced views in which dice are located [px]
-LEAST = 0.5  # smallest probability at which a die is reported
-STEPS = np.array([0.004, 0.002, 0.001, 0.0005])  # lengths of moves [m]; the first only in the first sweep
+SIZE = 270
+"""Approximate shorter side of the reduced views in which dice are located [px]."""
+
+LEAST = 0.5
+"""Smallest probability at which a die is reported."""
+
+STEPS = np.array([0.004, 0.002, 0.001, 0.0005])
+"""Step lengths of a die's moves [m]; the first is used only in the first sweep."""
 
 MOVED = np.array([0.0002, 0.0002, 0.0004, 0.01])
 """Change of a die (x, y, foot, yaw) above which its neighbours are settled again [m, rad]."""
 
-NEAR = 0.05  # distance within which dice may touch or hide each other [m]
-MOST = 40  # largest number of proposals of one style
-BIRTHS, BIRTH_FIT = 6, 0.05  # most proposals for unexplained pixels, and the smallest evidence for one
-OVERLAP = 0.004  # smallest overlap at which a proposal replaces a die [m]
-BETTER = 1.0  # smallest increase in the score at which an exchange is accepted
-TABLE_SURE = 150.0  # smallest gain of a die whose height is used to estimate that of the table
-TABLE_OFF = 0.002  # deviation of the table's height above which dice are proposed again [m]
+NEAR = 0.05
+"""Distance within which dice may touch or hide each other [m]."""
+
+MOST = 40
+"""Largest number of proposals of one style."""
+
+BIRTHS, BIRTH_FIT = 6, 0.05
+"""Largest number of proposals for unexplained pixels, and the smallest evidence for one."""
+
+OVERLAP = 0.004
+"""Smallest overlap at which a proposal replaces a die [m]."""
+
+BETTER = 1.0
+"""Smallest increase in the score at which an exchange is accepted."""
+
+TABLE_SURE = 150.0
+"""Smallest gain of a die whose height is used to estimate that of the table."""
+
+TABLE_OFF = 0.002
+"""Deviation of the table's height above which dice are proposed again [m]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

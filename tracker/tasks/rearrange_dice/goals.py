@@ -42,7 +42,8 @@ ARENA_RADIUS = 0.19
 CELLS_PER_ROW = 17
 """Number of cells, each as wide as a die, along each side of the grid."""
 
-SLACK = 1e-9  # tolerance for rounding errors at the arena's border and floor [m]
+SLACK = 1e-9
+"""Tolerance for rounding errors at the arena's border and floor [m]."""
 
 
 def cell_centers() -> FloatArray:
@@ -123,8 +124,11 @@ def as_text(position: Array) -> str:
 
 OUTSIDE, EMPTY, GOAL = "#.X"
 
-ON_CELL = 1e-6  # largest distance between a place and the centre of its cell in a pattern [m]
-MAX_FILE_SIZE = 1_000_000  # largest file that is parsed [bytes]; goals have 2 kB
+ON_CELL = 1e-6
+"""Largest distance between a place and the centre of its cell in a pattern [m]."""
+
+MAX_FILE_SIZE = 1_000_000
+"""Largest file that is parsed [bytes]; goals have 2 kB."""
 
 
 def read_goal(path: str | os.PathLike[str]) -> FloatArray:

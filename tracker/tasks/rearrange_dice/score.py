@@ -21,7 +21,8 @@ from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, TOLERANCE, finite_posi
 TARGET_WIDTH = DIE_WIDTH + TOLERANCE
 """Edge length of the axis-aligned boxes in which dice count as placed [m]."""
 
-NO_DIE = -1  # index of the die at a place without one
+NO_DIE = -1
+"""Index of the die at a place without one."""
 
 _BOX = cuboid.corners(np.full(3, TARGET_WIDTH))
 _FARTHEST_PX = 2**15  # OpenCV's polygon coordinates overflow beyond this

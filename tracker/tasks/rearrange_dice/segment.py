@@ -18,20 +18,36 @@ from tracker.segmentation.labels import FINE_IMAGE, REFERENCE_SIZE, check_image
 from tracker.segmentation.light import TARGET_GREY, evened, find_light
 from tracker.segmentation.sensor import calmed
 
-CERTAIN = 32  # smallest log odds, in 1/16, at which a pixel is certainly inside a face
-MIN_INSIDE = 12  # an inside pixel with fewer than this around it is a speck [px² at the reference size]
+CERTAIN = 32
+"""Smallest log odds, in 1/16, at which a pixel is certainly inside a face."""
+
+MIN_INSIDE = 12
+"""An inside pixel with fewer than this in the window around it is a speck [px² at the reference size]."""
 
 EDGE = 0.42
 """Smallest log ratio of blue to red in the mask, as a share of that inside: 0.5 would be the middle of the
 blur; masks drawn by hand are a little more generous."""
 
-RIM = 0.03  # weight of the outermost inside pixels in local means
-OFFSET = 20.0  # level added to both channels before taking their ratio: dark noise must not look coloured
-BRIGHT, BRIGHTEST = 0.6, 0.9  # share of this quantile of the blue that tops of dice reach but paint does not
-LEAST_BRIGHT = 0.9  # lower bound of that level, relative to the scene's greys, in case there are no dice
-WIDE = 9  # smallest width of the sides of dice; lines of paint are narrower [px at the reference size]
-STEPS = 2  # steps, 3 px each at the reference size, from bright or wide pixels to the rest of the die
-PALE = 0.8  # smallest level of green, relative to that inside the face, at which a gap in the blue is a pip
+RIM = 0.03
+"""Weight of the outermost inside pixels in local means."""
+
+OFFSET = 20.0
+"""Level added to both channels before taking their ratio, so that dark noise does not look coloured."""
+
+BRIGHT, BRIGHTEST = 0.6, 0.9
+"""Share, of this quantile of the blue inside, that dice tops reach but paint on tables does not."""
+
+LEAST_BRIGHT = 0.9
+"""Lower bound of that level, relative to the scene's greys, in case there are no dice to compare with."""
+
+WIDE = 9
+"""Smallest width of the sides of dice; lines of paint are narrower [px at the reference size]."""
+
+STEPS = 2
+"""Number of steps, 3 px each at the reference size, from bright or wide pixels to the rest of the die."""
+
+PALE = 0.8
+"""Smallest level of green, relative to that inside the face, at which a gap in the blue is a pip."""
 
 
 @compiled

@@ -47,13 +47,26 @@ class Views(NamedTuple):
 
 # Weights of the score; its unit is one explained pixel that shows dice.
 
-HIDDEN = 50.0  # limit of a view's evidence against a die
-PRICE = 60.0  # penalty on every die: the least that it must explain
-PUSH = 4e4  # penalty per metre of overlap of two dice beyond TOUCH [1/m]
-LEVEL = 40.0  # penalty on a die that lies on others, multiplied by its level squared
-HOVERING = 5e5  # penalty on the square of a die's distance from its level [1/m²]
-TOUCH = 0.0005  # overlap of touching neighbours that is not penalised [m]
-MARGIN = 8  # margin around a die's pixels that allows for its moves [px]
+HIDDEN = 50.0
+"""Limit of a view's evidence against a die."""
+
+PRICE = 60.0
+"""Penalty on every die: the least that it must explain."""
+
+PUSH = 4e4
+"""Penalty per metre of overlap of two dice beyond TOUCH [1/m]."""
+
+LEVEL = 40.0
+"""Penalty on a die that lies on others, multiplied by its level squared."""
+
+HOVERING = 5e5
+"""Penalty on the square of a die's distance from its level [1/m²]."""
+
+TOUCH = 0.0005
+"""Overlap of touching neighbours that is not penalised [m]."""
+
+MARGIN = 8
+"""Margin around a die's pixels that allows for its moves [px]."""
 
 
 class Canvas(NamedTuple):
