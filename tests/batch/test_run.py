@@ -373,8 +373,8 @@ def test_to_look_at_a_recording_takes_no_longer_among_many(tmp_path, monkeypatch
     recipe = Recipe.of(OPTIONS)
     agreed(recipe)  # looks at the sources, once
     entries = []
-    real = os.scandir
-    monkeypatch.setattr(os, "scandir", lambda path: entries.append(path) or real(path))
+    for lists in (os.scandir, os.listdir):
+        monkeypatch.setattr(os, lists.__name__, lambda path, lists=lists: entries.append(path) or lists(path))
     for given in (log, log.parent):
         fingerprint(Job(given, tmp_path / "out.h5", recipe))
     assert set(entries) == {log.parent}

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import check_sequence, freeze, is_number, of_kind
@@ -206,6 +205,9 @@ def assign(goal: npt.ArrayLike, positions: npt.ArrayLike) -> Assignment:
     """
     places, dice = finite_positions(goal, "goal"), finite_positions(positions, "dice")
     distances = np.linalg.norm(places[:, None] - dice, axis=-1)
+    # Takes longer to load than all else that a summary needs.
+    from scipy.optimize import linear_sum_assignment
+
     chosen, partners = linear_sum_assignment(distances)
     die = np.full(len(places), NO_DIE, dtype=np.int64)
     distance = np.full(len(places), np.nan)
