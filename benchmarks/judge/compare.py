@@ -13,9 +13,9 @@ from benchmarks.score.shares import bootstrap_interval, median
 
 KEYS = ["group", "object", "index"]
 
-SAME_PICTURES = 0.1
-"""Largest difference between the signatures of the same images: allows for a compiler's rounding, but not for
-different noise."""
+SAME_PICTURES = 0.3
+"""Largest difference between the signatures of the same images: allows for the rounding of other processors,
+which reaches 0.11 in a `world` scene, but not for different noise, which moves them by two or more."""
 
 COMPARED = (*ANSWERS, *TRUST, *TIMES)
 
