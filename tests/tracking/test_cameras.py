@@ -214,6 +214,18 @@ def test_what_is_remembered_gives_way_to_what_is_seen():
     assert not mended.contradicts
 
 
+def test_one_check_that_is_mistaken_does_not_outweigh_those_that_follow():
+    def astray(certainty):
+        return dataclasses.replace(made_fit(), disagreement=np.where(SCALES < 6e-3, -certainty, 0.0))
+
+    sure = learned([judged(SCALES[1])] * 4, learned([astray(1000.0)]))
+    assert sure.fitting > 0.9
+    assert learned([astray(1000.0)] * 4, learned([judged(SCALES[1])])).fitting < 0.1
+    np.testing.assert_array_equal(
+        learned([astray(1000.0)]).disagreement, learned([astray(50.0)]).disagreement
+    )
+
+
 @pytest.fixture(scope="module")
 def resting(rig):
     """Four times images of a cube that rests."""

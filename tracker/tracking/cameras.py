@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from tracker.conventions import FloatArray, Image
 from tracker.pose.agreement import contradict, probably_fits, spread
 from tracker.pose.fit import Fit
@@ -26,8 +28,12 @@ NOISELESS = 0.5
 BLACK = 12
 """Level that the brightest pixel of an image must reach; otherwise the image counts as black."""
 
-SHARE = 0.2
-"""Weight of a new check in the running mean; small, as successive images of an object at rest are alike."""
+FADING = 0.8
+"""Factor on the evidence of earlier checks with each new one, as cameras may be moved: about five count."""
+
+MOST = 6.0
+"""Largest log likelihood by which one check speaks against a scale of errors: one in a hundred takes another
+thing, or the object's first motion, for a camera that is far off, and must not outweigh all others."""
 
 LOOKS = 5
 """Number of checks before a contradiction counts as lasting."""
@@ -111,7 +117,7 @@ class Agreement(NamedTuple):
     """Running estimate of the calibration's errors, from checks of how well the cameras agree."""
 
     disagreement: FloatArray | None = None
-    """(S,) mean log likelihoods of `pose.agreement.SCALES`; None before the first check."""
+    """(S,) log likelihoods of `pose.agreement.SCALES`, faded; None before the first check."""
     fitting: float = 1.0
     """Probability that the calibration leaves poses within 5 mm of the truth."""
     spread: float = 0.0
@@ -136,10 +142,10 @@ class Agreement(NamedTuple):
             if self.disagreement is None and not lagging:
                 return self._replace(fitting=fits(fit), spread=spread(fit.disagreement), age=self.age + 1)
             return self._replace(age=self.age + 1)
-        looked = fit.disagreement - fit.disagreement.max()
-        before = looked if self.disagreement is None else self.disagreement
-        mean = (1.0 - SHARE) * before + SHARE * looked
-        return Agreement(mean, probably_fits(mean), spread(mean), self.looks + 1, 0)
+        total = np.maximum(fit.disagreement - fit.disagreement.max(), -MOST)
+        if self.disagreement is not None:
+            total += FADING * self.disagreement
+        return Agreement(total, probably_fits(total), spread(total), self.looks + 1, 0)
 
     @property
     def contradicts(self) -> bool:
