@@ -53,19 +53,22 @@ class _InTheirOrder(click.Group):
     cls=_InTheirOrder,
     no_args_is_help=False,  # click would report an error of several lines
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    commands=(
-        *(
-            demo.demo,
-            stills.detect,
-            track.track,
-            export.view,
-            live.live,
-            batch.batch,
-            info.info,
-            export.export,
-        ),
-        *(export.convert, stills.dice, score.score, calibrate.calibrate, colors.colors, doctor.doctor),
-    ),
+    commands=[
+        demo.demo,
+        stills.detect,
+        track.track,
+        export.view,
+        live.live,
+        batch.batch,
+        info.info,
+        export.export,
+        export.convert,
+        stills.dice,
+        score.score,
+        calibrate.calibrate,
+        colors.colors,
+        doctor.doctor,
+    ],
     epilog="\b\nExit codes:\n" + "\n".join(f"  {code:<4} {what}" for code, what in EXIT_CODES.items()),
 )
 @click.option(
