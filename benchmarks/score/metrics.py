@@ -33,6 +33,10 @@ Rows: TypeAlias = pd.DataFrame
 Split = Callable[[Rows], Iterable[tuple[str, Rows]]]
 """Splits rows into bins, by name."""
 
+SLOWER = 2.0
+"""Factor by which the gate lets times grow: processors and their other work change those of unchanged code by
+up to 1.6, even relative to the reference work. `compare` shows less, of two runs on one machine."""
+
 NOTHING = "–"
 """Text for a figure that was not measured."""
 
@@ -227,8 +231,8 @@ TRUST = (
 TIMES = (
     Metric("median_ms", "time, median", at("ms", 0.5), "{:.1f} ms"),
     Metric("p99_ms", "99th percentile", at("ms", 0.99), "{:.1f} ms"),
-    Metric("ratio", "× reference", at("ratio", 0.5), "{:.2f}", factor=1.2),
-    Metric("p99_ratio", "99th percentile", at("ratio", 0.99), "{:.1f}", factor=1.35),
+    Metric("ratio", "× reference", at("ratio", 0.5), "{:.2f}", factor=SLOWER),
+    Metric("p99_ratio", "99th percentile", at("ratio", 0.99), "{:.1f}", factor=SLOWER),
 )
 """Time of an answer [ms], and as a multiple of the reference work on the same images."""
 

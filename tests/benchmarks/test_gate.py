@@ -46,7 +46,7 @@ HARMLESS = {
         "mm": lambda f: f.mm * np.where(some(f, 2), 1.01, 0.99),
         "confidence": lambda f: f.confidence * 0.9999,
     },
-    "a busy machine": {"ratio": lambda f: f.ratio * 1.08},
+    "another, busy machine": {"ratio": lambda f: f.ratio * 1.6},
     # A wrong answer that becomes right changes what the confidence is worth.
     "better": {
         "mm": lambda f: f.mm.where(f.mm > 4.5, f.mm * 0.97),
@@ -66,9 +66,9 @@ SABOTAGE = {
         {"mm": lambda f: np.where(some(f, 10), np.hypot(f.mm, 3.0), f.mm)},
         "grown",
     ),
-    "detect 40 % slower": ({"ratio": lambda f: f.ratio * 1.4}, "× reference"),
-    "the slowest tenth twice as slow": (
-        {"ratio": lambda f: f.ratio * np.where(f.ratio > f.ratio.quantile(0.9), 2, 1)},
+    "detect 2.2 times as slow": ({"ratio": lambda f: f.ratio * 2.2}, "× reference"),
+    "the slowest tenth three times as slow": (
+        {"ratio": lambda f: f.ratio * np.where(f.ratio > f.ratio.quantile(0.9), 3, 1)},
         "99th",
     ),
     "45 % of the scenes 5 mm worse": ({"mm": lambda f: f.mm + 5.0 * (np.arange(len(f)) % 20 < 9)}, "typical"),
