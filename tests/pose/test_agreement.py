@@ -20,6 +20,7 @@ from tracker.pose.agreement import (
     SHARED_SHARE,
     TILT,
     _within,
+    contradict,
     disagreement,
     probabilities,
     probably_fits,
@@ -143,8 +144,8 @@ def moved(rig, c, shift, turn=(0.0, 0.0, 0.0)):
     return dataclasses.replace(rig, cameras=tuple(cameras))
 
 
-def fits(rig, stills):
-    detector = tracker.ObjectTracker("cube_v2", rig)
+def fits(rig, stills, name="cube_v2"):
+    detector = tracker.ObjectTracker(name, rig)
     return [detector.fit(still.images) for still in stills]
 
 
@@ -187,3 +188,11 @@ def test_cameras_of_another_platform_are_not_believed(rig, stills):
     for fit in found:
         assert size(fit.disagreement) > 2e-3
         assert confidence(fit) < 0.7 * apparent(fit)
+
+
+@pytest.mark.parametrize("c", range(3))
+def test_a_camera_that_sees_a_narrow_object_wholly_beside_its_pose_contradicts(rig, c):
+    stills = [bare("cuboid_2x2x8_v2", rig.cameras, [62, k], kind="rest") for k in range(3)]
+    for shift in ((0.025, 0.0, 0.0), (0.0, 0.02, 0.0), (-0.02, -0.02, 0.0)):
+        for fit in fits(moved(rig, c, shift), stills, "cuboid_2x2x8_v2"):
+            assert isinstance(fit, Status) or contradict(fit.disagreement), (c, shift)

@@ -311,7 +311,7 @@ class PoseEstimator:
     ) -> tuple[FloatArray, FloatArray, float] | None:
         """Search one camera's image near the pose; return its row of OwnViews, None if nothing is found."""
         only = sight.without(*(k for k in range(len(sight.used)) if k != c))
-        near = self.search.near(only, [(fit.rotation, fit.position)])
+        near = self.search.alone(only, c, fit.rotation, fit.position)
         if near is None:
             return None
         seen, _ = self.search.judged(only, near.rotation, near.position)
