@@ -38,7 +38,7 @@ def demo(
     import numpy as np
 
     if output.exists():
-        raise TrackerError(f"{output}: exists; expected a new folder, as by --output")
+        raise TrackerError(f"{output}: exists already; delete it, or name another folder with -o DIR")
     truths = json.loads((DATA / "truth.json").read_text(encoding="utf-8"))
     model = tracker.load_object(truths["object"])
     with (

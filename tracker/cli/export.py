@@ -202,7 +202,7 @@ def convert(
     part: options.Part = options.part,
     quiet: bool = flag("No progress bar."),
 ) -> None:
-    """Write a recording in another format.
+    """Write a recording and its calibration in another format.
 
     An HDF5 log (the platform's version 2.1) keeps raw pixels, stamps, poses and the calibration exactly.
     Colour images become the mosaic that the platform's cameras would have recorded. In a folder of images

@@ -57,7 +57,7 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
             without[name] += image is None
     calibration, calibration_fault = None, None
     try:
-        calibration = list(fitted_to(path, log).names)
+        calibration = log.rig and list(fitted_to(path, log).names)
     except TrackerError as error:
         calibration_fault = str(error)
     return {

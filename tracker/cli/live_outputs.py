@@ -222,7 +222,7 @@ class Statistics:
         return listing([*rows, *(["fault", fault] for fault in more[-5:])])
 
 
-FIRST_LOOK = 1.0  # time before the first check of running cameras [s]
+FIRST_LOOK = 0.5  # time before the first check of running cameras [s]
 
 
 class Lookout:
@@ -239,7 +239,8 @@ class Lookout:
 
     def look(self, moment: Moment | None) -> str | None:
         """Check the newest moment if a check is due; return the warning once, else None."""
-        from tracker.summaries.remarks import SURE, swap_message, swapped
+        from tracker.summaries.remarks import swap_message, swapped
+        from tracker.summaries.summary import SURE
 
         if moment is None:
             return None

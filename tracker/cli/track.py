@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from tracker.batch.run import Task
     from tracker.recordings import Job
 
+TIMED = 100
+"""Smallest number of frames of which the speed is printed."""
+
 CONTRADICTED = 0.02
 """Share of frames with a pose that cameras contradict at which the calibration is reported."""
 
@@ -132,12 +135,12 @@ def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> 
 
 
 def _warn(result: dict[str, Any]) -> None:
-    """Warn about a damaged recording, which was only partly tracked, and about swapped cameras."""
+    """Warn about a damaged recording, which was only partly tracked, and of a likely mistake."""
     if result["fault"] is not None:
         ending = f", the last one is {result['last_frame']}" if result["frames"] else ""
         say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
-    if result["swapped"] is not None:
-        say(f"warning: {result['log']}: {result['swapped']}")
+    if result["warning"] is not None:
+        say(f"warning: {result['log']}: {result['warning']}")
 
 
 def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
@@ -188,6 +191,10 @@ def _text(result: dict[str, Any]) -> str:
             posed = round(numbers["with_pose"] * count)
             some = f", {posed} of them with a pose" if 0 < posed < count else ""
             rows.append([f"  {name}", f"{count} of {frames} frames{some}"])
+    if result["confidence_median"] is not None:
+        count = round(result[result["kind"]] * frames)
+        sure = f"0.9 or more in {round(result['sure'] * count)} of {count} {result['kind']} poses"
+        rows.append(["confidence", f"median {result['confidence_median']:.2f}, {sure}"])
     for label, key in (("std x y z [mm]", "position_std_median_mm"), ("  [°]", "rotation_std_median_deg")):
         if result[key] is not None:
             values = "  ".join(f"{value:.3f}" for value in result[key])
@@ -199,6 +206,7 @@ def _text(result: dict[str, Any]) -> str:
             rows.append([label, f"median {median:.2f}{unit}, 90th percentile {p90:.2f}{unit}"])
     rows += _camera_rows(result["cameras"]) + _calibration_rows(result["statuses"])
     rows += [["" if number else "health", line] for number, line in enumerate(result.get("health", []))]
-    if result["frames_per_second"] is not None:
+    # Few frames mostly take what loading takes.
+    if result["frames_per_second"] is not None and result["new"] >= TIMED:
         rows.append(["speed", f"{result['frames_per_second']:.0f} sets of images per second"])
     return listing(rows)

@@ -31,15 +31,13 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.poses import Poses
 from tracker.recordings.track import Job, chosen, rig_for
-from tracker.summaries.summary import camera_shares, to_look_at
+from tracker.summaries.summary import SURE, camera_shares, to_look_at
 
-SURE, UNSURE = 0.9, 0.75
-"""Confidence at and above which images fit the cameras, and below which they do not."""
+UNSURE = 0.75
+"""Confidence below which images do not fit the cameras; from SURE on they do."""
 
 _MOST_CAMERAS = 4  # up to this number of cameras all orders (24) are tried, above it only swapped pairs
 _MOST_SETS = 7  # sets of images to check: motion blur or a finger may spoil some
-_AGREE = 2
-
 _MEASURED = 0.8  # a recording is checked if a smaller share of its frames has a measured pose
 
 
@@ -85,9 +83,15 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
     if pose is not None and pose.confidence >= UNSURE:
         return f"{tracker.model.name} is found if red and blue are swapped: images must be BGR"
     others = [name for name in object_names() if name != tracker.model.name]
-    answers = {name: ObjectTracker(name, tracker.rig).detect(images) for name in others}
+    answers = {name: type(tracker)(name, tracker.rig).detect(images) for name in others}
     fitting = [name for name, answer in answers.items() if _confidence(answer) >= SURE]
     return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
+
+
+def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
+    """Return a remark on swapped cameras or else what is `mistaken`; None if neither is so."""
+    order = swapped(tracker, images, answer)
+    return mistaken(tracker, images, answer) if order is None else swap_message(order, tracker.rig.names)
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
@@ -97,8 +101,7 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
     checked. Unless the pose is certain, this takes as long as several detections. `answer` is the result of
     `tracker.detect(images)`.
     """
-    order = swapped(tracker, images, answer)
-    cause = mistaken(tracker, images, answer) if order is None else swap_message(order, tracker.rig.names)
+    cause = misplaced(tracker, images, answer)
     if cause is not None or _confidence(answer) >= UNSURE:
         return cause
     faults = []
@@ -109,25 +112,22 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
     return f"{faults[0]}{more}" if faults else None
 
 
-def lastingly_swapped(
-    tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]
-) -> tuple[int, ...] | None:
-    """Like `swapped`, but for a recording: several sets of images must agree."""
-    orders = []
+def lasting_remark(tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]) -> str | None:
+    """Like `likely_cause` for a recording, without exposure and sharpness: two sets of images must agree."""
+    found: list[str] = []
     for images in itertools.islice(sets, _MOST_SETS):
         answer = tracker.detect(images)
         if _confidence(answer) >= SURE:
             return None
-        order = swapped(tracker, images, answer)
-        if order is not None:
-            orders.append(order)
-            if len(orders) == _AGREE:
-                break
-    return orders[0] if len(orders) == _AGREE and len(set(orders)) == 1 else None
+        remark = misplaced(tracker, images, answer)
+        if remark is not None and remark in found:
+            return remark
+        found += [remark] if remark is not None else []
+    return None
 
 
 def remark_on_recording(job: Job, poses: Poses) -> str | None:
-    """Return the `swap_message` for a recording that was tracked badly; None if its cameras seem right.
+    """Return the `lasting_remark` on a recording that was tracked badly, if there is one.
 
     None also if the recording can no longer be read: its poses remain valid.
     """
@@ -141,10 +141,9 @@ def remark_on_recording(job: Job, poses: Poses) -> str | None:
             step = max(1, (last - first) // _MOST_SETS) if log.random_access else 1
             sets = (frame.images for frame in log[first:last:step])
             tracker = job.recipe.make_tracker(job.recipe.model, rig, job.recipe.colors)
-            order = lastingly_swapped(tracker, sets)
+            return lasting_remark(tracker, sets)
     except (TrackerError, OSError):
         return None
-    return None if order is None else swap_message(order, rig.names)
 
 
 def swap_message(order: Sequence[int], names: Sequence[str]) -> str:
@@ -157,7 +156,8 @@ def swap_message(order: Sequence[int], names: Sequence[str]) -> str:
 
 
 def _is_odd(poses: Poses) -> bool:
-    if np.mean(poses.measured.has_pose) < _MEASURED:
+    found = poses.measured.has_pose
+    if np.mean(found) < _MEASURED or np.median(poses.measured.confidence[found]) < UNSURE:
         return True
     cameras = to_look_at(camera_shares(poses) or {})
     return any(CameraUse.CONTRADICTING in uses for uses in cameras.values())

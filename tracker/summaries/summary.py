@@ -17,6 +17,9 @@ from tracker.poses.poses import Kind, Poses, compare
 from tracker.recordings.track import Job, Tracked, unicode_text
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
+SURE = 0.9
+"""Confidence at and above which a pose may be acted on."""
+
 TOLERABLE = {
     CameraUse.CONTRADICTING: 0.1,
     CameraUse.NO_IMAGE: 0.01,
@@ -64,14 +67,15 @@ def summary(tracked: Tracked) -> dict[str, Any]:
         `last_frame`, the number of the last one; `measured` and `filtered`, the shares of frames with such a
         pose; `statuses`, each status's share of frames and, as `with_pose`, the share of these with a pose;
         `cameras`, for each camera the shares of frames in which its image was not used, by `CameraUse` (for
-        contradicting ones, of the frames with a measured pose); medians over the frames of the standard
-        deviations along x, y, z of the poses named by `kind`; `frames_per_second`; `recorded`, the result
-        of `compare` for the same poses; `fault`.
+        contradicting ones, of the frames with a measured pose); of the poses named by `kind`, the median
+        confidence, the share that is `sure`, and medians of the standard deviations along x, y, z;
+        `frames_per_second`; `recorded`, the result of `compare` for the same poses; `fault`.
     """
     poses, kind, columns = tracked.poses, best_kind(tracked.poses), best(tracked.poses)
     count = len(poses)
     variance = np.diagonal(columns.covariance[columns.has_pose], axis1=1, axis2=2)
     std = np.median(np.sqrt(variance), axis=0) if len(variance) else None
+    confidence = columns.confidence[columns.has_pose]
     rate = tracked.new / tracked.seconds if tracked.new and tracked.seconds > 0 else None
     return {
         "frames": count,
@@ -83,6 +87,8 @@ def summary(tracked: Tracked) -> dict[str, Any]:
         "statuses": {str(name): _status(poses, str(name)) for name in np.unique(poses.status)},
         "cameras": camera_shares(poses),
         "kind": kind,
+        "confidence_median": float(np.median(confidence)) if len(variance) else None,
+        "sure": float(np.mean(confidence >= SURE)) if len(variance) else None,
         "position_std_median_mm": None if std is None else (1e3 * std[:3]).tolist(),
         "rotation_std_median_deg": None if std is None else np.degrees(std[3:]).tolist(),
         "frames_per_second": rate,
@@ -198,7 +204,7 @@ COLUMNS: dict[str, type] = {
     "rotation_std_median_deg": float,
     "worst_camera": str,
     "worst_camera_contradicting": float,
-    "swapped": str,
+    "warning": str,
     "path_length_m": float,
     "height_max_m": float,
     "speed_p99_m_per_s": float,
@@ -216,10 +222,10 @@ COLUMNS: dict[str, type] = {
 """Columns of the table and their types; docs/batch.md describes them."""
 
 
-def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
+def row(job: Job, tracked: Tracked, warning: str | None) -> dict[str, Any]:
     """Return the table row of a recording, under COLUMNS; None for unknown values.
 
-    swapped: see `remark_on_recording`.
+    warning: see `remark_on_recording`.
     """
     poses, numbers = tracked.poses, summary(tracked)
     found: dict[str, Any] = {
@@ -235,7 +241,7 @@ def row(job: Job, tracked: Tracked, swapped: str | None) -> dict[str, Any]:
             "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
             "share_found": numbers["measured"],
             "share_filtered": numbers["filtered"],
-            "swapped": swapped,
+            "warning": warning,
         }
         found |= {f"share_{name}": float(np.mean(poses.status == name)) for name in ("coasting", "lost")}
         found |= {f"recorded_{name}": value for name, value in (numbers["recorded"] or {}).items()}

@@ -277,9 +277,9 @@ def _refuse_variants(folder: Path | None, files: Sequence[str], names: Sequence[
     if folder is None:
         raise CalibrationError(f"calibration: {fault}")
     patterns = sorted({_pattern(file, files, names) for file in files} - {""})
-    how = f'CameraRig.load(folder, pattern="{patterns[0]}"), or ' if patterns else ""
+    how = f"--pattern '{patterns[0]}' (in Python pattern=), or " if patterns else ""
     variants = f"; variants: {', '.join(patterns)}" if patterns else ""
-    raise CalibrationError(f"{folder}: {fault}{variants}; select with {how}CameraRig.load([file, ...])")
+    raise CalibrationError(f"{folder}: {fault}{variants}; select with {how}the list of files")
 
 
 def _pattern(file: str, files: Sequence[str], names: Sequence[str]) -> str:
