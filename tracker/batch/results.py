@@ -167,7 +167,7 @@ def summary_file(output: Path) -> Path:
 
 
 def failure_file(output: Path) -> Path:
-    """Return the file that says why there is no file of poses."""
+    """Return the file that states why there is no file of poses."""
     return output.with_name(output.name.removesuffix(SUFFIX) + _REASON)
 
 

@@ -78,7 +78,7 @@ def run(
     For image stores, --calibration DIR may hold several robots' files (r1_camera60.yml, …). Each episode is
     then tracked with the calibration of its robot; docs/learning.md describes the results.
 
-    Repeat the command to do what is missing, changed or damaged. `tracker batch status
+    Repeat the command to track what is missing, changed or damaged. `tracker batch status
     DIR` shows the progress, also of HTCondor and Slurm. Parquet and --scheduler need python3 -m pip install
     -e '.[cluster]'. See docs/batch.md.
     """

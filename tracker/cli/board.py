@@ -187,11 +187,11 @@ def intrinsics(
     """Find the lens of a camera from photos of a ChArUco board.
 
     That is focal length, principal point and distortion, with the standard deviation of each. `tracker
-    calibrate extrinsics` adds where the camera is.
+    calibrate extrinsics` adds the camera's position.
 
-    Take at least six photos, better fifteen, of the whole image's size: the board tilted by 30° to 45° in all
-    directions, near and far, out to the image's corners; sharp, with the focus that the camera will keep.
-    Each photo is checked against a lens fitted without it. Those that do not fit are named and left out.
+    Take at least six uncropped photos, preferably fifteen. Tilt the board by 30° to 45° in all directions,
+    near and far, out to the image's corners. Photos must be sharp, with the focus that the camera will keep.
+    Each photo is checked against a lens fitted without it. Those that do not fit are listed and left out.
     """
     from tracker.calibration.board.intrinsics import fit_lens
     from tracker.geometry.camera import check_name
@@ -274,9 +274,9 @@ def extrinsics(
 ) -> None:
     """Find where cameras are, from photos of a ChArUco board.
 
-    Each FOLDER holds one photo per camera, e.g. camera60.png, of the board in one place. In the first the
-    board lies face up as --center, --height and --yaw say. In the others it may be anywhere. More places make
-    the result more certain.
+    Each FOLDER holds one photo per camera, e.g. camera60.png, of the board in one place. In the first, the
+    board lies face up, at --center, --height and --yaw. In the others, it may be anywhere. More places make
+    the result more accurate.
     """
     import numpy as np
 

@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     short_help="Calibrate cameras; check and mend calibrations.",
 )
 def calibrate() -> None:
-    """Make a calibration from photos of a board, or mend one with a known object.
+    """Make a calibration from photos of a board, or correct one with a known object.
 
-    Commands that mend change no file: they write a new folder. Give it as --calibration from then on.
+    Corrections change no file: they are written to a new folder. Give it as --calibration from then on.
     """
 
 
@@ -128,10 +128,10 @@ def check(
     """Check whether a calibration fits, with a still object.
 
     Give RECORDINGs, or single IMAGEs moment by moment: twenty frames or more, with the object in many places.
-    Compares each camera with the others, and names a camera that has moved, with its motion. Errors that all
-    cameras share cannot be seen: a calibration whose whole world is moved fits.
+    Compares each camera with the others, names any camera that has moved, and states how far. Errors that all
+    cameras share are not detected: a calibration whose whole world is shifted still fits.
 
-    Also prints the misses that the files' deviations predict, and the possible error of one camera's depth.
+    Also prints the errors that the files' deviations predict, and the possible depth error of each camera.
     The exit code is 1 if the calibration does not fit.
     """
     from tracker.calibration.by_object.check import check as look
@@ -270,10 +270,10 @@ def refine(
     """Find the cameras' relative positions, with a moving object.
 
     Fits the object's edges in RECORDINGs, or in many IMAGEs. Move the object all over the arena and turn it.
-    A third of the frames only checks: if they fit no better, nothing is written, and the exit code is 1.
+    A third of the frames is held out: if these fit no better, nothing is written, and the exit code is 1.
 
-    Edges do not show where the world is. On average x, y and yaw stay; so do z and tilt, unless the object
-    rests in at least five places (see `table`).
+    Edges do not show where the world is. The cameras' mean x, y and yaw are kept. So are their mean z and
+    tilt, unless the object rests in at least five places (see `table`).
 
     Also writes object.toml with the object's rim: how far inside the nominal edges its colours end. Give this
     file as --object from then on.

@@ -91,7 +91,7 @@ def adapt(
 ) -> None:
     """Fit a colour model to RECORDINGs of a known object, without labels.
 
-    Confident poses say which pixels show a face. Colours fitted to these find more poses, round by round.
+    Confident poses show which pixels are of a face. Colours fitted to these find more poses, round by round.
     The other frames check the result. If they are explained no better, nothing is written, and the
     exit code is 1.
 

@@ -1,6 +1,6 @@
 """Learn an object's colours from recordings without labels, by alternately finding poses and fitting colours.
 
-Confident poses tell which pixels show which face and which show no object; they replace labels drawn by
+Confident poses show which pixels belong to which face and which show no object; they replace labels drawn by
 hand. A colour model fitted to these pixels finds more poses, and so on until nothing is gained. Two checks
 keep it from reinforcing its own errors: faces must have the hues of their names, and held-out frames must
 be explained better than before.
@@ -27,7 +27,7 @@ from tracker.pose.judge import confidence
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, color_model_names, load_colors
 
 GATES = (0.3, 0.5, 0.7, 0.8, 0.9)
-"""Smallest confidence of the poses that are learned from, round by round: at first few are confident."""
+"""Smallest confidence of a pose to learn from, round by round: at first, few poses are confident."""
 
 FEW = 2
 """Smallest number of frames to learn from."""
@@ -36,7 +36,7 @@ GAIN = 0.002
 """Smallest gain of `Judgement.explained` with which a fit counts as better."""
 
 OFTEN = 5
-"""Number of pixels of one colour mistaken for a face in a round from which it is not by chance."""
+"""Number of pixels of one colour mistaken for a face in a round that cannot be chance."""
 
 PATIENCE = 2
 """Number of rounds without a gain after which learning ends."""

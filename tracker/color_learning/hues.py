@@ -41,7 +41,7 @@ MOST = 4000
 """Largest number of pixels kept per colour."""
 
 LIGHT = 0
-"""Label that stands, in pairs of colours, for the colour of the light, which is that of all greys."""
+"""Label for the colour of the light, which is that of all greys, in pairs of colours."""
 
 _HUES, _SATURATIONS, _LEVELS = np.arange(-20.0, 21.0, 10.0), (0.6, 0.75, 0.9), (70.0, 110.0, 160.0, 210.0)
 _SWEEPS = 4

@@ -66,7 +66,7 @@ OFFSET = np.dtype(
         ("usable", np.bool_),  # whether there is an offset
     ]
 )
-"""What a strip of pixels says about its edge."""
+"""Measurement of an edge by a strip of pixels."""
 
 
 SCRATCH = np.dtype(

@@ -29,8 +29,8 @@ FAR_REACHES = np.array([8, 6, 4, 3])
 """The same, starting from a predicted pose."""
 
 BESIDE = 6.0 * np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4])
-"""Displacements (8, 2) in a camera's image from which its own search starts, too: from a place where it does
-not overlap what is seen, a narrow object is not aligned [px of the label map]."""
+"""Displacements (8, 2) from which a camera's own search also starts [px of the label map]: a narrow object is
+not aligned from a place where it does not overlap what the camera sees."""
 
 ALIGNED = 10
 """Maximum number of hypotheses per round that are aligned to the end: the best after a first step."""
@@ -177,7 +177,7 @@ class Search:
         return next_of
 
     def alone(self, sight: Sight, c: int, rotation: FloatArray, position: FloatArray) -> Hypothesis | None:
-        """Return the best hypothesis for camera c near a pose (3, 3), (3,) [m], the only one in `sight`."""
+        """Return the best hypothesis near a pose (3, 3), (3,) [m] for camera c, the only one of `sight`."""
         lens = self.lenses[c]
         size = float(np.linalg.norm(lens["position"] - position) / lens["focal"][0])
         beside = position + size * (BESIDE @ lens["rotation"][:2])

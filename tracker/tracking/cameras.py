@@ -29,11 +29,11 @@ BLACK = 12
 """Level that the brightest pixel of an image must reach; otherwise the image counts as black."""
 
 FADING = 0.8
-"""Factor on the evidence of earlier checks with each new one, as cameras may be moved: about five count."""
+"""Factor on the evidence of earlier checks at each new one, as cameras may move: about five count."""
 
 MOST = 6.0
-"""Largest log likelihood by which one check speaks against a scale of errors: one in a hundred takes another
-thing, or the object's first motion, for a camera that is far off, and must not outweigh all others."""
+"""Largest log likelihood of one check against a scale of errors: one in a hundred mistakes another object,
+or the object's first motion, for a camera that is far off, and must not outweigh all others."""
 
 LOOKS = 5
 """Number of checks before a contradiction counts as lasting."""

@@ -22,8 +22,8 @@ from tracker.tracking.cameras import EVERY, Agreement, CameraMemory, after, look
 from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
-"""Smallest log odds at which a fit near the prediction is kept without a search everywhere: if several
-cameras see the object, and if only one does, since wrong poses look better to a single camera."""
+"""Smallest log odds of a fit near the prediction that make a search everywhere unnecessary: with several
+cameras, and with one, in which wrong poses look better."""
 
 MORE_EXTRA = 0.08
 """Largest increase, since the last search everywhere, of the share of object-coloured pixels outside the

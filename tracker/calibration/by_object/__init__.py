@@ -1,1 +1,1 @@
-"""Calibrations checked and mended by what recordings of a known object show."""
+"""Check and correct calibrations with recordings of a known object."""

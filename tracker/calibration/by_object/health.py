@@ -1,4 +1,4 @@
-"""Measure the health of a rig on frames spread over a recording; people otherwise check this by hand."""
+"""Measure the health of a rig in frames spread over a recording, instead of checking it by hand."""
 
 from __future__ import annotations
 
