@@ -35,13 +35,13 @@ def faults(image, change=lambda one, _: one, skew=0.0):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda one, n: None if n % 5 == 0 else one, "4 of 20 pictures are missing; 4 ×: buffer torn"),
-        (lambda one, n: None, "20 of 20 pictures are missing"),
+        (lambda one, n: None if n % 5 == 0 else one, "4 of 20 images are missing; 4 ×: buffer torn"),
+        (lambda one, n: None, "20 of 20 images are missing"),
         (lambda one, n: one // 8, "dark, median grey level"),
         (lambda one, n: np.minimum(one.astype(int) * 6, 255).astype(np.uint8), "over-exposed"),
         (lambda one, n: cv2.GaussianBlur(one, (0, 0), 4), "blurred by"),
         (lambda one, n: cv2.blur(one, (15, 1)), "blurred by"),
-        (lambda one, n: one[:240], "20 pictures have 270x240 px, but the calibration is of 270x270"),
+        (lambda one, n: one[:240], "20 images have 270x240 px, but the calibration is for 270x270"),
     ],
 )
 def test_what_is_wrong_is_named(change, words, image):
@@ -51,9 +51,9 @@ def test_what_is_wrong_is_named(change, words, image):
 
 def test_a_camera_that_hangs_or_is_late_is_named_and_a_good_one_is_not(image):
     assert faults(image) == faults(image, skew=0.01) == []
-    assert faults(image, lambda *_: image) == ["19 of 20 pictures are the same as before: it hangs"]
+    assert faults(image, lambda *_: image) == ["19 of 20 images are the same as before: it hangs"]
     (fault,) = faults(image, skew=0.05)
-    assert fault.startswith("its pictures are 50 ms older")
+    assert fault.startswith("its images are 50 ms older")
 
 
 def test_a_picture_is_as_bright_live_as_in_the_health_of_a_recording(image):
@@ -73,11 +73,11 @@ def test_sets_are_looked_at_until_the_source_ends(image):
     assert looks.sets == 4
     assert [camera.pictures for camera in looks.cameras] == [4, 0]
     assert looks.faults() == [
-        f"{rig.names[1]}: 4 of 4 pictures are missing; 4 ×: no image",
-        "pictures are 200 ms old when they arrive",
+        f"{rig.names[1]}: 4 of 4 images are missing; 4 ×: no image",
+        "images are 200 ms old when they arrive",
     ]
 
 
 def test_a_source_that_gives_nothing_is_reported():
     looks = look_at(SimpleNamespace(next=time.sleep), RIG, 0.05)
-    assert looks.faults() == ["no pictures came at all"]
+    assert looks.faults() == ["no images came at all"]

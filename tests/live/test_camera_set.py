@@ -176,7 +176,7 @@ def test_a_camera_that_hangs_does_not_hold_up_the_others():
         given = sets(source, 6)
         assert all(shot.images[0] is not None for shot in given)
         assert given[-1].images[1] is None
-        assert given[-1].faults[1] == "no picture in time"
+        assert given[-1].faults[1] == "no image in time"
         go_on.set()
         sets(source, lambda found: found[-1].images[1] is not None)
 
@@ -185,7 +185,7 @@ def test_sets_go_on_when_all_cameras_are_gone():
     given = first(4, *(Scripted(*[GrabFailed("dark")] * 1000) for _ in range(2)))
     for shot in given:
         assert shot.images == (None, None)
-        assert set(shot.faults) <= {"dark", "no picture in time"}
+        assert set(shot.faults) <= {"dark", "no image in time"}
     assert given[-1].timestamp > given[0].timestamp
 
 

@@ -120,14 +120,14 @@ NO_PICTURES = ("camera60/a.txt", "0/other.png", "camera60.txt")
     ("added", "message"),
     [
         ({"1/camera60.png": np.zeros((20, 31, 3), np.uint8)}, "31×20 px, expected 30×20"),
-        ({"0/camera60.jpg": picture(0, 0)}, "one picture of a camera"),
+        ({"0/camera60.jpg": picture(0, 0)}, "one image of a camera"),
         *[({"ground_truth.json": text}, r"ground_truth\.json") for text in NO_TRUTHS],
-        *[({place: ""}, "no pictures of cameras") for place in NO_PICTURES],
+        *[({place: ""}, "no images of cameras") for place in NO_PICTURES],
     ],
 )
 def test_a_folder_that_is_no_recording_is_refused_with_the_reason(tmp_path, added, message):
     ((path, content),) = added.items()
-    if message != "no pictures of cameras":
+    if message != "no images of cameras":
         write_triplets(tmp_path, ["0", "1"])
     (tmp_path / path).parent.mkdir(exist_ok=True)
     if isinstance(content, str):
@@ -283,7 +283,7 @@ def test_a_damaged_picture_of_a_film_is_named_and_the_others_are_given(tmp_path)
     at = content.index(b"mdat") + len(content) // 2
     content[at : at + 1500] = bytes(1500)
     film.write_bytes(content)
-    assert 0 < len(recovered(film, r"camera60\.mp4: picture \d+")[1]) < 20
+    assert 0 < len(recovered(film, r"camera60\.mp4: image \d+")[1]) < 20
 
 
 @pytest.mark.parametrize("names", [("above", "left", "right"), CAMERAS])
@@ -372,7 +372,7 @@ def test_a_malformed_file_is_refused(tmp_path, text, message):
 @pytest.mark.parametrize(
     ("write", "stamp", "message"),
     [
-        (write_folder, 0, "camera60/0.000000000.png: found two pictures of one stamp"),
+        (write_folder, 0, "camera60/0.000000000.png: found two images with one timestamp"),
         (write_hdf5, 7200, "the frame's stamp goes forward by 7200 s since frame 0, expected 0 to 3600 s"),
     ],
 )

@@ -125,7 +125,7 @@ def plot_to(path):
 
 
 FLOATS = r"found float64 of shape .*, expected uint8 of shape \(H, W\)"
-UNEQUAL = r"picture 2: found uint8 of shape \(80, 81, 3\), expected pictures of one size"
+UNEQUAL = r"image 2: found uint8 of shape \(80, 81, 3\), expected images of one size"
 
 
 @pytest.mark.parametrize(
@@ -144,9 +144,9 @@ UNEQUAL = r"picture 2: found uint8 of shape \(80, 81, 3\), expected pictures of 
             (partial(film_to, rate=rate), "a.mp4", re.escape(f"rate: found {rate}, expected 0.001 to 1000"))
             for rate in (0, 2e4, 4e-4)
         ),
-        (partial(film_to, pictures=film(1, (1, 9))), "f.mp4", "picture 0: found .*, expected pictures"),
+        (partial(film_to, pictures=film(1, (1, 9))), "f.mp4", "image 0: found .*, expected images"),
         (partial(film_to, pictures=[*film(2), *film(1, (80, 81))]), "f.mp4", UNEQUAL),
-        (partial(film_to, pictures=()), "f.mp4", r"f\.mp4: found no pictures for it, expected at least one"),
+        (partial(film_to, pictures=()), "f.mp4", r"f\.mp4: found no images for it, expected at least one"),
         (film_to, None, "film: found None, expected a path"),
         (image_to, None, "image: found None, expected a path"),
         (plot_to, None, "plot: found None, expected a path"),

@@ -134,7 +134,7 @@ def _widest() -> tracker.Observation:
 
 
 def _of_height(picture: Image, height: int) -> Image:
-    """Crop or pad a picture to a height: captions wrap, but a film's pictures must have one size."""
+    """Crop or pad an image to a height: captions wrap, but a film's images must have one size."""
     import numpy as np
 
     return np.pad(picture[:height], ((0, max(0, height - len(picture))), (0, 0), (0, 0)), mode="edge")
@@ -205,8 +205,8 @@ def convert(
     """Write a recording and its calibration in another format.
 
     An HDF5 log (the platform's version 2.1) keeps raw pixels, stamps, poses and the calibration exactly.
-    Colour images become the mosaic that the platform's cameras would have recorded. In a folder of images
-    (one PNG per camera) the stamps are the names; the calibration is there, too.
+    Colour images become the mosaic that the platform's cameras would have recorded. A folder of images
+    (one PNG per camera) has timestamps as names, and holds the calibration, too.
     """
     from tracker.logs.folder import write_folder
     from tracker.logs.hdf5_writer import write_hdf5

@@ -203,7 +203,7 @@ class StoredArray:
             raise ValueError
         if math.prod(self._tile) > 1 << 24 or len(self.shape) > 2 - (meta["dtype"] == "|O"):
             raise ValueError
-        # Omitted numbers take no space in the store, but each picture has at least one byte.
+        # Omitted numbers take no space in the store, but each image has at least one byte.
         most, length = self._store.size if meta["dtype"] == "|O" else MAX_NUMBERS, math.prod(self.shape)
         if length > most:
             raise LogError(f"{self._where}: found {length} items stated, expected at most {most}")

@@ -136,7 +136,7 @@ class Camera:
         both = f"both from {FOCAL[0]:g} to {FOCAL[1]:g} px"
         within = FOCAL[0] <= min(fx, fy) and max(fx, fy) <= FOCAL[1]
         self._require(within, "matrix", f"focal lengths {fx:g}, {fy:g}", both)
-        near, center = f"at most {CENTER:g} px from the picture", f"principal point {cx:g}, {cy:g}"
+        near, center = f"at most {CENTER:g} px from the image", f"principal point {cx:g}, {cy:g}"
         self._require(max(abs(cx), abs(cy)) <= CENTER, "matrix", center, near)
         self._require(bent <= BENT, "distortion", f"{bent:g}", f"coefficients of at most {BENT:g}")
         self._require(right == down == 0, "matrix", f"skew {right:g}, {down:g}", "no skew")

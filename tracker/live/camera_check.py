@@ -81,16 +81,16 @@ class CameraLooks:
         total = self.pictures + missing
         if missing > MOST_MISSING * total:
             ((why, count),) = self.missing.most_common(1)
-            found.append(f"{missing} of {total} pictures are missing; {count} ×: {why}")
+            found.append(f"{missing} of {total} images are missing; {count} ×: {why}")
         expected = "{}x{}".format(*self.size)
         for (width, height), count in self.other_sizes.items():
-            found.append(f"{count} pictures have {width}x{height} px, but the calibration is of {expected}")
+            found.append(f"{count} images have {width}x{height} px, but the calibration is for {expected}")
         if not self.pictures:
             return found
         if self.frozen > MOST_FROZEN * self.pictures:
-            found.append(f"{self.frozen} of {self.pictures} pictures are the same as before: it hangs")
+            found.append(f"{self.frozen} of {self.pictures} images are the same as before: it hangs")
         if self.skew > MOST_SKEW:
-            found.append(f"its pictures are {1e3 * self.skew:.0f} ms older than the latest: trigger together")
+            found.append(f"its images are {1e3 * self.skew:.0f} ms older than the latest: trigger together")
         return found + self.look.faults()
 
 
@@ -122,10 +122,10 @@ class SetLooks:
     def faults(self) -> list[str]:
         """Return what is wrong, camera by camera."""
         if not self.sets:
-            return ["no pictures came at all"]
+            return ["no images came at all"]
         found = [f"{camera.name}: {fault}" for camera in self.cameras for fault in camera.faults()]
         if self.ages and np.median(self.ages) > MOST_AGE:
-            found.append(f"pictures are {1e3 * np.median(self.ages):.0f} ms old when they arrive")
+            found.append(f"images are {1e3 * np.median(self.ages):.0f} ms old when they arrive")
         return found
 
 

@@ -158,7 +158,7 @@ class CameraSet:
                 if slot.final is not None:
                     raise slot.final
             pictures = [slot.picture if slot.answered == self._asked else None for slot in self._slots]
-            faults = [slot.fault or "no picture in time" for slot in self._slots]
+            faults = [slot.fault or "no image in time" for slot in self._slots]
         return self._image_set(pictures, faults)
 
     @property

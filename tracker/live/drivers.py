@@ -80,7 +80,7 @@ class PylonCamera:
         except pylon.TimeoutException as error:
             if self._camera.IsCameraDeviceRemoved():
                 raise self._fault("is lost", error, CameraLost) from error
-            raise GrabFailed(f"pylon: {self.serial}: no picture within {timeout:g} s") from error
+            raise GrabFailed(f"pylon: {self.serial}: no image within {timeout:g} s") from error
         except Exception as error:
             raise self._fault("is lost", error, CameraLost) from error
         try:
@@ -197,7 +197,7 @@ class OpenCvCamera:
         if not there:
             if self.triggered:
                 raise CameraEnded(f"opencv: {self._what} has ended")
-            raise CameraLost(f"opencv: {self._what} gives no picture")
+            raise CameraLost(f"opencv: {self._what} gives no image")
         if image.ndim == 2:
             image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
         return Grabbed(np.asarray(image, np.uint8), stamp)

@@ -57,7 +57,7 @@ class DatasetSource(Source):
         self._images = images = StoredArray(self.store, "images", str(self.path))
         where, attributes = f"{self.path}: images", images.attributes
         if not images.ragged:
-            raise LogError(f"{where}: found numbers, expected encoded pictures")
+            raise LogError(f"{where}: found numbers, expected encoded images")
         cameras = attributes.get("n_cameras", 3)
         if not isinstance(cameras, int) or not 1 <= cameras <= MAX_CAMERAS:
             raise LogError(f"{where}: n_cameras: found {str(cameras)[:60]}, expected 1 to {MAX_CAMERAS}")

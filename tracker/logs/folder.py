@@ -1,4 +1,4 @@
-"""Reads folders of PNG or JPEG pictures or of films frame by frame, and writes folders of pictures."""
+"""Reads folders of PNG or JPEG images or of films frame by frame, and writes folders of images."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, c
 from tracker.logs.pictures import FilmPicture, decode, head_of
 
 TRUTH_FILE = "ground_truth.json"
-"""File that `python -m synthetic dataset` writes beside the pictures; timestamps are read from it."""
+"""File that `python -m synthetic dataset` writes beside the images; timestamps are read from it."""
 
 _PAUSE = 8
 """Pause between two episodes [s], whose timestamps are unrelated."""
 
-_MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # bytes; more than the largest picture uncompressed
+_MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # bytes; more than the largest image uncompressed
 _MAX_TRUTH = 1 << 28  # bytes; a frame has about 1000
 
 
 class FolderSource(Source):
-    """A folder of pictures, or of films."""
+    """A folder of images, or of films."""
 
-    gaps = True  # pictures may have been taken at any time
+    gaps = True  # images may have been taken at any time
 
     def __init__(self, path: Path, *, rate: float) -> None:
         super().__init__(path)
@@ -90,7 +90,7 @@ class FolderSource(Source):
 
 
 def _picture(file: Picture, size: tuple[int, int]) -> Image:
-    """Read a picture; LogError if its size differs from that of the camera's first."""
+    """Read an image; LogError if its size differs from that of the camera's first."""
     if isinstance(file, FilmPicture):
         return file.film.picture(file.number)
     content = _content(file)
@@ -101,7 +101,7 @@ def _picture(file: Picture, size: tuple[int, int]) -> Image:
 
 
 def _first_size(files: Iterable[Picture | None]) -> tuple[int, int]:
-    """Return (width, height) [px] of the camera's first picture with a readable size; else zeros."""
+    """Return (width, height) [px] of the camera's first image with a readable size; else zeros."""
     for file in files:
         if isinstance(file, FilmPicture):
             return file.film.size
@@ -121,7 +121,7 @@ def _content(file: Path, largest: int = _MAX_FILE) -> bytes:
 def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
     """Write frames as one folder of PNG files per camera, named by their timestamps, with the calibration.
 
-    The folder appears only once everything is written. A picture that the recorder repeated is written once.
+    The folder appears only once everything is written. An image that the recorder repeated is written once.
     """
     with told_as(LogError, path), whole_file(path) as folder:
         for name in rig.names:
@@ -137,7 +137,7 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> No
                     file.write_bytes(content)
                 elif file.read_bytes() != content:
                     where = f"{path}: frame {frame.index}: {name}/{file.name}"
-                    raise LogError(f"{where}: found two pictures of one stamp, expected each at its own time")
+                    raise LogError(f"{where}: found two images with one timestamp, expected different ones")
             progress(1)
         if not all(map(CAMERA.fullmatch, rig.names)):  # folders with such names need not be found
             seen = [name for name in rig.names if any((folder / name).iterdir())]

@@ -1,25 +1,25 @@
-"""Finds out which pictures or films in a folder belong together.
+"""Finds out which images or films in a folder belong together.
 
     ROOT/camera60.png, camera180.png …              one frame
     ROOT/camera60/000000.png, camera180/000000.png  a folder for each camera
     ROOT/000000/camera60.png, camera180.png …       a folder for each frame
     ROOT/camera60.mp4, camera180.mp4 …              a film for each camera
-    ROOT/recording.toml                             a file that assigns the pictures to cameras
-Films may have other names, and so may folders of cameras if their pictures' names are numbers. A folder with
-nothing but numbered pictures is that of one camera. Pictures of one moment have the same name in all
+    ROOT/recording.toml                             a file that assigns the images to cameras
+Films may have other names, and so may folders of cameras if their images' names are numbers. A folder with
+nothing but numbered images is that of one camera. Images of one moment have the same name in all
 cameras' folders, or names that are timestamps close together.
 
-If the names do not show which camera took a picture, `recording.toml` does, with `stamps.csv` beside it:
+If the names do not show which camera took an image, `recording.toml` does, with `stamps.csv` beside it:
 
     rate = 30.0                    # frame rate [Hz], if neither names nor films give the time
 
-    [cameras]                      # pictures or film of each camera
+    [cameras]                      # images or film of each camera
     camera60 = "left/*.png"
     camera180 = "right_*.jpg"
     camera300 = "above.mp4"
 
-Patterns are relative to the folder. Pictures of one moment have the same text in place of `*`; if all these
-texts differ, pictures are matched by their order. `stamps.csv` has one line per frame, with its time [s] or
+Patterns are relative to the folder. Images of one moment have the same text in place of `*`; if all these
+texts differ, images are matched by their order. `stamps.csv` has one line per frame, with its time [s] or
 with one time per camera in the order of [cameras].
 """
 
@@ -44,7 +44,7 @@ from tracker.logs.log import MAX_CAMERAS
 from tracker.logs.pictures import FILM_SUFFIXES, FilmFile, FilmPicture
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
-"""File name suffixes of pictures."""
+"""File name suffixes of images."""
 
 RECORDING_FILE, STAMPS_FILE = "recording.toml", "stamps.csv"
 """Files in a folder that describe its recording."""
@@ -56,15 +56,15 @@ _FIRST, _LAST = 10**9, 41 * 10**8  # the years 2001 to 2099 [s since the epoch]
 _PER_SECOND = (1, 10**3, 10**6, 10**9)
 _NAME = re.compile(r"(?:(?P<minus>-)|\D*?)(?P<whole>\d{1,20})(?P<fraction>\.\d{1,12})?")
 CAMERA = re.compile(r"camera\w*")
-"""Pattern of cameras' names by which their folders and pictures are found."""
+"""Pattern of cameras' names by which their folders and images are found."""
 
 _NUMBER = re.compile(r"\d{1,20}(\.\d{1,12})?")
 
 Picture = Path | FilmPicture
-"""A picture file, or a picture of a film."""
+"""An image file, or an image of a film."""
 
 _Streams = dict[str, Mapping[str, Picture]]
-"""Pictures of each camera, by name."""
+"""Images of each camera, by name."""
 
 
 def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -112,9 +112,9 @@ class Layout:
     names: list[str]
     """Name of each frame: that of its folder, or of its first file without suffix."""
     files: list[tuple[Picture | None, ...]]
-    """Pictures of each frame, one per camera; None for a missing one."""
+    """Images of each frame, one per camera; None for a missing one."""
     stamps: FloatArray
-    """(n, C) timestamps of the pictures [s]; NaN for a missing one."""
+    """(n, C) timestamps of the images [s]; NaN for a missing one."""
 
 
 def find_layout(root: Path, rate: float) -> Layout:
@@ -128,12 +128,12 @@ def find_layout(root: Path, rate: float) -> Layout:
         return _of_stated(root, rate)
     folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
     streams = _of_folders(folder for folder in folders if CAMERA.fullmatch(folder.name))
-    # With folders, a picture beside them does not count: it may be an overlay.
+    # With folders, an image beside them does not count: it may be an overlay.
     frames = {} if streams else _of_frames(folders) or _of_frames([root])
     streams = streams or frames or _films(root) or _without_names(root, folders)
     if not streams:
         raise LogError(
-            f"{root}: found no pictures of cameras, expected folders like 000000 with camera60.png, "
+            f"{root}: found no images of cameras, expected folders like 000000 with camera60.png, "
             "or folders like camera60 with 000000.png, or films like camera60.mp4, or recording.toml, "
             "or a recording such as camera_data.dat"
         )
@@ -146,7 +146,7 @@ def _visible(folder: Path) -> Iterator[Path]:
 
 
 def _pictures(folder: Path) -> list[tuple[str, Path]]:
-    """Return the pictures in a folder with their names without suffix, in natural order."""
+    """Return the images in a folder with their names without suffix, in natural order."""
     files = (item for item in _visible(folder) if item.suffix.lower() in SUFFIXES)
     ordered = sorted(files, key=lambda file: (_natural(file.stem), file.name))
     return [(file.stem, file) for file in ordered]
@@ -158,18 +158,18 @@ def _by_name(named: Iterable[tuple[str, Path]], what: str = "name") -> dict[str,
     for name, file in named:
         other = result.setdefault(name, file)
         if other is not file:
-            raise LogError(f"{file}: found {other.name} too, expected one picture of a {what}")
+            raise LogError(f"{file}: found {other.name} too, expected one image of a {what}")
     return result
 
 
 def _of_folders(folders: Iterable[Path]) -> _Streams:
-    """Return the pictures of each folder that has any."""
+    """Return the images of each folder that has any."""
     found = {folder.name: _by_name(_pictures(folder)) for folder in folders}
     return {name: files for name, files in found.items() if files}
 
 
 def _of_frames(folders: Iterable[Path]) -> _Streams:
-    """Return the pictures that are named after cameras, by the names of their frames' folders."""
+    """Return the images that are named after cameras, by the names of their frames' folders."""
     streams: dict[str, dict[str, Picture]] = {}
     for folder in folders:
         named = (one for one in _pictures(folder) if CAMERA.fullmatch(one[0]))
@@ -186,7 +186,7 @@ def _films(root: Path) -> _Streams:
 
 
 def _film(file: Path, *, counted: bool = False) -> dict[str, Picture]:
-    """Return the pictures of a film by timestamp or, if `counted`, by number."""
+    """Return the images of a film by timestamp or, if `counted`, by number."""
     film = FilmFile(file)
     names = [f"{k:06d}" if counted else f"{stamp:.9f}" for k, stamp in enumerate(film.stamps)]
     return {name: FilmPicture(film, k) for k, name in enumerate(names)}
@@ -245,7 +245,7 @@ def _of_stated(root: Path, rate: float) -> Layout:
 
 
 def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[str, Picture]:
-    """Return a camera's pictures by the text in place of the pattern's `*`, or those of its film."""
+    """Return a camera's images by the text in place of the pattern's `*`, or those of its film."""
     what, given = f"{path}: {camera}", f"{pattern!r:.60}"
     if not isinstance(pattern, str) or not pattern or "\0" in pattern:
         raise LogError(f"{what}: found {given}, expected a pattern such as 'left/*.png'")
@@ -257,7 +257,7 @@ def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[st
     matches = ((shape.fullmatch(file.relative_to(path.parent).as_posix()), file) for file in files)
     found = _by_name((("_".join(match.groups()), file) for match, file in matches if match), "moment")
     if not found:
-        raise LogError(f"{what}: found no file that fits {given}, expected pictures or a film")
+        raise LogError(f"{what}: found no file that fits {given}, expected images or a film")
     first = next(iter(found.values()))
     if first.suffix.lower() not in FILM_SUFFIXES:
         return {key: found[key] for key in sorted(found, key=_natural)}
@@ -281,7 +281,7 @@ def _stamps(path: Path, cameras: int) -> FloatArray | None:
 
 
 def _numbered_as_films(streams: _Streams) -> _Streams:
-    """Rename numbered pictures of cameras beside films to count from 000000, as pictures of films do."""
+    """Rename numbered images of cameras beside films to count from 000000, as images of films do."""
     named = {name: files for name, files in streams.items() if isinstance(next(iter(files.values())), Path)}
     keys = [key for files in named.values() for key in files]
     if len(named) == len(streams) or not all(key.isdecimal() for key in keys) or stamps_of_names(keys):
@@ -296,7 +296,7 @@ def _numbered_as_films(streams: _Streams) -> _Streams:
 
 
 def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Layout:
-    """Group pictures into frames by name or, if names are timestamps and not `by_name`, by time."""
+    """Group images into frames by name or, if names are timestamps and not `by_name`, by time."""
     names = sorted({name for files in streams.values() for name in files}, key=_natural)
     stamps = stamps_of_names(names)
     times = dict(zip(names, stamps or _counted_stamps(names, rate), strict=True))
@@ -313,7 +313,7 @@ def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Lay
 
 
 def _close_together(streams: _Streams, times: dict[str, float], rate: float) -> list[dict[str, str]]:
-    """Group pictures whose timestamps lie within half the cameras' period; return names by camera."""
+    """Group images whose timestamps lie within half the cameras' period; return names by camera."""
     steps = np.concatenate([np.diff([times[name] for name in files]) for files in streams.values()])
     period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1 / rate
     cameras = enumerate(streams.items())

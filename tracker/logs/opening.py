@@ -29,7 +29,7 @@ STORE_FILE = "data.mdb"
 """The file of an image store."""
 
 _BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
-"""Files in a folder that describe its pictures."""
+"""Files in a folder that describe its images."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
@@ -164,7 +164,7 @@ def fitted_to(
         raise CalibrationError(f"{where}: found {found}; expected {valid}")
     ordered = [rig[rig.names.index(name)] for name in names] if known else list(rig)
     for number, size in enumerate(log.image_sizes):
-        if any(size):  # otherwise no picture of the camera is readable, and reading them reports why
+        if any(size):  # otherwise no image of the camera is readable, and reading them reports why
             ordered[number] = sized_for(size, ordered[number], where, resize=resize)
     return dataclasses.replace(rig, cameras=tuple(ordered))
 

@@ -1,8 +1,8 @@
-"""Pictures from recordings and from users: raw Bayer pixels, encoded files, and films by number.
+"""Images from recordings and from users: raw Bayer pixels, encoded files, and films by number.
 
 The stated size is checked before memory is allocated for the pixels. Pillow reads the headers. Its `verify`
 finds all damage to a PNG, but only 7 of 150 truncated JPEGs: these are checked for their end marker. OpenCV
-fills missing parts of a damaged picture with grey, and reports that on stderr only.
+fills missing parts of a damaged image with grey, and reports that on stderr only.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 RECORDED = ("PNG", "JPEG")
 READ = (*RECORDED, "BMP", "TIFF", "WebP")
-"""Picture formats in recordings, and those accepted from users."""
+"""Image formats in recordings, and those accepted from users."""
 
 _READERS = {
     b"\x89PNG\r\n\x1a\n": ("PNG", "Png"),
@@ -68,7 +68,7 @@ def from_quadrants(quadrants: Image) -> Image:
 
 
 def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
-    """Read a picture's header; LogError if it is damaged, or of another format."""
+    """Read an image's header; LogError if it is damaged, or of another format."""
     # `Image.open` would also warn about sizes that are rejected later anyway.
     for start, (name, reader) in _READERS.items():
         if name in formats and data.startswith(start):
@@ -82,7 +82,7 @@ def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
 
 
 def check_whole(picture: ImageFile, data: bytes, *, appended: bool = False) -> None:
-    """Check a picture's integrity as far as its format allows.
+    """Check an image's integrity as far as its format allows.
 
     A JPEG that may have data `appended` after its end, as photos of phones do, is decoded to check it.
     LogError: a part of a PNG does not match its checksum, or the end of a PNG or JPEG is missing.
@@ -109,7 +109,7 @@ def decode(data: bytes, *, color: bool = True) -> Image:
     except cv2.error:
         image = None
     if image is None or image.dtype != np.uint8:
-        raise LogError("found a picture that cannot be decoded to 8 bits")
+        raise LogError("found an image that cannot be decoded to 8 bits")
     return np.asarray(image, dtype=np.uint8)
 
 
@@ -135,7 +135,7 @@ def check_container(path: Path) -> None:
 
 
 class FilmFile:
-    """A film whose pictures are decoded on access; LogError if it is none, or damaged.
+    """A film whose images are decoded on access; LogError if it is none, or damaged.
 
     TrackerError: the optional package `av` is missing.
     """
@@ -151,26 +151,26 @@ class FilmFile:
             self._stream = self._video()
             self._times = self._read_times()
         self.size = (self._stream.width, self._stream.height)
-        """(width, height) [px] of the pictures."""
+        """(width, height) [px] of the images."""
         first, unit = self._times[0], self._stream.time_base
         self.stamps: tuple[float, ...] = tuple(float((time - first) * unit) for time in self._times)
-        """Presentation time of each picture, relative to the first [s]."""
-        self._next: Any = None  # decoder, positioned after the last decoded picture
-        self._ahead: int | None = None  # time of the last decoded picture
+        """Presentation time of each image, relative to the first [s]."""
+        self._next: Any = None  # decoder, positioned after the last decoded image
+        self._ahead: int | None = None  # time of the last decoded image
 
     def _video(self) -> Any:
         if not self._film.streams.video:
-            raise LogError(f"{self.path}: found no pictures, expected a film")
+            raise LogError(f"{self.path}: found no images, expected a film")
         stream = self._film.streams.video[0]
         if stream.codec_context is None:
-            raise LogError(f"{self.path}: found pictures in an unknown code, expected a film")
+            raise LogError(f"{self.path}: found images in an unknown code, expected a film")
         check_sides(stream.width, stream.height, f"{self.path}: ")
         stream.thread_type = "NONE"  # recordings are decoded in parallel instead
         stream.codec_context.options = {"err_detect": "explode"}  # else the decoder conceals damage
         return stream
 
     def _read_times(self) -> list[int]:
-        """Return the sorted presentation times in the stream's time base, without decoding pictures."""
+        """Return the sorted presentation times in the stream's time base, without decoding images."""
         times: list[int] = []
         with naming(f"{self.path}: damaged", LogError, *self._faults):
             for packet in self._film.demux(self._stream):
@@ -178,16 +178,16 @@ class FilmFile:
                     continue
                 time = packet.pts if packet.pts is not None else packet.dts
                 if time is None or len(times) >= _MAX_PICTURES:
-                    raise LogError(f"{self.path}: found pictures without a time, or too many")
+                    raise LogError(f"{self.path}: found images without a time, or too many")
                 times.append(time)
         if not times or len(set(times)) != len(times):
-            raise LogError(f"{self.path}: found {len(times)} pictures, expected some, each at its own time")
+            raise LogError(f"{self.path}: found {len(times)} images, expected some, each at its own time")
         return sorted(times)
 
     def picture(self, number: int) -> Image:
-        """Return the picture (H, W, 3) BGR with this number; LogError if it is damaged."""
+        """Return the image (H, W, 3) BGR with this number; LogError if it is damaged."""
         sought, before = self._times[number], self._times[number - 1] if number else None
-        where = f"{self.path}: picture {number}: "
+        where = f"{self.path}: image {number}: "
         with self._alone:
             try:
                 if self._next is None or self._ahead != before:
@@ -212,7 +212,7 @@ class FilmFile:
 
 
 class FilmPicture(NamedTuple):
-    """A picture of a film."""
+    """An image of a film."""
 
     film: FilmFile
     number: int

@@ -25,13 +25,13 @@ _SIDE, _HEAD = 420, 76
 """Size of a camera's panel and height of the text above it [px]."""
 
 _SHOWN = 4.0  # range of a panel [limits]
-_WIDTH = 1080  # width of the picture of residuals [px]
+_WIDTH = 1080  # width of the image of residuals [px]
 _STRIP = 40  # height of the line of text below [px]
-_LONG = 0.02  # length of a line that shows the RMS [picture widths]
+_LONG = 0.02  # length of a line that shows the RMS [image widths]
 
 
 def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
-    """Return a picture (H, W, 3) BGR with a panel for each camera, and a dot for each look.
+    """Return an image (H, W, 3) BGR with a panel for each camera, and a dot for each look.
 
     A dot's offset from the centre is the distance in the image between the object as the camera sees it and
     as the others see it; the ring is the limit.
@@ -71,7 +71,7 @@ def _dots(panel: Image, misses: FloatArray, limit: float, color: paint.Color) ->
 def residual_picture(
     title: str, size: tuple[int, int], photos: Sequence[tuple[FloatArray, FloatArray, bool]]
 ) -> Image:
-    """Return a picture (H, W, 3) BGR with the residuals of all photos of a camera.
+    """Return an image (H, W, 3) BGR with the residuals of all photos of a camera.
 
     Args:
         title: the text below.

@@ -1,4 +1,4 @@
-"""Pictures of the dice task: camera views with goal areas, dice and the error, and a goal seen from above."""
+"""Images of the dice task: camera views with goal areas, dice and the error, and a goal seen from above."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ _FLOOR: paint.Color = (50, 43, 40)
 _TICKS_M = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 _TEXT_SIZE = 11.0
 _FAR = 10 * ARENA_RADIUS
-"""Limit, outside the picture, to which coordinates are clipped so that pixels do not overflow [m]."""
+"""Limit, outside the image, to which coordinates are clipped so that pixels do not overflow [m]."""
 
 _HIGHER = 1e-3  # places at least this far above the floor are marked with their height [m]
 
@@ -162,7 +162,7 @@ def goal_picture(
     *,
     yaws: npt.ArrayLike | None = None,
 ) -> Image:
-    """Return a picture of the arena from above, x to the right and y upwards, with a goal's places.
+    """Return an image of the arena from above, x to the right and y upwards, with a goal's places.
 
     Args:
         goal: centres (N, 3) [m] of the places; those above the floor are marked with their height.

@@ -81,13 +81,13 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
             if count == 0:
                 stream.height, stream.width = height, width
             if not height * width or (height, width) != (stream.height, stream.width):
-                found, valid = described_input(picture), "pictures of one size, of 2×2 px or more"
-                raise ImageError(f"film {target}: picture {count}: found {found}, expected {valid}")
+                found, valid = described_input(picture), "images of one size, of 2×2 px or more"
+                raise ImageError(f"film {target}: image {count}: found {found}, expected {valid}")
             frame = av.VideoFrame.from_ndarray(picture[:height, :width].copy(), format="bgr24")
             film.mux(stream.encode(frame))
             count += 1
         if not count:
-            raise ImageError(f"film {target}: found no pictures for it, expected at least one")
+            raise ImageError(f"film {target}: found no images for it, expected at least one")
         film.mux(stream.encode())
     return count
 

@@ -35,7 +35,7 @@ _EM = 1.15  # font size [digit heights]
 
 
 def canvas(width: int, height: int, color: Color = BACKGROUND) -> Image:
-    """Return an empty picture of a given size [px]."""
+    """Return an empty image of a given size [px]."""
     picture: Image = np.full((height, width, 3), color, np.uint8)
     return picture
 

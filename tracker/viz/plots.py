@@ -1,4 +1,4 @@
-"""Plots by matplotlib, an optional package: dark like the other pictures, and written atomically.
+"""Plots by matplotlib, an optional package: dark like the other images, and written atomically.
 
 One plot shows an object's face colours: their confusion matrix and chromaticities. The other shows a whole
 recording: the object's pose, its uncertainty, and the tracker's status.

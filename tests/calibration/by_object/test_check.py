@@ -145,7 +145,7 @@ def test_a_camera_that_is_hidden_is_not_asked_and_one_that_cannot_use_what_it_sh
 def test_one_camera_or_no_look_is_refused():
     with pytest.raises(CalibrationError, match="camera60 alone"):
         check_calibration(looks(CAMERAS, CAMERAS), CAMERAS[:1])
-    with pytest.raises(CalibrationError, match="no picture"):
+    with pytest.raises(CalibrationError, match="no set of images"):
         check_calibration([], CAMERAS)
 
 

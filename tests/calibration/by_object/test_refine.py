@@ -290,7 +290,7 @@ def test_several_films_and_stills_count_together():
         (lambda images: images, ALONE, "found camera60 alone, expected two cameras"),
         (lambda images: [[one[0], None, None] for one in images], RIG, "one camera"),
         (lambda images: images[:1] * 6, RIG, "lay it also near"),
-        (lambda images: np.full_like(images[:2], 110), RIG, "no picture in which cube_v2 is surely seen"),
+        (lambda images: np.full_like(images[:2], 110), RIG, "no set of images in which cube_v2 is surely"),
     ],
     ids=["one camera", "seen by one camera", "one place", "no object"],
 )
@@ -349,5 +349,5 @@ def test_poses_are_taken_once_no_more_than_requested_spread_evenly_and_too_few_r
 def test_pictures_that_cameras_took_one_after_the_other_do_not_count_while_it_moves(rng):
     still, moving = anywhere(20, rng, skew=0.01), anywhere(20, rng, skew=0.01, speed=0.3)
     assert different("cube", still + moving, 100) == still
-    with pytest.raises(CalibrationError, match="in 20 more it moved between the cameras' pictures"):
+    with pytest.raises(CalibrationError, match="in 20 more it moved between the cameras' images"):
         different("cube", moving, 100)

@@ -153,8 +153,8 @@ def check_calibration(
     require_two(cameras, "check")
     if not looks:
         raise CalibrationError(
-            "check: found no picture in which two cameras see the object still; expected one or more, better "
-            "twenty"
+            "check: found no set of images in which two cameras see the object still; expected one or more, "
+            "preferably twenty"
         )
     problem = CameraErrors(looks, cameras)
     free = problem.moved()

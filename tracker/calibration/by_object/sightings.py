@@ -180,7 +180,7 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     """Return up to `most` sightings in different poses; CalibrationError if there are too few."""
     sharp = [one for one in seen if _smear(one) < SMEARED]
     if not sharp:
-        more = f"; in {len(seen)} more it moved between the cameras' pictures" if seen else ""
+        more = f"; in {len(seen)} more it moved between the cameras' images" if seen else ""
         raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}")
     chosen: list[Sighting] = []
     for one in sharp:

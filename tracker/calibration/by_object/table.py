@@ -237,7 +237,7 @@ def find_table(
     tracker, edges = ObjectTracker(model, loose, colors, table_prior=False), EdgeReader(model, loose, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
     if not seen:
-        raise CalibrationError(f"table: found no picture in which {model.name} is surely seen")
+        raise CalibrationError(f"table: found no set of images in which {model.name} is surely seen")
     plane = plane_of(edges, seen)
     return FoundTable(levelled(rig, plane), plane, len(seen))
 
