@@ -18,7 +18,6 @@ import gc
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 import tracker
-from tracker import warm_up
 from tracker.cli.demo import DATA
 
 def known():
@@ -26,11 +25,11 @@ def known():
     return {(one.py_func.__qualname__, signature) for one in kernels for signature in one.signatures
             if one.py_func.__module__.startswith("tracker.")}
 
-warm_up.load()
-before = known()
-print(len(before))
 with tracker.open_log(DATA) as log:
     frames, rig = list(log), log.rig
+tracker.ObjectTracker("cube_v1", rig)
+before = known()
+print(len(before))
 one = tracker.CameraRig([rig[0]], arena=rig.arena)
 dark = [0 * image for image in frames[0].images]
 for name in ("cube_v2", "cuboid_2x2x8_v2"):
@@ -50,7 +49,7 @@ print(sorted(what for what, _ in known() - before))
 """
 
 
-def test_once_loaded_no_picture_has_anything_compiled():
+def test_once_a_tracker_is_made_no_image_has_anything_compiled_or_loaded():
     result = run_python(["-c", SCRIPT], check=True)
     count, *found, later = result.stdout.splitlines()
     assert int(count) == warm_up.KERNELS

@@ -30,7 +30,7 @@ from tracker.segmentation.color_model import ColorModel
 from tracker.tracking.belief import TrackingOptions, measured
 from tracker.tracking.cameras import CameraMemory, after, usable
 from tracker.tracking.follow import Follower, Gate, Memory
-from tracker.warm_up import warm_up
+from tracker.warm_up import load
 
 
 class ObjectTracker:
@@ -62,7 +62,7 @@ class ObjectTracker:
         of_kind(table_prior, bool, "table_prior", TrackerError)
         self.model, self.rig = object_of(model), rig_of(rig)
         self.colors = colors_of(colors, self.model)
-        warm_up()
+        load()
         self._estimator = PoseEstimator(Box.of(self.model), self.rig, self.colors, table_prior)
         self._follow = Follower(self._estimator)
         self._memory = Memory.empty(len(self.rig), tracking)

@@ -17,7 +17,6 @@ from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, came
 from tracker.live.sources import FORMS, open_source
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import MotionEstimate
-from tracker.warm_up import load
 
 HISTORY = 256
 """Number of moments kept: 25 s at 10 Hz. Only the newest keeps its images."""
@@ -68,8 +67,6 @@ class Live:
         history: int = HISTORY,
     ) -> None:
         check_arguments(tracker, history)
-        if isinstance(tracker, ObjectTracker):
-            load()
         if isinstance(source, (str, os.PathLike)):
             source = open_source(source, tracker)
         if not callable(getattr(source, "next", None)):

@@ -37,7 +37,6 @@ from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, write
 from tracker.poses.poses import About, Poses
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.version import version
-from tracker.warm_up import warm_up
 
 _OTHERS = (
     *("batch", "cli", "color_learning", "calibration/board", "calibration/by_object", "live"),
@@ -305,10 +304,8 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
         with open_log(job.log, recover=recipe.recover) as log:
             start, stop = chosen(log, job)
             rig = rig_for(job, log)
-            if start < stop:
-                warm_up()
-            began = time.perf_counter()
             tracker = recipe.make_tracker(recipe.model, rig, recipe.colors)
+            began = time.perf_counter()
             name = unicode_text(job.log.name or job.log.resolve().name)
             builder = PosesBuilder(About(recipe.model.name, name, version(), rig))
             for frame, answer in answers(job.log, log[start:stop], tracker):
