@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,14 +32,17 @@ _NORM_TOLERANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class RecordedPose:
-    """A pose estimated by the recorder's tracker. Arrays are read-only."""
+    """A pose estimated by the recorder's tracker. Arrays are read-only.
+
+    Attributes:
+        position: (3,) the object's centre in the world [m].
+        orientation: (4,) unit quaternion x, y, z, w of world_from_object.
+        confidence: confidence of the recorder's tracker, nominally 0 to 1; not a probability.
+    """
 
     position: FloatArray
-    """(3,) the object's centre in the world [m]."""
     orientation: FloatArray
-    """(4,) unit quaternion x, y, z, w of world_from_object."""
     confidence: float
-    """Confidence of the recorder's tracker, nominally 0 to 1; not a probability."""
 
     def __post_init__(self) -> None:
         freeze(self, "position", np.array(self.position, dtype=np.float64).reshape(3))
@@ -48,24 +51,28 @@ class RecordedPose:
 
 @dataclass(frozen=True, eq=False)
 class LogFrame:
-    """The images of all cameras at one moment."""
+    """The images of all cameras at one moment.
+
+    Attributes:
+        index: number of the frame in its recording, from 0.
+        timestamp: timestamp of the frame [s], since the epoch in recordings of the platform. If a driver
+            error left the frame empty: between its neighbours' timestamps, or NaN if the frame was read
+            alone.
+        camera_timestamps: (C,) timestamps of the cameras' images [s]; NaN for a missing image.
+        images: (H, W, 3) uint8 BGR image of each camera in order; None for a missing image.
+        recorded_pose: the object's pose as the recorder's tracker measured it, or None.
+        recorded_filtered_pose: the same after its filter, or None.
+        raw: (H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns; None if the recording
+            has colour images.
+    """
 
     index: int
-    """Number of the frame in its recording, from 0."""
     timestamp: float
-    """Timestamp of the frame [s], since the epoch in recordings of the platform. If a driver error left the
-    frame empty: between its neighbours' timestamps, or NaN if the frame was read alone."""
     camera_timestamps: FloatArray
-    """(C,) timestamps of the cameras' images [s]; NaN for a missing image."""
-    images: tuple[Image | None, ...]
-    """(H, W, 3) uint8 BGR image of each camera in order; None for a missing image."""
+    images: tuple[Image | None, ...] = field(repr=False)
     recorded_pose: RecordedPose | None
-    """The object's pose as the recorder's tracker measured it, or None."""
     recorded_filtered_pose: RecordedPose | None
-    """The same after its filter, or None."""
-    raw: tuple[Image, ...] | None = None
-    """(H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns; None if the recording has
-    colour images."""
+    raw: tuple[Image, ...] | None = field(default=None, repr=False)
 
 
 def recorded_frame(

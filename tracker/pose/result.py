@@ -69,19 +69,21 @@ class PoseEstimate:
 
     The covariance is of (δp, δθ) with p = position + δp and R = exp(δθ) · rotation, both along world
     axes [m, rad].
+
+    Attributes:
+        position: (3,) the object's centre in the world [m].
+        orientation: (4,) unit quaternion x, y, z, w of world_from_object.
+        covariance: (6, 6) of position and rotation [m, rad]; includes the calibration errors that files state
+            and, if they state any, the errors that disagreement between the cameras reveals.
+        confidence: probability that the pose is within 5 mm and 5° of the truth.
+        size: (3,) the object's edge lengths [m]; None if unknown, as in files of poses.
     """
 
     position: FloatArray
-    """(3,) the object's centre in the world [m]."""
     orientation: FloatArray
-    """(4,) unit quaternion x, y, z, w of world_from_object."""
     covariance: FloatArray
-    """(6, 6) of position and rotation [m, rad]; includes the calibration errors that files state and, if they
-    state any, the errors that disagreement between the cameras reveals."""
     confidence: float
-    """Probability that the pose is within 5 mm and 5° of the truth."""
     size: FloatArray | None = field(default=None, kw_only=True)
-    """(3,) the object's edge lengths [m]; None if unknown, as in files of poses."""
 
     def __post_init__(self) -> None:
         known = () if self.size is None else (("size", (3,)),)
@@ -160,12 +162,15 @@ class PoseEstimate:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionEstimate(PoseEstimate):
-    """Pose and velocity of the object in the world, fused over time."""
+    """Pose and velocity of the object in the world, fused over time.
+
+    Attributes:
+        velocity: (6,) linear, of the centre [m/s], and angular [rad/s], along world axes.
+        velocity_covariance: (6, 6) of the velocity.
+    """
 
     velocity: FloatArray
-    """(6,) linear, of the centre [m/s], and angular [rad/s], along world axes."""
     velocity_covariance: FloatArray
-    """(6, 6) of the velocity."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -180,10 +185,13 @@ class MotionEstimate(PoseEstimate):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Forecast(MotionEstimate):
-    """Pose and velocity at a later moment: the covariance is that of the likely kinds of motion."""
+    """Pose and velocity at a later moment: the covariance is that of the likely kinds of motion.
+
+    Attributes:
+        kinds: the forecast for each kind of motion, the likeliest first.
+    """
 
     kinds: tuple[MotionKind, ...] = ()
-    """The forecast for each kind of motion, the likeliest first."""
 
     def _more(self) -> str:
         kinds = "".join(f"{kind.name} {kind.probability:.2f}, " for kind in self.kinds)
@@ -192,12 +200,15 @@ class Forecast(MotionEstimate):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionKind(MotionEstimate):
-    """A forecast that assumes one kind of motion; so does its confidence."""
+    """A forecast that assumes one kind of motion; so does its confidence.
+
+    Attributes:
+        name: name of the kind: "at rest", "pushed or carried", "thrown or dropped".
+        probability: probability of this kind of motion.
+    """
 
     name: str
-    """Name of the kind: "at rest", "pushed or carried", "thrown or dropped"."""
     probability: float
-    """Probability of this kind of motion."""
 
     def _more(self) -> str:
         return f"{super()._more()}{self.name} {self.probability:.2f}, "
@@ -205,23 +216,26 @@ class MotionKind(MotionEstimate):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """The result for one set of images."""
+    """The result for one set of images.
+
+    Attributes:
+        object_pose: the pose measured in these images, or None; `status` says why.
+        filtered_object_pose: prediction and measurement fused over time; None from `detect`, which has no
+            memory, or if lost.
+        status: why there is a pose, or why not.
+        timing_ms: wall-clock time of each stage [ms].
+        reason: from `update`, if nothing was measured: why these images alone gave no pose. From `detect`,
+            with a pose: INCONSISTENT_VIEWS if the cameras contradict each other, which makes their
+            calibration doubtful.
+        cameras: how each camera's image was used, in the order of the rig.
+    """
 
     object_pose: PoseEstimate | None
-    """The pose measured in these images, or None; `status` says why."""
     filtered_object_pose: MotionEstimate | None
-    """Prediction and measurement fused over time; None from `detect`, which has no memory, or if lost."""
     status: Status
-    """Why there is a pose, or why not."""
     timing_ms: dict[str, float] = field(default_factory=dict)
-    """Wall-clock time of each stage [ms]."""
     reason: Status | None = None
-    """From `update`, if nothing was measured: why these images alone gave no pose.
-
-    From `detect`, with a pose: INCONSISTENT_VIEWS if the cameras contradict each other, which makes their
-    calibration doubtful."""
     cameras: tuple[CameraUse, ...] = ()
-    """How each camera's image was used, in the order of the rig."""
 
     def __repr__(self) -> str:
         poses = [repr(pose) for pose in (self.object_pose, self.filtered_object_pose) if pose is not None]
