@@ -9,6 +9,7 @@ folder.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -52,7 +53,9 @@ def main(name: str, count: int, seed: int, folder: Path) -> None:
                 [frame.timestamp, float(np.mean(frame.visible_fraction)), *errors(observation, frame)]
             )
             stills.append(picture)
-            print(f"\rframe {frame.index + 1} of {count}, rendered by {frame.renderer}", end="", flush=True)
+            if sys.stdout.isatty():
+                done = f"\rframe {frame.index + 1} of {count}, rendered by {frame.renderer}"
+                print(done, end="", flush=True)
             yield picture
 
     write_film(folder / "overlay.mp4", film(), RATE)

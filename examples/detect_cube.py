@@ -12,6 +12,6 @@ pose = observation.object_pose
 if pose is None:
     print("no pose:", observation.status)
 else:
-    print("position [m]    ", pose.position)
-    print("orientation xyzw", pose.orientation)
-    print("confidence      ", pose.confidence)
+    print("position [m]    ", pose.position.round(4))
+    print("orientation xyzw", pose.orientation.round(3))
+    print("confidence      ", round(pose.confidence, 4))

@@ -83,4 +83,4 @@ else:  # hidden from type checkers, which would otherwise accept any attribute n
         return import_module(f"tracker.{name}")
 
     def __dir__():
-        return sorted({*globals(), *__all__, *_MODULES, "__version__"})
+        return sorted({*__all__, *_MODULES, "__version__", "__doc__", "__file__", "__name__", "__path__"})

@@ -60,7 +60,7 @@ def track_task(task: Task) -> dict[str, Any]:
 
 
 def described(job: Job, tracked: Tracked) -> dict[str, Any]:
-    """Return `log`, `output`, `object`, the fields of `summary`, and `warning`, that of `remark_on_recording`."""
+    """Return `log`, `output`, `object`, the fields of `summary`, and `warning`; see `remark_on_recording`."""
     about = {"log": str(job.log), "output": str(job.output), "object": job.recipe.model.name}
     return {**about, **summary(tracked), "warning": remark_on_recording(job, tracked.poses)}
 

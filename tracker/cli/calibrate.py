@@ -31,6 +31,9 @@ if TYPE_CHECKING:
         tracker.CuboidModel, list[Footage], tracker.CameraRig, tracker.ColorModel, Callable[[int], None]
     ]
 
+MANY = 20
+"""Number of looks below which a calibration that fits may not."""
+
 
 @click.group(
     no_args_is_help=False,
@@ -242,9 +245,10 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
 def _verdict(found: CalibrationCheck) -> str:
     from tracker.calibration.by_object.check import LIMIT
 
-    disagree = f"cameras disagree by {1e3 * found.miss:.1f} mrad (median"
+    disagree = f"cameras disagree by {1e3 * found.miss:.1f} mrad (median; limit {1e3 * LIMIT:.1f})"
     if found.fits:
-        return f"the calibration fits: {disagree}; limit {1e3 * LIMIT:.1f})"
+        few = f"; {found.looks} looks are few" if found.looks < MANY else ""
+        return f"the calibration fits: {disagree}{few}"
     moved = [one.name for one in found.cameras if one.moved]
     lost = [one.name for one in found.cameras if found.is_lost(one) and not one.moved]
     if len(moved) > 1:
@@ -254,7 +258,7 @@ def _verdict(found: CalibrationCheck) -> str:
     elif lost:
         why = f"{', '.join(lost)} should see the object but cannot use their views"
     else:
-        why = f"{disagree})"
+        why = f"{disagree}; does it belong to other cameras?"
     return f"the calibration does not fit: {why}"
 
 

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from tracker.batch.run import Task
     from tracker.recordings import Job
 
-TIMED = 100
-"""Smallest number of frames of which the speed is printed."""
-
 CONTRADICTED = 0.02
 """Share of frames with a pose that cameras contradict at which the calibration is reported."""
 
@@ -206,7 +203,6 @@ def _text(result: dict[str, Any]) -> str:
             rows.append([label, f"median {median:.2f}{unit}, 90th percentile {p90:.2f}{unit}"])
     rows += _camera_rows(result["cameras"]) + _calibration_rows(result["statuses"])
     rows += [["" if number else "health", line] for number, line in enumerate(result.get("health", []))]
-    # Few frames mostly take what loading takes.
-    if result["frames_per_second"] is not None and result["new"] >= TIMED:
+    if result["frames_per_second"] is not None:
         rows.append(["speed", f"{result['frames_per_second']:.0f} sets of images per second"])
     return listing(rows)
