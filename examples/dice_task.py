@@ -13,7 +13,7 @@ images = [cv2.imread(str(folder / f"{name}.png")) for name in rig.names]
 
 goal = rearrange_dice.read_goal(folder / "goal.json")  # (25, 3) [m]
 areas = rearrange_dice.goal_masks(rig, goal)  # once per goal
-masks = [rearrange_dice.segment_dice(image) for image in images if image is not None]
+masks = [None if image is None else rearrange_dice.segment_dice(image) for image in images]
 print("error [px]", rearrange_dice.error(areas, masks))  # the reward is its negative
 
 dice = rearrange_dice.locate(rig, masks, images)  # position [m], yaw, probability of each

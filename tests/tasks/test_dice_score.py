@@ -115,6 +115,10 @@ def test_the_error_counts_dice_pixels_outside_the_goal(masks, goal_kind, dice_ki
     assert dice.error(goals, seen) == sum(expected)
     assert dice.reward(goals, seen) == -sum(expected)
     assert isinstance(dice.error(goals, seen), int)
+    # A camera without an image does not count.
+    without = [None, *seen[1:]]
+    assert dice.error_per_camera(goals, without) == (None, *expected[1:])
+    assert dice.error(goals, without) == sum(expected[1:])
 
 
 def test_masks_of_any_layout_and_type_are_taken_and_not_changed(rng):
@@ -143,7 +147,8 @@ MASK = np.zeros((4, 5), np.uint8)
         ([MASK[:0]], [MASK[:0]], "goal mask 0: found shape"),
         ([MASK], [MASK.astype(float)], "dice mask 0: found type float64, expected bool or whole numbers"),
         ([MASK.astype(int) - 1], [MASK], "goal mask 0: found the values -1"),
-        ([MASK], [None], "dice mask 0: found type object"),
+        ([MASK], [np.full((4, 5), None)], "dice mask 0: found type object"),
+        ([None], [MASK], "goal mask 0: found type object"),
         ([MASK], [MASK + 2], "dice mask 0: found the values 2, expected only 0 and 255, or only 0 and 1"),
         ([MASK], [[*MASK[:3], MASK[0] + 1, MASK[0] + 255]], "found the values 0, 1, 255, expected"),
         ([np.arange(20, dtype=np.uint8).reshape(4, 5)], [MASK], "found the values 0, 1, 2, 3, …, expected"),

@@ -258,11 +258,8 @@ def _evaluate(
     goals, errors, error = None, None, None
     if goal is not None:
         goals = task.goal_masks(rig, goal, exact=exact)
-        errors = {
-            name: None if mask is None else task.error([goal_mask], [mask])
-            for name, goal_mask, mask in zip(rig.names, goals, masks, strict=True)
-        }
-        error = sum(filter(None, errors.values()))
+        errors = dict(zip(rig.names, task.error_per_camera(goals, masks), strict=True))
+        error = task.error(goals, masks)
     marks.append(time.perf_counter())
     dice = task.locate(rig, masks, images)
     assignment = None if goal is None else task.assign(goal, [die.position for die in dice])

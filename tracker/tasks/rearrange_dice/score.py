@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Sequence
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -51,24 +52,27 @@ def goal_masks(rig: Iterable[Camera], goal: npt.ArrayLike, *, exact: bool = Fals
     return [draw(of_kind(camera, Camera, "rig: camera", TaskError), centers) for camera in rig]
 
 
-def error(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: Sequence[npt.ArrayLike] | Array) -> int:
+DiceMasks: TypeAlias = Sequence[npt.ArrayLike | None] | Array
+
+
+def error(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: DiceMasks) -> int:
     """Return the total number of pixels that show dice outside the goal; see `error_per_camera`."""
-    return sum(error_per_camera(goal_masks, dice_masks))
+    return sum(one for one in error_per_camera(goal_masks, dice_masks) if one is not None)
 
 
-def reward(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: Sequence[npt.ArrayLike] | Array) -> int:
+def reward(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: DiceMasks) -> int:
     """Return the task's reward for one set of images: the negative error."""
     return -error(goal_masks, dice_masks)
 
 
 def error_per_camera(
-    goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: Sequence[npt.ArrayLike] | Array
-) -> tuple[int, ...]:
-    """Return the number of pixels of each camera that show dice outside the goal.
+    goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: DiceMasks
+) -> tuple[int | None, ...]:
+    """Return the number of pixels of each camera that show dice outside the goal; None without an image.
 
     Args:
         goal_masks: (H, W) of each camera, 0 and 1, 0 and 255, or bool; may be one stacked array.
-        dice_masks: likewise, for the pixels that show dice.
+        dice_masks: likewise, for the pixels that show dice; None for a camera without an image.
 
     Raises:
         TaskError: there is no mask, the two differ in number or shape, or a mask is not two-valued.
@@ -80,9 +84,13 @@ def error_per_camera(
             f"masks: found {len(goal_masks)} of the goal and {len(dice_masks)} of dice, "
             "expected one of each for each camera"
         )
-    errors = []
+    errors = list[int | None]()
     for index, (goal, dice) in enumerate(zip(goal_masks, dice_masks, strict=True)):
-        target, seen = as_mask(goal, f"goal mask {index}"), as_mask(dice, f"dice mask {index}")
+        target = as_mask(goal, f"goal mask {index}")
+        if dice is None:
+            errors.append(None)
+            continue
+        seen = as_mask(dice, f"dice mask {index}")
         if target.shape != seen.shape:
             found, valid = f"found shape {seen.shape}", f"the goal's {target.shape}"
             raise TaskError(f"dice mask {index}: {found}, expected {valid}")
