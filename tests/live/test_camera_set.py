@@ -234,6 +234,15 @@ def write_film(path, levels):
     return str(path)
 
 
+def test_a_film_is_shown_from_its_first_image_at_even_times(tmp_path):
+    films = [write_film(tmp_path / f"{n}.avi", range(0, 250, 50)) for n in range(2)]
+    openers = [partial(drivers.OpenCvCamera, film) for film in films]
+    given = until_the_end(CameraSet(openers, [(64, 48)] * 2, rate=10.0))
+    levels = [round(float(shot.images[0].mean()), -1) for shot in given if shot.images[0] is not None]
+    assert levels[0] == 0
+    assert given[1].stamps[0] - given[0].stamps[0] > 0.08
+
+
 def test_opencv_opens_no_file_that_a_film_names(tmp_path):
     drivers.OpenCvCamera(write_film(tmp_path / "a.avi", [0])).close()
     (tmp_path / "b.avi").write_text("ffconcat version 1.0\nfile 'a.avi'\n")

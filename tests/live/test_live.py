@@ -313,6 +313,17 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
         pushed.push([None] * 3, kind([1.0, 2.0]))
 
 
+def test_what_is_pushed_in_another_number_or_too_late_is_refused_at_once():
+    pushed = Pushed()
+    pushed.push([None] * 3, 1.0)
+    with pytest.raises(LiveError, match="images: found 2, expected 3 as before"):
+        pushed.push([None] * 2, 2.0)
+    assert pushed.next(0.0).stamps == (1.0,) * 3
+    pushed.close()
+    with pytest.raises(LiveError, match="found the source closed"):
+        pushed.push([None] * 3, 3.0)
+
+
 def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):
     monkeypatch.setattr("tracker.live.live.STAMPS_APART", float("inf"))
     image, *_ = images(0)

@@ -138,6 +138,8 @@ class CameraSet:
         if not self._begun(until):
             return None
         if not self._waiting:
+            if self._asked == 0:
+                self._tick = time.monotonic()
             if self._tick > until:
                 time.sleep(timeout)
                 return None
@@ -225,7 +227,7 @@ class CameraSet:
                     self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
                 continue
             with self._changed:
-                slot.answered, slot.fault, slot.there = self._asked - 1, None, True
+                slot.answered, slot.fault, slot.there = max(self._asked - 1, 0), None, True
                 slot.settings = settings
                 self._changed.notify_all()
             self._ask(slot, camera)

@@ -188,7 +188,7 @@ class Pushed:
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._waiting: ImageSet | None = None
-        self._ended = False
+        self._ended, self._count = False, 0
         self.replaced = 0
         """Number of sets that a newer one replaced before they were fetched."""
 
@@ -205,7 +205,8 @@ class Pushed:
             timestamp: when they were taken [s], one for all cameras or one each; by default `time.time()`.
 
         Raises:
-            LiveError: the numbers of images and timestamps differ, or a timestamp is not finite.
+            LiveError: the numbers of images and timestamps differ, there were more or fewer images before, a
+                timestamp is not finite, or nobody fetches images any more.
         """
         stamp = time.time() if timestamp is None else timestamp
         check_sequence(images, "images", LiveError)
@@ -213,6 +214,11 @@ class Pushed:
         stamps = given.ravel().tolist() * (1 if given.ndim else len(images))
         taken = ImageSet(tuple(images), tuple(stamps))
         with self._changed:
+            if self._ended:
+                raise LiveError("pushed images: found the source closed, expected a running one")
+            if len(images) != (self._count or len(images)):
+                raise LiveError(f"images: found {len(images)}, expected {self._count} as before")
+            self._count = len(images)
             self.replaced += self._waiting is not None
             self._waiting = taken
             self._changed.notify_all()
