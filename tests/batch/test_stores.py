@@ -135,6 +135,16 @@ def test_an_interrupted_run_goes_on_with_the_missing_episodes(robots, tmp_path, 
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
+@pytest.mark.parametrize("made", [False, True])
+def test_a_store_that_is_none_is_named_before_the_calibration(robots, tmp_path, run_here, made):
+    if made:
+        (tmp_path / "a.zarr").mkdir()
+    options = ("--object", "cube_v2", "--calibration", robots, "-o", tmp_path / "out")
+    result = run_here("batch", "run", tmp_path / "a.zarr", *options)
+    assert result.returncode == 2
+    assert re.search(r"a\.zarr: found (nothing|no image store) there", result.stderr), result.stderr
+
+
 def test_all_nan_of_an_array_have_the_same_bits():
     computed = np.array([[1.0, -np.nan], [np.nan, -2.0]])
     taken = _taken(computed, np.array([1, -1, 0]))
