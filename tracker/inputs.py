@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
@@ -22,8 +23,9 @@ PathLike: TypeAlias = str | os.PathLike[str]
 Images: TypeAlias = Sequence[Array | None] | Mapping[str, Array | None]
 """One (H, W, 3) uint8 BGR image per camera, in the rig's order or by camera name; None for a missing one."""
 
-Stamp: TypeAlias = float | Sequence[float] | Mapping[str, float] | FloatArray
-"""One timestamp [s] for all cameras, or one per camera, in the rig's order or by camera name."""
+Stamp: TypeAlias = float | Sequence[float | None] | Mapping[str, float] | FloatArray
+"""One timestamp [s] for all cameras, or one per camera, in the rig's order or by camera name; None without an
+image."""
 
 
 def object_of(model: CuboidModel | PathLike) -> CuboidModel:
@@ -141,6 +143,8 @@ def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) 
     """
     if isinstance(timestamp, Mapping):
         timestamp = _by_camera("timestamp", timestamp, names, TrackerError, "nan")
+    if isinstance(timestamp, (list, tuple)) and any(one is None for one in timestamp):
+        timestamp = [math.nan if one is None else one for one in timestamp]
     stamps = seconds(timestamp, "timestamp")
     if stamps.ndim == 0:
         return float(in_range(stamps, "timestamp")), np.zeros(len(given))

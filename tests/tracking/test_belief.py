@@ -94,6 +94,10 @@ def test_coasting_ends_when_its_time_is_over(coast):
     for stamp in np.arange(1.05, 1.0 + coast, 0.05):
         assert track.advance(stamp) is not None
         assert track.estimate() is not None
+    # The difference of stamps since the epoch is a little more than what it should be.
+    track = Track(coast_seconds=coast)
+    follow(track, [made_fit()] * 11)
+    assert track.advance(1.0 + coast + 2.4e-7) is not None
     for stamp in (1.0 + coast + 0.01, 5.0, 6.0):
         assert track.advance(stamp) is None
         assert track.estimate() is None

@@ -182,7 +182,7 @@ def test_stamps_of_cameras_without_an_image_do_not_count(rig, passing):
     one, other = new(rig), new(rig)
     for k, images in enumerate(passing):
         some = [images[0], None, images[2]]
-        odd = (np.nan, 1e9, -1e9, 0.0)[k % 4]
+        odd = (np.nan, 1e9, -1e9, 0.0, None)[k % 5]
         answer = one.update(some, [STEP * k, odd, STEP * k])
         assert bits(answer) == bits(other.update(some, STEP * k))
 

@@ -18,6 +18,9 @@ from tracker.pose.judge import alone, apparent, fits, nearness, trust
 from tracker.pose.result import Forecast, MotionEstimate, MotionKind, PoseEstimate, Status
 from tracker.tracking.motion import KINDS, MotionFilter, MotionState
 
+ROUNDING = 5e-7
+"""Error of a difference between timestamps since the epoch [s]."""
+
 
 @dataclass(frozen=True)
 class TrackingOptions:
@@ -108,7 +111,7 @@ class Belief(NamedTuple):
         """Return the motion to predict from for a later timestamp [s]; None if the object is lost."""
         if self.seen is None or self.timestamp is None or self.motion is None:
             return None
-        if timestamp - self.seen > self.options.coast_seconds:
+        if timestamp - self.seen > self.options.coast_seconds + ROUNDING:
             return None
         return self.motion.slowed(timestamp - self.timestamp) if self.unseen else self.motion
 
