@@ -57,6 +57,8 @@ class MoveCube(gymnasium.Env):
         """A cube at rest somewhere, fingers out of the way, new light."""
         super().reset(seed=seed)
         rng = self.np_random
+        self.world.close()
+        self.world = self.platform.new_world()  # contacts of the last episode would change this one
         (positions, rotations), _ = place(self.platform, rng, "rest")
         self.look, self.lighting = random_look(rng, self.platform.model), random_lighting(rng)
         self.world.set_objects(self.platform.object_states(positions, rotations))

@@ -159,7 +159,12 @@ def test_an_environment_sees_what_its_fingers_do(tmp_path, run_script, monkeypat
         assert reward == pytest.approx(expected, abs=0.01)
         assert not ended
         assert not cut
+        environment.reset(seed=4)
+        for _ in range(3):
+            environment.step(-np.ones(9, np.float32))
         again, _ = environment.reset(seed=3)
         assert all(np.array_equal(first[key], again[key]) for key in first)
+        repeated, *_ = environment.step(np.ones(9, np.float32))
+        assert all(np.array_equal(after[key], repeated[key]) for key in after)
     finally:
         environment.close()
