@@ -112,7 +112,7 @@ class FrameOptions:
                 raise DatasetError(f"{key}: found {shown(number)}, expected {low:g} to {high:g}{unit}")
         if self.raw and self.size != 540 and self.path != "old":
             raise DatasetError(
-                f"raw: found size {self.size} and path {self.path!r}, expected size 540, or path 'old'"
+                f"raw: found size {self.size}, expected 540 (or in Python path='old', found {self.path!r})"
             )
 
     @property

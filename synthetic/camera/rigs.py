@@ -97,7 +97,8 @@ def choose_rig(calibration: str, seed: int) -> CameraRig:
     if calibration == RANDOM:
         return random_rig(np.random.default_rng([seed, _RANDOM_STREAM]))
     if Path(calibration).exists():
-        return CameraRig.load(calibration)
+        # What is rendered is this arena, whatever the folder's file says.
+        return dataclasses.replace(CameraRig.load(calibration), arena=standard_rig().arena)
     if calibration not in ROBOTS:
         raise CalibrationError(
             f"calibration {calibration}: found no such folder, expected one, or one of {', '.join(KNOWN)}"

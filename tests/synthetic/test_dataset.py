@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from synthetic import cli
-from synthetic.camera.rigs import standard_rig
+from synthetic.camera.rigs import choose_rig, standard_rig
 from synthetic.export.dataset import DatasetOptions, make_dataset
 from synthetic.frames import FrameOptions
 from tests.helpers import ROOT, contents, opencv_pixels, run_python
 from tests.helpers.command import well
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker import CameraRig, load_object
+from tracker import CameraRig, load_object, open_log
+from tracker.geometry.arena import Arena
 from tracker.geometry.cuboid import corners
+from tracker.logs.pictures import from_bayer
 
 skip_without_platform()
 CAMERAS = ("camera60", "camera180", "camera300")
@@ -191,3 +193,23 @@ def test_the_bop_files_tell_true_cameras_each_picture_at_its_own_moment_and_colo
     # Somewhere the object had moved on by the frame's stamp.
     assert max(apart) > 1.0
     assert read(made / "bop" / "dataset_info.json")["mosaic"] == "removed"
+    with open_log(made) as log:
+        frame, given = log.frame(1), CameraRig.load(made / "000000")
+        for mosaic, image, name in zip(frame.raw, frame.images, CAMERAS, strict=True):
+            np.testing.assert_array_equal(mosaic, read(made / "000001" / f"{name}.png"))
+            np.testing.assert_array_equal(image, from_bayer(mosaic))
+        # Commands take the calibration that the film states, not the cameras that it was made with.
+        for camera, own in zip(log.rig, given, strict=True):
+            np.testing.assert_array_equal(camera.camera_from_world, own.camera_from_world)
+
+
+def test_scenes_that_state_another_calibration_each_have_none_together(tmp_path):
+    options = FrameOptions("cube_v2", 1, "fast", effects=("calibration",))
+    make_dataset(DatasetOptions(options, 2), tmp_path / "set")
+    with open_log(tmp_path / "set") as log:
+        assert log.rig is None
+
+
+def test_what_a_folder_says_of_its_arena_changes_nothing_that_is_rendered(tmp_path):
+    dataclasses.replace(standard_rig(), arena=Arena(table=0.05)).save(tmp_path)
+    assert choose_rig(str(tmp_path), 0).arena == standard_rig().arena

@@ -19,7 +19,7 @@ from tracker.files import read_bounded, told_as, told_of, whole_file
 from tracker.logs.frame import LogFrame, checked_stamp
 from tracker.logs.layout import CAMERA, RECORDING_FILE, Picture, find_layout
 from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, check_sides, rig_beside
-from tracker.logs.pictures import FilmPicture, decode, head_of
+from tracker.logs.pictures import FilmPicture, decode, from_bayer, head_of
 
 TRUTH_FILE = "ground_truth.json"
 """File that `python -m synthetic dataset` writes beside the images; timestamps are read from it."""
@@ -43,7 +43,7 @@ class FolderSource(Source):
         pictures = itertools.chain.from_iterable(layout.files)
         self._films = {file.film for file in pictures if isinstance(file, FilmPicture)}
         self.format = "films" if self._films else "folder of images"
-        self._stamps = layout.stamps
+        self._stamps, self._raw, self._own = layout.stamps, False, False
         if (path / TRUTH_FILE).is_file():
             self._read_truth(path / TRUTH_FILE)
         self.image_sizes = tuple(map(_first_size, zip(*layout.files, strict=True)))
@@ -57,10 +57,19 @@ class FolderSource(Source):
             name = self._layout.names[index]
             raise LogError(f"{where}: {name} is missing in {TRUTH_FILE}, expected its stamp there")
         stamp = checked_stamp(float(np.nanmean(stamps)), what=where)
-        return LogFrame(index, stamp, stamps, images, None, None)
+        raw = None
+        if self._raw:
+            mosaics = [None if one is None else np.ascontiguousarray(one[:, :, 0]) for one in images]
+            images = tuple(None if one is None else from_bayer(one) for one in mosaics)
+            raw = tuple(one for one in mosaics if one is not None)
+            raw = raw if len(raw) == len(images) else None
+        return LogFrame(index, stamp, stamps, images, None, None, raw)
 
     def rig(self) -> CameraRig | None:
-        """See Source."""
+        """See Source; a synthetic film may state an imperfect calibration, single scenes one each."""
+        if self._own:
+            given = self.path / self._layout.names[0]
+            return rig_beside(given, self.camera_names) if len(self.episode_starts) == 1 else None
         return rig_beside(self.path, self.camera_names) or super().rig()
 
     def where(self, index: int) -> str:
@@ -81,7 +90,9 @@ class FolderSource(Source):
             truth = {str(item["frame"]): float(item["timestamp"]) for item in content["frames"]}
             settings = {"rate": 10.0, "sequence": True, **content.get("settings", {})}
             rate = max(1e-3, float(settings["rate"]))
+            self._raw = settings.get("raw") is True
         self.format += ", synthetic"
+        self._own = any((self.path / self._layout.names[0]).glob("camera*.yml"))
         stamps = np.array([truth.get(name, np.nan) for name in self._layout.names])
         self._stamps = np.where(np.isnan(self._stamps), np.nan, stamps[:, None])
         # An episode starts with each single scene, and after a pause in a sequence.
