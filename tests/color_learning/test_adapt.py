@@ -53,6 +53,20 @@ def test_the_nearest_shipped_model_explains_most(film):
         assert best >= lessons.judge(MODEL, judged, colors).explained
 
 
+def test_the_objects_own_colours_are_tried_beside_the_shipped_ones(film, tmp_path, monkeypatch):
+    footage, file = footage_of(film), tmp_path / "own.npz"
+    COLORS.save(file)
+    monkeypatch.setattr("tracker.color_learning.adapt.color_model_names", lambda: ["dice"])
+    mine = dataclasses.replace(MODEL, colors=str(file))
+    found = nearest(mine, [footage])
+    np.testing.assert_array_equal(found.label_table, dataclasses.replace(COLORS, normalise=True).label_table)
+    # A new object has none yet.
+    monkeypatch.setattr("tracker.color_learning.adapt.color_model_names", lambda: ["dice", "cube_v3"])
+    assert nearest(dataclasses.replace(MODEL, colors="not yet"), [footage]).name == "cube_v3"
+
+
+
+
 def test_colors_that_are_not_shown_stay_as_they_were():
     rng = np.random.default_rng(3)
     pixels = [

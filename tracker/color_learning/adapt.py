@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,11 +143,14 @@ TRIED = 12
 
 
 def nearest(model: CuboidModel, footage: Sequence[Frames]) -> ColorModel:
-    """Return the shipped colour model that best explains a sample of the frames to learn from."""
+    """Return the colour model, the object's or a shipped one, that best explains a sample of the frames."""
     step = max(1, sum(len(one.learned) for one in footage) // TRIED)
     few = [dataclasses.replace(one, learned=(), held_out=one.learned[::step]) for one in footage]
     names = [name for name in color_model_names() if name != "dice"]  # a single colour fits no cuboid
-    models = [dataclasses.replace(load_colors(name), normalise=True) for name in names]
+    models = []
+    for name in dict.fromkeys((model.colors, *names)):
+        with suppress(ColorModelError):  # a new object has none yet
+            models.append(dataclasses.replace(load_colors(name), normalise=True))
     return max(models, key=lambda colors: judge(model, few, colors).explained)
 
 
