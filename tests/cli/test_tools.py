@@ -108,6 +108,10 @@ def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
     other = ["--keypoints", "--object", "mine.toml"]
     run_here("export", "poses.h5", "--csv", "b.csv", *other, folder=tmp_path).check_returncode()
     assert (tmp_path / "a.csv").read_bytes() != (tmp_path / "b.csv").read_bytes()
+    mine = replace(poses, about=replace(poses.about, object_name="mine"))
+    write_poses(tmp_path / "own.h5", mine)
+    result = run_here("export", "own.h5", "--csv", "c.csv", "--keypoints", folder=tmp_path)
+    assert_one_line_error(result, "--object", "TOML file of 'mine'", "own.h5")
     with pytest.raises(LogError, match="keypoints: found 'cube_v2', expected CuboidModel"):
         poses.table("cube_v2")
 

@@ -249,10 +249,9 @@ def _counts(found: State) -> dict[str, int]:
 
 def _text(found: State) -> str:
     rows = [[what, str(count)] for what, count in _counts(found).items() if count or what != "running"]
-    if found.rate is not None:
+    if found.rate is not None and found.missing:
         rows.append(["pace", f"{60 * found.rate:.1f} a minute"])
-        if found.missing:
-            rows.append(["time left", str(timedelta(seconds=round(found.missing / found.rate)))])
+        rows.append(["time left", str(timedelta(seconds=round(found.missing / found.rate)))])
     for recording, why in list(found.failures.items())[:5]:
         rows.append(["", why if recording in why else f"{recording}: {why}"])
     return listing(rows)

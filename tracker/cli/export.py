@@ -103,6 +103,10 @@ def poses_of(path: Path, object_name: str | None) -> tuple[tracker.Poses, tracke
     """Read poses and load their object, as `object_name` if given; UsageError if that is another object."""
     poses = tracker.read_poses(path)
     its = poses.about.object_name
+    from tracker.objects.model import object_names
+
+    if object_name is None and its not in object_names():
+        raise click.UsageError(f"--object: expected the TOML file of {its!r}, of which {path} has poses")
     model = tracker.load_object(object_name or its)
     if model.name != its:
         raise click.UsageError(f"--object: found {model.name}, expected {its}: {path} has poses of {its}")

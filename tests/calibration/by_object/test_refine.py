@@ -249,7 +249,7 @@ EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
     [
         (lambda: footage(carried()), RIG, r"refused: edges in 9 frames held out.*as good as"),
         (lambda: footage(carried()), ALONE, "camera60 alone"),
-        (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 of the 18 different poses"),
+        (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 different poses .* expected 18"),
         (lambda: footage(rests() * 3), WRONG, "move and turn it"),
         (lambda: Film([EMPTY] * 3), WRONG, "no frame in which cube_v2 is surely seen"),
     ],
@@ -337,7 +337,7 @@ def anywhere(count, rng, *, speed=0.0, skew=0.0):
 def test_poses_are_taken_once_no_more_than_requested_spread_evenly_and_too_few_refused(rng):
     once = anywhere(30, rng)
     assert different("cube", once * 2, 100) == once
-    with pytest.raises(CalibrationError, match="found 10 of the 18 different poses or more in which cube"):
+    with pytest.raises(CalibrationError, match=r"found 10 different poses .*expected 18 or more"):
         different("cube", anywhere(10, rng), 100)
     numbers = [one.number for one in different("cube", anywhere(90, rng), 30)]
     assert len(numbers) == 30

@@ -191,8 +191,8 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     spread = float(np.sqrt(places.var(axis=0).sum()))
     if len(chosen) < LEAST or spread < SPREAD or turn < TURNED:
         raise CalibrationError(
-            f"refine: found {len(chosen)} of the {LEAST} different poses or more in which {name} must be "
-            f"seen; they spread by {1e3 * spread:.0f} mm (expected {1e3 * SPREAD:.0f}) and turn by up to "
+            f"refine: found {len(chosen)} different poses in which {name} is seen, expected {LEAST} or more; "
+            f"they spread by {1e3 * spread:.0f} mm (expected {1e3 * SPREAD:.0f}) and turn by up to "
             f"{np.degrees(turn):.0f}° (expected {np.degrees(TURNED):.0f}): move and turn it all over the "
             "arena"
         )

@@ -89,8 +89,8 @@ def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TableP
     center = rig.arena.center
     if len(rests) < LEAST:
         raise CalibrationError(
-            f"table: found {len(rests)} of the {LEAST} places or more, spread over the table, in which the "
-            "object must rest"
+            f"table: found {len(rests)} places in which the object rests, expected {LEAST} or more, spread "
+            "over the table"
         )
     rows = [_equations(rest, size, center) for rest in rests]
     values, designs, moves = (np.array(part) for part in zip(*rows, strict=True))
