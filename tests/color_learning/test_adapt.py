@@ -65,8 +65,6 @@ def test_the_objects_own_colours_are_tried_beside_the_shipped_ones(film, tmp_pat
     assert nearest(dataclasses.replace(MODEL, colors="not yet"), [footage]).name == "cube_v3"
 
 
-
-
 def test_colors_that_are_not_shown_stay_as_they_were():
     rng = np.random.default_rng(3)
     pixels = [
