@@ -116,6 +116,18 @@ def test_confidence_falls_and_spread_grows_while_coasting():
         before = after
 
 
+def test_what_rests_unseen_probably_rests_on_however_many_sets_show_nothing(track):
+    before, rarely = track.estimate().confidence, settled()
+    for stamp in (1.1, 1.2, 1.3, 1.4):
+        track.advance(stamp)
+        after = track.estimate()
+        # A rest of some seconds has probably not ended in these tenths.
+        assert after.confidence > (1.0 - 0.6 * (stamp - 1.0)) * before
+        np.testing.assert_allclose(after.position, HOME, atol=1e-4)
+    rarely.advance(1.4)
+    assert rarely.estimate().confidence == pytest.approx(after.confidence, abs=1e-6)
+
+
 leaps = pytest.mark.parametrize(
     ("position", "rotation"),
     [

@@ -70,7 +70,10 @@ class Belief(NamedTuple):
     timestamp: float | None = None
     """Timestamp of the last images [s]."""
     motion: MotionFilter | None = None
-    """Pose and velocity of the object; None before it was first seen."""
+    """Pose and velocity of the object at the last images; None before it was first seen."""
+    basis: MotionFilter | None = None
+    """The same at the last accepted measurement, from which all is predicted: many short predictions would
+    blur the kinds of motion into each other."""
     last_pose: tuple[FloatArray, FloatArray] | None = None
     """Rotation (3, 3) and position (3,) [m] of the last accepted measurement."""
     seen: float | None = None
@@ -104,16 +107,17 @@ class Belief(NamedTuple):
         motion = self._going_on(timestamp)
         if motion is None:
             return moved._replace(seen=None, pending=None), None
-        motion = motion.predicted(step)
+        assert self.seen is not None
+        motion = motion.predicted(timestamp - self.seen)
         return moved._replace(motion=motion), motion.state
 
     def _going_on(self, timestamp: float) -> MotionFilter | None:
-        """Return the motion to predict from for a later timestamp [s]; None if the object is lost."""
-        if self.seen is None or self.timestamp is None or self.motion is None:
+        """Return the motion at `seen`, to predict from for a later timestamp [s]; None if it is lost."""
+        if self.seen is None or self.basis is None:
             return None
         if timestamp - self.seen > self.options.coast_seconds + ROUNDING:
             return None
-        return self.motion.slowed(timestamp - self.timestamp) if self.unseen else self.motion
+        return self.basis.slowed(timestamp - self.seen) if self.unseen else self.basis
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement is close enough to the predicted state."""
@@ -163,6 +167,7 @@ class Belief(NamedTuple):
     def _believed(self, fit: Fit, motion: MotionFilter, fitting: float, spread: float) -> Belief:
         return self._replace(
             motion=motion,
+            basis=motion,
             seen=self.timestamp,
             pending=None,
             trust=fitting * trust(fit),
@@ -198,9 +203,9 @@ class Belief(NamedTuple):
                 "expected no earlier one"
             )
         motion = self._going_on(timestamp)
-        if motion is None or self.timestamp is None:
+        if motion is None or self.seen is None:
             return None
-        fused, kinds = motion.forecast(timestamp - self.timestamp)
+        fused, kinds = motion.forecast(timestamp - self.seen)
         if self.last_pose is not None:
             rotation, position = self.last_pose
             ground = min(ground, box.lowest(position, rotation))
@@ -222,7 +227,13 @@ class Belief(NamedTuple):
         """Return the fused estimate of an object of this size (3,) [m]; None while it is lost."""
         if self.seen is None or self.motion is None:
             return None
-        return MotionEstimate(**self._told(self.motion.state), size=size)
+        state = self.motion.state
+        given = self._told(state)
+        if self.seen != self.timestamp:
+            # Unseen, it probably rests where it was, but may have moved far: no normal distribution.
+            near = sum(weight * nearness(spread, self.single) for weight, spread in self.motion.parts(state))
+            given["confidence"] = self.trust * near
+        return MotionEstimate(**given, size=size)
 
     def _told(self, state: MotionState) -> dict[str, Any]:
         """Return the fields of a MotionEstimate for a state."""

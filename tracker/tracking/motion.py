@@ -314,9 +314,9 @@ class MotionFilter(NamedTuple):
         return MotionFilter(modes, self.noise)
 
     def slowed(self, dt: float) -> MotionFilter:
-        """Return the filter with its velocity decayed over dt [s], for an object that is not seen."""
+        """Return the filter with the mean velocity over dt [s] of an object that slows down unseen."""
         modes = self.modes.copy()
-        modes["velocity"] *= math.exp(-dt / DECAY)
+        modes["velocity"] *= DECAY / dt * -math.expm1(-dt / DECAY) if dt > 0.0 else 1.0
         return MotionFilter(modes, self.noise)
 
     def updated(self, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
@@ -344,6 +344,16 @@ class MotionFilter(NamedTuple):
 
         kinds = [(k, float(weights[k]), weighted(np.eye(len(order))[k])) for k in order.tolist()]
         return weighted(likely / likely.sum()), kinds
+
+    def parts(self, state: MotionState) -> list[tuple[float, FloatArray]]:
+        """Return weight and covariance (6, 6) of each kind's pose, about that of the fused state."""
+        found = []
+        for mode in self.modes:
+            turned = so3.log(mode["rotation"] @ state.rotation.T)
+            off = np.concatenate([mode["position"] - state.position, turned])
+            spread = mode["covariance"][:6, :6] + np.outer(off, off) + CONSTANT * self.noise
+            found.append((float(mode["weight"]), spread))
+        return found
 
     @property
     def state(self) -> MotionState:
