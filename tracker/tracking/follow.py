@@ -12,6 +12,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TrackerError
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Start
+from tracker.pose.hypotheses import ENOUGH
 from tracker.pose.judge import alone, log_odds, rank, refusal
 from tracker.pose.refine import FOLLOWING
 from tracker.pose.result import Observation, Status
@@ -28,6 +29,9 @@ MORE_EXTRA = 0.08
 """Largest increase, since the last search everywhere, of the share of object-coloured pixels outside the
 outline at which a fit is kept: a fit that slid along an edge looks good, too, but leaves them uncovered."""
 
+MOSTLY = 0.8
+"""Share of these pixels above which one camera counts as showing most of them."""
+
 
 class Memory(NamedTuple):
     """The tracker's state between frames."""
@@ -42,7 +46,7 @@ class Memory(NamedTuple):
     agreement: Agreement = Agreement()
     """The estimate of the calibration's errors."""
     extra: float = 0.0
-    """Result of `extra` at the last search everywhere."""
+    """Result of `lasting` at the last search everywhere."""
     resized: float = -math.inf
     """Log odds of a body with one edge shorter or longer, as last computed."""
     latest: Observation | None = None
@@ -152,7 +156,7 @@ class Follower:
             found = near
         if isinstance(found, Status):
             return found, memory._replace(extra=0.0)
-        return found, memory._replace(extra=extra(found.counts), resized=found.evidence.resized)
+        return found, memory._replace(extra=lasting(found), resized=found.evidence.resized)
 
     def _near(
         self,
@@ -200,6 +204,15 @@ class Follower:
 def extra(counts: Sequence[dict[str, float]]) -> float:
     """Return the object-coloured pixels outside the outline in some cameras, relative to those predicted."""
     return float(sum(one["extra"] for one in counts) / max(sum(one["predicted"] for one in counts), 1))
+
+
+def lasting(fit: Fit) -> float:
+    """Return `extra`; of more than two cameras, omit one that shows most of it, as it may see the object."""
+    most = MOSTLY * fit.total("extra")
+    counts = [one for one in fit.counts if one["predicted"] > 0]
+    if len(counts) > ENOUGH:
+        counts = [one for one in counts if one["extra"] <= most]
+    return extra(counts)
 
 
 def kept(fit: Fit | None, before: float) -> bool:
