@@ -78,8 +78,6 @@ class Belief(NamedTuple):
     """Rotation (3, 3) and position (3,) [m] of the last accepted measurement."""
     seen: float | None = None
     """Timestamp of the last accepted measurement [s]; None: there is no pose to predict from."""
-    unseen: bool = False
-    """Whether the last images gave no accepted measurement."""
     trust: float = 0.0
     """Probability that the last measurement was of the object and that the calibration is right."""
     single: bool = False
@@ -117,7 +115,12 @@ class Belief(NamedTuple):
             return None
         if timestamp - self.seen > self.options.coast_seconds + ROUNDING:
             return None
-        return self.basis.slowed(timestamp - self.seen) if self.unseen else self.basis
+        return self.basis.slowed(timestamp - self.seen) if self._unseen else self.basis
+
+    @property
+    def _unseen(self) -> bool:
+        """Whether the last images gave no accepted measurement."""
+        return self.seen != self.timestamp
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement is close enough to the predicted state."""
@@ -227,22 +230,21 @@ class Belief(NamedTuple):
         """Return the fused estimate of an object of this size (3,) [m]; None while it is lost."""
         if self.seen is None or self.motion is None:
             return None
-        state = self.motion.state
-        given = self._told(state)
-        if self.seen != self.timestamp:
-            # Unseen, it probably rests where it was, but may have moved far: no normal distribution.
+        state, near = self.motion.state, None
+        if self._unseen:
+            # It probably rests where it was, but may have moved far: no normal distribution.
             near = sum(weight * nearness(spread, self.single) for weight, spread in self.motion.parts(state))
-            given["confidence"] = self.trust * near
-        return MotionEstimate(**given, size=size)
+        return MotionEstimate(**self._told(state, near), size=size)
 
-    def _told(self, state: MotionState) -> dict[str, Any]:
-        """Return the fields of a MotionEstimate for a state."""
+    def _told(self, state: MotionState, near: float | None = None) -> dict[str, Any]:
+        """Return the fields of a MotionEstimate of a state; near: see `nearness`, None: by the covariance."""
         pose = state.covariance[:6, :6]
+        near = nearness(pose, self.single) if near is None else near
         return {
             "position": state.position,
             "orientation": so3.quaternion(state.rotation),
             "covariance": widened(pose, self.spread),
-            "confidence": self.trust * nearness(pose, self.single),
+            "confidence": self.trust * near,
             "velocity": state.velocity,
             "velocity_covariance": state.covariance[6:, 6:],
         }

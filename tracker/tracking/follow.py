@@ -132,7 +132,7 @@ class Follower:
         if filtered is None:
             status = Status.LOST
         answer = Observation(pose, filtered, status, timing, reason, uses)
-        return answer, memory._replace(belief=belief._replace(unseen=pose is None), latest=answer)
+        return answer, memory._replace(belief=belief, latest=answer)
 
     def _measure(
         self,
