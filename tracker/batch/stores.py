@@ -131,7 +131,8 @@ def are_stores(recordings: Sequence[str], folder: Path) -> bool:
     found = [(path, is_store(path)) for path in results.recordings_of(recordings, folder)]
     absent = [path for path, store in found if not store and (path.suffix == ".zarr" or not path.exists())]
     if absent:
-        raise LogError(f"{absent[0]}: found {'no image store' if absent[0].exists() else 'nothing'} there")
+        there = "no image store" if absent[0].exists() else "nothing"
+        raise LogError(f"{absent[0]}: found {there} there, expected an image store")
     others = [path for path, store in found if not store]
     if others and len(others) < len(found):
         raise LogError(f"{others[0]}: found another recording beside image stores, expected stores alone")

@@ -43,7 +43,8 @@ class FolderSource(Source):
         pictures = itertools.chain.from_iterable(layout.files)
         self._films = {file.film for file in pictures if isinstance(file, FilmPicture)}
         self.format = "films" if self._films else "folder of images"
-        self._stamps, self._raw, self._own = layout.stamps, False, False
+        self._stamps, self._raw = layout.stamps, False
+        self._given: CameraRig | None = None
         if (path / TRUTH_FILE).is_file():
             self._read_truth(path / TRUTH_FILE)
         self.image_sizes = tuple(map(_first_size, zip(*layout.files, strict=True)))
@@ -67,9 +68,8 @@ class FolderSource(Source):
 
     def rig(self) -> CameraRig | None:
         """See Source; a synthetic film may state an imperfect calibration, single scenes one each."""
-        if self._own:
-            given = self.path / self._layout.names[0]
-            return rig_beside(given, self.camera_names) if len(self.episode_starts) == 1 else None
+        if self._given is not None:
+            return self._given if len(self.episode_starts) == 1 else None
         return rig_beside(self.path, self.camera_names) or super().rig()
 
     def where(self, index: int) -> str:
@@ -92,7 +92,7 @@ class FolderSource(Source):
             rate = max(1e-3, float(settings["rate"]))
             self._raw = settings.get("raw") is True
         self.format += ", synthetic"
-        self._own = any((self.path / self._layout.names[0]).glob("camera*.yml"))
+        self._given = rig_beside(self.path / self._layout.names[0], self.camera_names)
         stamps = np.array([truth.get(name, np.nan) for name in self._layout.names])
         self._stamps = np.where(np.isnan(self._stamps), np.nan, stamps[:, None])
         # An episode starts with each single scene, and after a pause in a sequence.
