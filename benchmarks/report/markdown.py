@@ -20,7 +20,7 @@ Judged = Sequence[Mapping[str, Any]]
 
 def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
     """Return a document of everything that was measured; other parts are left out."""
-    parts = ["# Results", summary(about), "Written by `python -m benchmarks all --publish`."]
+    parts = ["# Results", summary(about), "`python -m benchmarks all --publish` publishes such results."]
     parts.append("\n".join(f"- {line}" for line in _made(about)))
     skipped = about.get("skipped", {})
     if skipped:
