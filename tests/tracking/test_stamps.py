@@ -10,6 +10,8 @@ from tests.tracking.conftest import has_seen, near
 from tracker import Status, TrackerError, TrackingOptions
 from tracker.geometry import so3
 from tracker.inputs import check_stamps
+from tracker.pose.fit import Lag
+from tracker.tracking import follow
 from tracker.tracking.follow import Gate
 from tracker.tracking.motion import KINDS, LIKELIEST_SHARE
 
@@ -227,6 +229,19 @@ def test_a_camera_that_is_older_than_the_last_images_may_be_among_them(rig, pass
     one, now, ages = has_seen(rig, passing[:6], dt=STEP), 5.5 * STEP, (0.0, 0.03, 0.0)
     answer = one.update(taken(rig, now, ages, 6), [now - age for age in ages])
     assert within(answer.object_pose, pose_at(now), 0.5, 0.5)
+
+
+def test_the_older_an_image_the_less_is_known_of_the_motion_since(rig, passing, monkeypatch):
+    given = []
+    monkeypatch.setattr(follow, "Lag", lambda *known: given.append(Lag(*known)) or given[-1])
+    for age in (0.01, 0.1, 0.3):
+        one, now = has_seen(rig, passing, dt=STEP), END + STEP
+        one.update(taken(rig, now, (0.0, 0.0, age), 7), [now, now, now - age])
+    assert len(given) == 3
+    for less, more in itertools.pairwise(given):
+        # The object may have begun to move since, or stopped.
+        assert exceeds(more.covariance, less.covariance)
+        assert np.trace(more.covariance) > 1.05 * np.trace(less.covariance)
 
 
 @pytest.mark.parametrize("ages", [(0.0, 0.01, 0.02), (0.02, 0.0, 0.01), (0.01, 0.0, 0.01)])

@@ -109,8 +109,10 @@ class Follower:
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
         if delays.any():
             velocity, spread = unknown_velocity()
-            if expected is not None:
-                velocity, spread = expected.velocity, expected.covariance[6:, 6:]
+            if expected is not None and belief.motion is not None:
+                # The mean velocity since then varies as much as the velocity does in a third of the time.
+                ahead = belief.motion.predicted(float(delays.max()) / 3.0).state
+                velocity, spread = expected.velocity, ahead.covariance[6:, 6:]
             lag = Lag(delays, velocity, spread)
         timing: dict[str, float] = {}
         outcome, memory = self._measure(given, expected, lag, memory, timing, hidden)
