@@ -142,11 +142,15 @@ def test_a_camera_that_is_hidden_is_not_asked_and_one_that_cannot_use_what_it_sh
     assert found.is_lost(found.cameras[2])
 
 
-def test_one_camera_or_no_look_is_refused():
+def test_one_camera_or_no_look_of_two_is_refused():
     with pytest.raises(CalibrationError, match="camera60 alone"):
         check_calibration(looks(CAMERAS, CAMERAS), CAMERAS[:1])
-    with pytest.raises(CalibrationError, match="no set of images"):
-        check_calibration([], CAMERAS)
+    lone = [one._replace(information=np.zeros((3, 6, 6))) for one in looks(CAMERAS, CAMERAS, count=2)]
+    lone[0].information[1] = KNOWN
+    lone[0].lost[0] = True
+    for nothing in ([], lone):
+        with pytest.raises(CalibrationError, match="no set of images"):
+            check_calibration(nothing, CAMERAS)
 
 
 def test_stated_deviations_predict_the_misses_of_cameras_that_are_off_by_them():

@@ -132,7 +132,7 @@ class CalibrationCheck:
         """Implausible values of the lenses, one line each."""
         return [
             f"{one.name}: fy/fx is {one.focal.ratio:.4f}, expected 1 within {100 * SQUARE:g} %: depths that "
-            f"it sees alone may be off by {1e3 * one.focal.depth:.1f} mm"
+            f"it sees alone may be off by {100 * one.focal.off:.1f} %"
             for one in self.cameras
             if abs(one.focal.ratio - 1.0) > SQUARE
         ]
@@ -151,10 +151,11 @@ def check_calibration(
     CalibrationError: there are too few cameras or looks.
     """
     require_two(cameras, "check")
-    if not looks:
+    compared = any(np.count_nonzero(look.information[:, 0, 0]) > 1 for look in looks)
+    if not compared and sum(bool(look.lost.any()) for look in looks) < OFTEN:
         raise CalibrationError(
-            "check: found no set of images in which two cameras see the object still; expected one or more, "
-            "preferably twenty"
+            "check: found no set of images in which two cameras see the object still and in one place; "
+            "expected one or more, preferably twenty; is the calibration of these cameras, in their order?"
         )
     problem = CameraErrors(looks, cameras)
     free = problem.moved()

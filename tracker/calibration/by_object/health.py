@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from tracker.calibration.by_object.looks import CameraErrors, Look
 from tracker.calibration.by_object.sightings import slow
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import CalibrationError
 from tracker.geometry.arena import Arena
 from tracker.logs.log import Log, evenly, picked
 from tracker.objects.model import CuboidModel
@@ -180,7 +182,8 @@ def health(
     check = None
     if looks and count > 1:
         values["disagreement"][looked] = disagreement(looks, rig)
-        check = check_calibration(looks, rig.cameras)
+        with suppress(CalibrationError):  # no two cameras see the object in one place
+            check = check_calibration(looks, rig.cameras)
     start = poses.timestamp[0] if len(poses) else 0.0
     return Health(poses.index[rows], poses.timestamp[rows] - start, tuple(rig.names), values, height, check)
 
