@@ -178,6 +178,22 @@ def test_cameras_that_contradict_each_other_get_a_warning_beside_the_pose(detect
     assert detect("--calibration", DEMO, *photos(*NAMES))[0].stderr == ""
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [np.linalg.inv, lambda pose: pose * [[1.0, 1, 1, 1e3]], lambda pose: np.diag([1.0, -1, -1, 1]) @ pose],
+    ids=["inverse", "mm", "axes of OpenGL"],
+)
+def test_cameras_that_cannot_have_the_arena_in_view_get_a_warning(wrong, detect, tmp_path):
+    rig = tracker.CameraRig.load(DEMO)
+    poses = [wrong(camera.camera_from_world) for camera in rig]
+    for pose in poses:
+        pose[3, 3] = 1.0
+    cameras = [dataclasses.replace(c, camera_from_world=pose) for c, pose in zip(rig, poses, strict=True)]
+    tracker.CameraRig(tuple(cameras)).save(tmp_path / "wrong")
+    result, _ = detect("--calibration", tmp_path / "wrong", *photos(*NAMES))
+    assert "the arena in no image" in result.stderr
+
+
 GOAL = rearrange_dice.sample_goal(0)
 MISPLACED = 3
 """So many dice of the scene are not where the goal wants them."""

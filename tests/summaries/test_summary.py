@@ -155,12 +155,12 @@ def test_other_channels_and_other_objects_are_named(demo):
     one, sets = demo
     other = tracker.ObjectTracker(tracker.load_object("cube_v1"), one.rig)
     for images in sets:
-        assert remarks.mistaken(one, images, one.detect(images)) is None
+        assert remarks.misplaced(one, images, one.detect(images)) is None
         turned = [np.ascontiguousarray(image[..., ::-1]) for image in images]
         for finder, given, word in ((one, turned, "swapped"), (other, images, "cube_v2")):
             answer = finder.detect(given)
             assert answer.object_pose is None or answer.object_pose.confidence < 0.5
-            assert word in remarks.mistaken(finder, given, answer)
+            assert word in remarks.misplaced(finder, given, answer)
 
 
 @pytest.mark.parametrize(

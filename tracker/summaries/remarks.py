@@ -22,6 +22,7 @@ from tracker.calibration.by_object.health import (
     clipped_share,
     height_over_table,
 )
+from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import TrackerError
 from tracker.geometry.arena import SLACK, Arena
@@ -38,12 +39,17 @@ UNSURE = 0.75
 
 _MOST_CAMERAS = 4  # up to this number of cameras all orders (24) are tried, above it only swapped pairs
 _MOST_SETS = 7  # sets of images to check: motion blur or a finger may spoil some
+_LEAST_RADIUS = 10.0  # of an arena in some image [px]
 _MEASURED = 0.8  # a recording is checked if a smaller share of its frames has a measured pose
-
 
 DOUBTFUL = (
     "the calibration is doubtful: the cameras contradict each other. One may have moved, or the files "
     "belong to other cameras; see tracker calibrate check"
+)
+
+OUT_OF_VIEW = (
+    "the calibration has the arena in no image, or too small: tf_world_to_camera must be in metres, from "
+    "world to camera, not back, with OpenCV's axes, z forward and y down; arena.toml in that world"
 )
 
 
@@ -55,9 +61,9 @@ def swapped(
     None if it is the given order, no order fits, or several do, as in a symmetric rig: the right one is then
     unknown. `answer` is the result of `tracker.detect(images)`, if known.
     """
-    if sum(image is not None for image in images) < 2:
-        return None
-    if _confidence(answer or tracker.detect(images)) >= UNSURE:
+    if sum(image is not None for image in images) < 2 or (
+        _confidence(answer or tracker.detect(images)) >= UNSURE
+    ):
         return None
     shapes = [None if image is None else image.shape for image in images]
     found = None
@@ -73,10 +79,8 @@ def swapped(
     return found
 
 
-def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
+def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | None:
     """Check whether images fit with red and blue swapped or fit another built-in object; return a remark."""
-    if _confidence(answer) >= UNSURE:
-        return None
     turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
     # Accept a contradicting camera, unlike `_confidence`: the object may be hidden from it.
     pose = tracker.detect(turned).object_pose
@@ -88,10 +92,26 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
     return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
 
 
+def _in_view(rig: CameraRig) -> bool:
+    """Whether the centre of the arena is in any image, and the arena large enough to find an object in it."""
+    arena = rig.arena
+    places = np.add([*arena.center, arena.ground], arena.radius * np.eye(4, 3, k=-1))
+    for camera in rig:
+        centre, *ends = camera.project_in_view(places)
+        inside = (centre > -0.5).all() and (centre < [camera.width - 0.5, camera.height - 0.5]).all()
+        if inside and not np.max(np.abs(ends - centre)) < _LEAST_RADIUS:  # NaN: far out of the image
+            return True
+    return False
+
+
 def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
-    """Return a remark on swapped cameras or else what is `mistaken`; None if neither is so."""
+    """Return a remark on cameras out of view or swapped, or else what is `mistaken`; None if all is well."""
+    if _confidence(answer) >= UNSURE:
+        return None
+    if not _in_view(tracker.rig):
+        return OUT_OF_VIEW
     order = swapped(tracker, images, answer)
-    return mistaken(tracker, images, answer) if order is None else swap_message(order, tracker.rig.names)
+    return mistaken(tracker, images) if order is None else swap_message(order, tracker.rig.names)
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
@@ -114,15 +134,14 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
 
 def lasting_remark(tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]) -> str | None:
     """Like `likely_cause` for a recording, without exposure and sharpness: two sets of images must agree."""
-    found: list[str] = []
+    found: list[str | None] = []
     for images in itertools.islice(sets, _MOST_SETS):
         answer = tracker.detect(images)
         if _confidence(answer) >= SURE:
             return None
-        remark = misplaced(tracker, images, answer)
-        if remark is not None and remark in found:
-            return remark
-        found += [remark] if remark is not None else []
+        found.append(misplaced(tracker, images, answer))
+        if found[-1] in found[:-1] and found[-1] is not None:
+            return found[-1]
     return None
 
 
