@@ -352,7 +352,7 @@ def _camera_table(placed: Placed) -> str:
         camera, std = one.camera, one.camera.camera_from_world_std
         assert std is not None
         turned = float(np.rad2deg(np.linalg.norm(std[:3, :3]) / np.sqrt(2)))
-        known = [f"{1000 * np.linalg.norm(std[:3, 3]):.2f}", f"{turned:.3f}", f"{placed.rms(number):.3f}"]
+        known = [f"{1000 * placed.spreads[number]:.2f}", f"{turned:.3f}", f"{placed.rms(number):.3f}"]
         rows.append([camera.name, *(f"{1000 * value:.1f}" for value in camera.position), *known])
     return table(rows)
 

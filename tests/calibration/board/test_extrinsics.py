@@ -51,12 +51,14 @@ def test_without_noise_the_places_are_the_true_ones():
 
 @pytest.mark.parametrize("pairs", [ALONE, ALL])
 def test_stated_deviations_of_places_are_those_of_their_errors(pairs):
-    errors = []
+    errors, away = [], []
     for seed in range(8):
         placed = place_cameras(lenses(), views(seed, pairs), GIVEN)
-        for one, true in zip(placed.cameras, TRUE, strict=True):
+        for one, spread, true in zip(placed.cameras, placed.spreads, TRUE, strict=True):
             std = one.camera.camera_from_world_std
             errors.append(((one.camera.camera_from_world - true)[:3] / std[:3]).ravel())
+            away.append(np.linalg.norm(one.camera.position + true[:3, :3].T @ true[:3, 3]) / spread)
+    assert 0.6 < (np.array(away) ** 2).mean() < 2.0
     assert 0.8 < (np.array(errors) ** 2).mean() < 1.6
     assert np.abs(errors).max() < 5
 

@@ -42,6 +42,8 @@ class Placed:
 
     cameras: tuple[Calibrated, ...]
     """The cameras in the order given, each with the standard deviations of its pose."""
+    spreads: tuple[float, ...]
+    """Standard deviations of the cameras' positions, over all axes [m]."""
     world_from_board: tuple[FloatArray, ...]
     """Poses (4, 4) of the board, the first as given."""
     residuals: Mapping[Photo, FloatArray]
@@ -84,11 +86,11 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
         at, faults[at], fit = odd
         used = {other: one for other, one in used.items() if other != at}
     seen = {at: one for at, one in photos.items() if at[1] in fit.places}
+    blocks = [fit.covariance[6 * n : 6 * n + 6, 6 * n : 6 * n + 6] for n in range(len(lenses))]
+    moves = [np.hstack([so3.hat(fit.cameras[n][:3, 3]), np.eye(3)]) for n in range(len(lenses))]
     placed = Placed(
-        tuple(
-            _with_place(lens, fit.cameras[n], fit.covariance[6 * n : 6 * n + 6, 6 * n : 6 * n + 6])
-            for n, lens in enumerate(lenses)
-        ),
+        tuple(_with_place(lens, fit.cameras[n], blocks[n]) for n, lens in enumerate(lenses)),
+        tuple(float(np.sqrt(np.vdot(m, m @ block))) for m, block in zip(moves, blocks, strict=True)),
         tuple(fit.places[place] for place in sorted(fit.places)),
         _residuals(lenses, seen, fit.cameras, fit.places),
         photos,
