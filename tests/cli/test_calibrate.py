@@ -114,7 +114,7 @@ def test_a_fault_of_a_lens_and_of_photos_is_named(arguments, first, words, photo
         (["camera60"], "one", ["camera180, camera300", "found no photo of the board in its given place"]),
         (["camera60", "camera60b"], "two", ["camera60.png, camera60b.png", "one photo of camera60"]),
         (["camera60", "camera90"], "other", ["camera90.png: named after camera90", ", ".join(NAMES)]),
-        ([], "0 -o lenses", ["that is an input"]),
+        ([], "0 -o lenses", ["lenses: in use, expected a new or an empty folder"]),
     ],
 )
 def test_a_fault_of_photos_of_the_arena_is_named(files, folder, words, triplets, run_here):

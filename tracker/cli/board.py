@@ -268,7 +268,7 @@ def extrinsics(
         float,
         default=0.0,
     ),
-    output: Path = option("DIR", "For the calibration files.", OutFolder(), required=True),
+    output: Path = option("DIR", "For the calibration; new or empty.", OutFolder(new=True), required=True),
     smaller: Smaller = _smaller,
     plot: Path | None = option("DIR", "Draw the residuals, one PNG per camera.", OutFolder()),
 ) -> None:
@@ -286,8 +286,7 @@ def extrinsics(
     lenses = read_all_calibrated(intrinsics, pattern)
     targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}
     plots = {} if plot is None else {name: plot / f"{name}.png" for name in targets}
-    written = {f"-o for {name}": path for name, path in targets.items()}
-    written |= {f"--plot for {name}": path for name, path in plots.items()}
+    written = {f"--plot for {name}": path for name, path in plots.items()}
     refuse_overwriting(written, folders, intrinsics)
     board = printed.board()
     paths = _photos_of(folders, [lens.camera.name for lens in lenses])
