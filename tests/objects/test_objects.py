@@ -83,6 +83,7 @@ def test_a_file_of_ones_own_is_read_with_colors_named_like_the_object_unless_giv
 def test_colors_beside_the_file_are_found_from_anywhere(mine, monkeypatch):
     mine.write_text(VALID.replace("cube_v2", "table.npz"))
     table = mine.with_name("table.npz")
+    assert Path(load_object(mine).colors) == table  # none in the current folder instead
     table.touch()
     monkeypatch.chdir(os.sep)
     assert Path(load_object(mine).colors) == table
