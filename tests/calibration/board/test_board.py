@@ -35,6 +35,7 @@ def test_the_frame_is_centred_with_its_z_axis_out_of_the_print():
     [
         ((2, 7, 0.04, 0.03), ["2x7", "3 to"]),
         ((5, 7, 0.0, 0.03), ["squares of 0 m"]),
+        ((5, 7, 4.0, 3.0), ["squares of 4 m", "at most 1 m"]),
         ((5, 7, float("nan"), 0.03), ["squares of nan"]),
         ((5, 7, 0.03, 0.03), ["markers of 0.03", "less than"]),
         ((5, 7, 0.04, 0.03, "DICT_5X7"), ["DICT_5X7", "DICT_APRILTAG_16h5"]),

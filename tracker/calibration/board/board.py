@@ -59,7 +59,7 @@ class Board:
         squares, known = f"{self.columns}x{self.rows} squares", dictionaries()
         sizes = all(3 <= count <= MOST_SQUARES for count in (self.columns, self.rows))
         require(sizes, squares, f"3 to {MOST_SQUARES} along each edge")
-        require(0 < self.square <= 10, f"squares of {self.square:g} m", "above 0, at most 10")
+        require(0 < self.square <= 1, f"squares of {self.square:g} m", "above 0, at most 1 m")
         smaller = f"less than the squares' {self.square:g}"
         require(0 < self.marker < self.square, f"markers of {self.marker:g} m", smaller)
         named = f"the dictionary {self.dictionary!r}"
