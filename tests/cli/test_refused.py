@@ -32,7 +32,8 @@ FACES = "+x=red,-x=magenta,+y=green,-y=yellow,+z=blue,-z=cyan"
 ONE, TWO, THREE = (f"demo/000003/camera{number}.jpg" for number in (60, 180, 300))
 FAULTY = (
     *((image, image) for image in ("void", "text", "truncated")),
-    *((image, "no such file") for image in ("missing", "folder")),
+    ("missing", "no such file"),
+    ("folder", "no such file, but a folder"),
     ("large", "270×270"),
 )
 """Folders of a faulty picture, and words of the message."""

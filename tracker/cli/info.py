@@ -109,7 +109,7 @@ def _times(stamps: tracker.conventions.FloatArray) -> dict[str, Any]:
     steps = np.diff(stamps)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else None
     return {
-        "first_stamp_s": float(stamps[0]) if len(stamps) else None,
+        "first_stamp_s": round(float(stamps[0]), 6) if len(stamps) else None,
         "seconds": round(float(stamps[-1] - stamps[0]), 6) if len(stamps) else None,
         "rate_hz": None if usual is None else round(1 / usual, 3),
         "gaps": 0 if usual is None else int((steps > _GAP * usual).sum()),

@@ -43,7 +43,7 @@ class LabelledImage:
 def read_image(path: Path) -> Image:
     """Read an 8-bit BGR image; ImageError, which names the file, if that fails."""
     if not path.is_file():
-        raise ImageError(f"image {path}: no such file")
+        raise ImageError(f"image {path}: no such file{', but a folder' if path.is_dir() else ''}")
     with told_of(f"image {path}", ImageError):
         content = read_bounded(path, MAX_FILE_SIZE)
     # Check before decoding: OpenCV fills missing data with grey, slowly if the sizes are damaged.

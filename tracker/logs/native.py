@@ -172,7 +172,7 @@ class NativeSource(Source):
                 raise LogError(f"{self.path}: found 0 records stated and some there, expected their number")
             return int(numbers[-1])
         raise LogError(
-            f"{self.path}: found {len(head)} bytes that start with {head[:12].hex(' ')}, "
+            f"{self.path}: found a file that starts with {head[:12].hex(' ')}, "
             "expected a camera log: native, gzipped or not, or HDF5"
         )
 
