@@ -61,22 +61,18 @@ def swapped(
     None if it is the given order, no order fits, or several do, as in a symmetric rig: the right one is then
     unknown. `answer` is the result of `tracker.detect(images)`, if known.
     """
-    if sum(image is not None for image in images) < 2 or (
-        _confidence(answer or tracker.detect(images)) >= UNSURE
-    ):
+    few = sum(image is not None for image in images) < 2
+    if few or _confidence(answer or tracker.detect(images)) >= UNSURE:
         return None
     shapes = [None if image is None else image.shape for image in images]
-    found = None
+    fitting = []
     for order in _orders(len(images)):
-        if [shapes[k] for k in order] != shapes:
-            continue
-        confidence = _confidence(tracker.detect([images[k] for k in order]))
-        if confidence < UNSURE:
-            continue
-        if confidence < SURE or found is not None:
-            return None
-        found = order
-    return found
+        if [shapes[k] for k in order] == shapes:
+            confidence = _confidence(tracker.detect([images[k] for k in order]))
+            fitting += [order] if confidence >= UNSURE else []
+            if len(fitting) > 1 or UNSURE <= confidence < SURE:
+                return None
+    return fitting[0] if fitting else None
 
 
 def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | None:
@@ -124,10 +120,8 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
     cause = misplaced(tracker, images, answer)
     if cause is not None or _confidence(answer) >= UNSURE:
         return cause
-    faults = []
-    for name, image in zip(tracker.rig.names, images, strict=True):
-        if image is not None:
-            faults += [f"{name}: {fault}" for fault in PictureLook.of(image).faults()]
+    given = [(name, one) for name, one in zip(tracker.rig.names, images, strict=True) if one is not None]
+    faults = [f"{name}: {fault}" for name, image in given for fault in PictureLook.of(image).faults()]
     more = f" ({len(faults) - 1} more such)" if len(faults) > 1 else ""
     return f"{faults[0]}{more}" if faults else None
 
