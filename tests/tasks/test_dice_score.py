@@ -147,6 +147,7 @@ MASK = np.zeros((4, 5), np.uint8)
         ([MASK[:0]], [MASK[:0]], "goal mask 0: found shape"),
         ([MASK], [MASK.astype(float)], "dice mask 0: found type float64, expected bool or whole numbers"),
         ([MASK.astype(int) - 1], [MASK], "goal mask 0: found the values -1"),
+        ([MASK, MASK], [None, None], "dice masks: found None for all, expected at least one"),
         ([MASK], [np.full((4, 5), None)], "dice mask 0: found type object"),
         ([None], [MASK], "goal mask 0: found type object"),
         ([MASK], [MASK + 2], "dice mask 0: found the values 2, expected only 0 and 255, or only 0 and 1"),

@@ -56,8 +56,14 @@ DiceMasks: TypeAlias = Sequence[npt.ArrayLike | None] | Array
 
 
 def error(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: DiceMasks) -> int:
-    """Return the total number of pixels that show dice outside the goal; see `error_per_camera`."""
-    return sum(one for one in error_per_camera(goal_masks, dice_masks) if one is not None)
+    """Return the total number of pixels that show dice outside the goal; see `error_per_camera`.
+
+    TaskError, too, if no camera has an image: nothing is known, and 0 would be the best error.
+    """
+    known = [one for one in error_per_camera(goal_masks, dice_masks) if one is not None]
+    if not known:
+        raise TaskError("dice masks: found None for all, expected at least one")
+    return sum(known)
 
 
 def reward(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: DiceMasks) -> int:
