@@ -342,7 +342,9 @@ def test_pictures_without_common_names_are_counted(tmp_path):
     write_numbers(tmp_path / "a", 0, 3, "shot{}.png")
     write_numbers(tmp_path / "b", 1, 3, "{:03d}0.png")
     write_picture(tmp_path / "b" / "0000.png", pictures(1, 1)[0])
-    (tmp_path / "recording.toml").write_text(PATTERNS.format("a/*.png", "b/*.png"))
+    write_picture(tmp_path / "b" / "._0000.png", pictures(0, 1)[0])  # as macOS writes beside each file
+    (tmp_path / "b" / "notes.txt").touch()
+    (tmp_path / "recording.toml").write_text(PATTERNS.format("a/*.png", "b/*"))
     assert shades(tmp_path)[0] == expected(3, 2)
 
 

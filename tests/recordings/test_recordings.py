@@ -137,6 +137,21 @@ def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
     assert of_again() == prints[-2:]
 
 
+def test_what_is_behind_a_link_or_beside_a_store_is_in_the_fingerprint(tmp_path):
+    folder, store = tmp_path / "folder", tmp_path / "a.zarr" / "data.mdb"
+    for file in (tmp_path / "images" / "000000.png", store, tmp_path / "camera60.yml"):
+        file.parent.mkdir(exist_ok=True)
+        file.touch()
+    folder.mkdir()
+    (folder / "camera60").symlink_to(tmp_path / "images")
+    (folder / "back").symlink_to(folder)
+    for path, changed in ((folder, "images/000000.png"), (store, "camera60.yml")):
+        job = make_job(path, tmp_path / "poses.h5", rig=None)
+        before = fingerprint(job)
+        os.utime(tmp_path / changed, (0, 0))
+        assert fingerprint(job) != before
+
+
 class Complaining:
     def __init__(self, *_: object) -> None: ...
 

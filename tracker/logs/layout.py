@@ -253,8 +253,12 @@ def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[st
     if Path(pattern).is_absolute() or ".." in parts or "**" in parts:
         raise LogError(f"{what}: found {given}, expected one inside of the folder, without **")
     shape = re.compile("([^/]*)".join(map(re.escape, "/".join(parts).split("*"))))
-    files = (file for file in sorted(path.parent.glob(pattern)) if file.is_file())
-    matches = ((shape.fullmatch(file.relative_to(path.parent).as_posix()), file) for file in files)
+    there = ((file, file.relative_to(path.parent).as_posix()) for file in sorted(path.parent.glob(pattern)))
+    matches = (
+        (shape.fullmatch(name), file)
+        for file, name in there
+        if file.suffix.lower() in (*SUFFIXES, *FILM_SUFFIXES) and "/." not in f"/{name}" and file.is_file()
+    )
     found = _by_name((("_".join(match.groups()), file) for match, file in matches if match), "moment")
     if not found:
         raise LogError(f"{what}: found no file that fits {given}, expected images or a film")

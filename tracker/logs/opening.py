@@ -65,8 +65,11 @@ def recording_files(path: Path) -> list[Path]:
     if found:
         return found
     suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
-    for folder, folders, names in os.walk(path, onerror=_refuse):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
+    seen = set[str]()
+    for folder, folders, names in os.walk(path, onerror=_refuse, followlinks=True):
+        real = os.path.realpath(folder)  # a link may lead back
+        folders[:] = [] if real in seen else sorted(name for name in folders if not name.startswith("."))
+        seen.add(real)
         files = (Path(folder, name) for name in sorted(names) if not name.startswith("."))
         found += [file for file in files if file.suffix.lower() in suffixes or file.name in _BESIDE]
     return found
@@ -74,6 +77,8 @@ def recording_files(path: Path) -> list[Path]:
 
 def calibration_files(path: Path) -> list[Path]:
     """List the files beside the recording or in its folder that may hold its calibration."""
+    if path.name == STORE_FILE:
+        path = path.parent
     folders = [path.parent]
     if path.is_dir():
         folders = [path] if _existing(path, JOB_LOGS) else [path, path.parent]
