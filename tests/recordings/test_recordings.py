@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tracker
+from tests.helpers import contents
 from tests.helpers.full_disk import no_file_longer_than
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import assert_same, random_poses
@@ -186,14 +187,14 @@ def test_a_run_that_fails_leaves_nothing(changes, while_it_runs, raised, message
 
 
 @pytest.mark.parametrize("given", ["log/camera_data.dat", "log"], ids=["a file", "its folder"])
-@pytest.mark.parametrize("output", ["log/camera_data.dat", "link.h5"])
+@pytest.mark.parametrize("output", ["log/camera_data.dat", "link.h5", "log/camera60.yml"])
 def test_a_recording_is_never_overwritten_by_its_poses(given, output, tmp_path):
     log = write_log(tmp_path / "log", 3)
     (tmp_path / "link.h5").symlink_to(log)
-    before = log.read_bytes()
-    with pytest.raises(LogError, match=r"output .*: that is the recording, expected another file"):
+    before = contents(tmp_path)
+    with pytest.raises(LogError, match=r"output .*: that is the recording or its calibration, expected"):
         track(tmp_path / given, "cube_v2", output=tmp_path / output)
-    assert log.read_bytes() == before
+    assert contents(tmp_path) == before
 
 
 def with_a_stamp_that_cannot_be(content: bytes) -> bytes:

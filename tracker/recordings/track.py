@@ -234,7 +234,7 @@ def track(
 
     Raises:
         LogError: the recording is damaged (without `recover`) or changed while it was read, or the file
-            cannot be written or is the recording's own.
+            cannot be written, or is the recording or its calibration.
         TrackerError: a name is unknown, or a calibration is missing or does not fit.
         OSError: a file cannot be read or written; BlockingIOError: another run is writing the file.
     """
@@ -252,9 +252,11 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
 
     An existing file that is undamaged and has the same fingerprint is reused instead.
     """
-    files = recording_files(job.log) if job.output.is_file() and job.log.exists() else []
-    if any(job.output.samefile(path) for path in files):
-        raise LogError(f"output {job.output}: that is the recording, expected another file")
+    if job.output.is_file() and job.log.exists():
+        for path in (*recording_files(job.log), *calibration_files(job.log)):
+            if job.output.samefile(path):
+                found = "that is the recording or its calibration"
+                raise LogError(f"output {job.output}: {found}, expected another file")
     with claimed(job.output):
         kept = _kept(job)
         if kept is not None:
