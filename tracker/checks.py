@@ -141,7 +141,7 @@ LATEST = 1e11
 def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) -> FloatArray:
     """Return timestamps [s] as float64 of the same shape; raise `fault`, which names `what`, for non-numbers.
 
-    Strings and datetime64 are refused, since neither states its unit.
+    Strings and datetime64 are refused, since neither states its unit; so are numbers rounded to over 1 ms.
     """
     stamps = array_of(given)
     if stamps.dtype.kind not in "iuf":
@@ -150,7 +150,10 @@ def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) 
             f"{what}: found {shown(given)}, expected finite numbers of seconds"
             f"{hint if stamps.dtype.kind == 'M' else ''}"
         )
-    return stamps.astype(np.float64)
+    exact = stamps.astype(np.float64)
+    if stamps.dtype in (np.float16, np.float32) and (exact * np.finfo(stamps.dtype).eps > 1e-3).any():
+        raise fault(f"{what}: found {shown(given)} of {stamps.dtype}, expected float64, which is exact")
+    return exact
 
 
 def one_stamp(given: object, what: str, fault: type[TrackerError] = TrackerError) -> float:

@@ -287,6 +287,7 @@ def test_the_latest_picture_counts_others_are_older_and_those_without_do_not_cou
         (np.timedelta64(3, "s"), "expected finite"),
         (1_770_000_000_000_000_000, "nanoseconds"),
         ([1.77e18, 1.77e18, 1.77e18], "nanoseconds"),
+        (np.float32(1.77e9), "of float32, expected float64"),
         (1.77e12, "nanoseconds"),
         ([1.0, 2.0], "2 stamps, expected one, or one for each of 3"),
         ([[1.0, 2.0, 3.0]], r"shape \(1, 3\)"),
