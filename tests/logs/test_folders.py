@@ -63,7 +63,10 @@ def test_names_are_stamps_or_numbers(tmp_path, write, names, stamps):
         np.testing.assert_allclose(frame.camera_timestamps, frame.timestamp)
 
 
-def test_names_with_a_point_are_seconds():
+def test_names_with_a_point_are_seconds(tmp_path):
+    names = ["-0.2", "-0.1", "0.1", "0.15", "0.2"]
+    frames = frames_of(write_triplets(tmp_path, names))
+    assert [frame.timestamp for frame in frames] == pytest.approx([float(name) for name in names])
     assert stamps_of_names(["0.5", "0.75", "12.0"]) == [0.5, 0.75, 12.0]
     assert stamps_of_names(["t_1605000000.25"]) == [1_605_000_000.25]
     assert stamps_of_names(["-0.5", "0.0", "t-1.5"]) == [-0.5, 0.0, 1.5]

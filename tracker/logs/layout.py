@@ -304,6 +304,8 @@ def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Lay
     names = sorted({name for files in streams.values() for name in files}, key=_natural)
     stamps = stamps_of_names(names)
     times = dict(zip(names, stamps or _counted_stamps(names, rate), strict=True))
+    if stamps:  # -0.2 comes before -0.1, and 0.15 before 0.2
+        names.sort(key=times.__getitem__)
     if stamps and not by_name:
         frames = _close_together(streams, times, rate)
     else:
@@ -318,7 +320,7 @@ def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Lay
 
 def _close_together(streams: _Streams, times: dict[str, float], rate: float) -> list[dict[str, str]]:
     """Group images whose timestamps lie within half the cameras' period; return names by camera."""
-    steps = np.concatenate([np.diff([times[name] for name in files]) for files in streams.values()])
+    steps = np.concatenate([np.diff(sorted(times[name] for name in files)) for files in streams.values()])
     period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1 / rate
     cameras = enumerate(streams.items())
     ordered = sorted((times[name], k, camera, name) for k, (camera, files) in cameras for name in files)
