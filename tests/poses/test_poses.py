@@ -41,12 +41,12 @@ def test_slices_and_masks_keep_rows_together(rng):
 def test_parts_that_lack_something_join_those_with_it(rng):
     first = random_poses(rng, 3, recorded=False, cameras=False)
     second = random_poses(rng, 4, share=1, first=3)
-    second = dataclasses.replace(second, about=make_about(source="b.dat"))
+    second = dataclasses.replace(second, about=make_about(source="b.dat", fault="damaged"))
     joined = concatenate([first, second])
     assert joined.recorded.has_pose.tolist() == [False] * 3 + [True] * 4
     assert (joined.cameras[:3] == "").all()
     assert joined.cameras[3:].tolist() == second.cameras.tolist()
-    assert joined.about.source == "a.dat, b.dat"
+    assert (joined.about.source, joined.about.fault) == ("a.dat, b.dat", "damaged")
     alone = concatenate([first])
     assert alone.recorded is alone.cameras is None
 

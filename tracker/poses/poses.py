@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from typing import Any, Literal
 
@@ -251,7 +251,7 @@ class Poses:
 
 
 def concatenate(parts: Sequence[Poses]) -> Poses:
-    """Join the poses of consecutive parts of a recording; `source` lists all different sources.
+    """Join the poses of consecutive parts of a recording; `source` and `fault` list all different ones.
 
     LogError: there is no part, frame numbers do not increase, or objects or cameras differ.
     """
@@ -263,7 +263,10 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
             found = f"{part.about.object_name} seen by {', '.join(part.about.rig.names)}"
             expected = f"{first.object_name} seen by {', '.join(first.rig.names)} of the same calibration"
             raise LogError(f"part {number}: found {found}, expected {expected}")
-    sources = dict.fromkeys(part.about.source for part in parts)
+    texts: dict[str, Any] = {
+        name: ", ".join(dict.fromkeys(filter(None, (getattr(part.about, name) for part in parts))))
+        for name in ("source", "fault")
+    }
     arrays = ("index", "timestamp", "status")
     joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in parts]) for name in arrays}
     for kind, columns in KINDS.items():
@@ -272,7 +275,7 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
         joined["recorded"] = None
     if any(part.cameras is not None for part in parts):
         joined["cameras"] = np.concatenate([_cameras(part) for part in parts])
-    about = About(first.object_name, ", ".join(sources), first.tracker_version, first.rig)
+    about = replace(first, fingerprint="", **texts)
     return Poses(**joined, about=about)
 
 
