@@ -161,6 +161,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
         writer.append(images, 2.0, [2.0, float("nan"), 2.5])
     with pytest.raises(LogError, match="frame 2: the log is closed"):
         writer.append(images, 3.0)
+    writer.flush()
     with Hdf5LogWriter(tmp_path / "poses.h5", tiny_rig(), poses=True) as writer:
         with pytest.raises(LogError, match="frame 0: pose: found 3, expected one with position, orient"):
             writer.append(images, 1.0, pose=3)

@@ -164,7 +164,8 @@ class Hdf5LogWriter:
     def flush(self) -> None:
         """Write all frames so far to the operating system; LogError if that fails."""
         with uninterrupted():
-            self._flush(self._count)
+            if self._file:  # closing it has flushed it
+                self._flush(self._count)
             self._check_disk()
 
     def close(self) -> None:
