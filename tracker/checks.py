@@ -145,11 +145,9 @@ def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) 
     """
     stamps = array_of(given)
     if stamps.dtype.kind not in "iuf":
-        hint = "; of datetime64 take t.astype('datetime64[ns]').astype(float) / 1e9"
-        raise fault(
-            f"{what}: found {shown(given)}, expected finite numbers of seconds"
-            f"{hint if stamps.dtype.kind == 'M' else ''}"
-        )
+        remedy = "; of datetime64 take t.astype('datetime64[ns]').astype(float) / 1e9"
+        hint = remedy if stamps.dtype.kind == "M" else ""
+        raise fault(f"{what}: found {shown(given)}, expected finite numbers of seconds{hint}")
     exact = stamps.astype(np.float64)
     if stamps.dtype in (np.float16, np.float32) and (exact * np.finfo(stamps.dtype).eps > 1e-3).any():
         raise fault(f"{what}: found {shown(given)} of {stamps.dtype}, expected float64, which is exact")
