@@ -22,6 +22,7 @@ from tracker.errors import LogError, TrackerError
 from tracker.logs import open_log
 from tracker.logs.folder import write_folder
 from tracker.logs.hdf5_writer import write_hdf5
+from tracker.logs.opening import recording_files
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options, run, track
@@ -151,6 +152,8 @@ def test_what_is_behind_a_link_or_beside_a_store_is_in_the_fingerprint(tmp_path)
         before = fingerprint(job)
         os.utime(tmp_path / changed, (0, 0))
         assert fingerprint(job) != before
+    (folder / "away").symlink_to(tmp_path)
+    assert recording_files(folder) == [folder / "camera60" / "000000.png"]
 
 
 class Complaining:

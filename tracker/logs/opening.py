@@ -65,11 +65,9 @@ def recording_files(path: Path) -> list[Path]:
     if found:
         return found
     suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
-    seen = set[str]()
     for folder, folders, names in os.walk(path, onerror=_refuse, followlinks=True):
-        real = os.path.realpath(folder)  # a link may lead back
-        folders[:] = [] if real in seen else sorted(name for name in folders if not name.startswith("."))
-        seen.add(real)
+        here = Path(folder) == path or not os.path.islink(folder)  # a link may lead back, or far away
+        folders[:] = sorted(name for name in folders if here and not name.startswith("."))
         files = (Path(folder, name) for name in sorted(names) if not name.startswith("."))
         found += [file for file in files if file.suffix.lower() in suffixes or file.name in _BESIDE]
     return found
