@@ -55,17 +55,17 @@ class Engine:
         return "htcondor" if self.htcondor else "slurm" if self.slurm else None
 
 
-_engine: Any = Engine
 _as_csv = flag("Write the table as CSV, too.", name="--csv")
 
 
 @command(batch)
 def run(
+    *,
     recordings: tuple[str, ...] = several("RECORDING", InFile(str)),
     output: Path = option("DIR", "Folder of the results.", OutFolder(), required=True),
-    asked: options.Asked = options.asked,
+    asked: options.Asked,
     robot: str | None = option("NAME", "Robot of image stores, e.g. r1.  [default: each episode's]"),
-    engine: Engine = _engine,
+    engine: Engine,
     as_csv: bool = _as_csv,
     quiet: bool = flag("No progress, and no summary."),
 ) -> None:

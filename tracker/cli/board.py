@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -151,13 +151,9 @@ class Smaller:
         return ", ".join(map(str, files))
 
 
-_printed: Any = Printed
-_smaller: Any = Smaller
-
-
 @command()
 def board(
-    printed: Printed = _printed,
+    printed: Printed,
     output: Path = file_option("The page (.pdf, .svg or .png).", ".pdf", ".svg", ".png", required=True),
     legacy: bool = flag("Use the pattern of OpenCV before 4.6 [even rows]."),
 ) -> None:
@@ -177,11 +173,12 @@ def board(
 
 @command()
 def intrinsics(
+    *,
     images: tuple[Path, ...] = several("IMAGE", Recording()),
-    printed: Printed = _printed,
+    printed: Printed,
     name: str = option("NAME", "The camera's, e.g. camera60.", required=True),
     output: Path = file_option("Calibration file (.yml).", ".yml", ".yaml", required=True, new_folders=True),
-    smaller: Smaller = _smaller,
+    smaller: Smaller,
     plot: Path | None = file_option("Draw the residuals (.png, .jpg).", *PICTURE),
 ) -> None:
     """Find the lens of a camera from photos of a ChArUco board.
@@ -248,8 +245,9 @@ def _found(lens: Lens) -> list[list[str]]:
 
 @command()
 def extrinsics(
+    *,
     folders: tuple[Path, ...] = several("FOLDER", Recording()),
-    printed: Printed = _printed,
+    printed: Printed,
     intrinsics: tuple[Path, ...] = option(
         "PATH",
         "Folder of calibration files; or a file, once per camera.",
@@ -269,7 +267,7 @@ def extrinsics(
         default=0.0,
     ),
     output: Path = option("DIR", "For the calibration; new or empty.", OutFolder(new=True), required=True),
-    smaller: Smaller = _smaller,
+    smaller: Smaller,
     plot: Path | None = option("DIR", "Draw the residuals, one PNG per camera.", OutFolder()),
 ) -> None:
     """Find where cameras are, from photos of a ChArUco board.

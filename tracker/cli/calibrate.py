@@ -47,13 +47,13 @@ def calibrate() -> None:
     """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Filmed:
     """Inputs that show a known object: recordings, and images in groups of one moment each."""
 
     inputs: tuple[str, ...] = several("RECORDING|IMAGE", Recording(str))
-    subject: options.Subject = options.subject
-    cameras: options.Cameras = options.cameras
+    subject: options.Subject
+    cameras: options.Cameras
     stills: bool = flag("The folders hold single images, not films.")
     recover: bool = options.recover
     quiet: bool = flag("Print errors only.")
@@ -88,7 +88,6 @@ class Filmed:
             yield model, footage, rig, colors, progress
 
 
-_filmed: Any = Filmed
 _output = option("DIR", "Folder for the new calibration; new or empty.", OutFolder(new=True), required=True)
 
 
@@ -124,7 +123,7 @@ def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> 
 
 @command(calibrate)
 def check(
-    filmed: Filmed = _filmed,
+    filmed: Filmed,
     plot: Path | None = file_option("Draw what each camera misses (.png, .jpg).", *PICTURE),
     as_json: bool = options.as_json,
 ) -> None:
@@ -264,7 +263,7 @@ def _verdict(found: CalibrationCheck) -> str:
 
 @command(calibrate)
 def refine(
-    filmed: Filmed = _filmed,
+    filmed: Filmed,
     output: Path = _output,
     focal: bool = flag("Fit focal lengths and principal points, too."),
     frames: int = options.whole(
@@ -331,7 +330,7 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
 
 
 @command(calibrate, name="table")
-def table_command(filmed: Filmed = _filmed, output: Path = _output) -> None:
+def table_command(filmed: Filmed, output: Path = _output) -> None:
     """Find the table, with an object that rests on it.
 
     From RECORDINGs, or single IMAGEs moment by moment. Writes the calibration in a world whose z = 0 is the

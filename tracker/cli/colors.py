@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -35,13 +35,13 @@ def colors() -> None:
     """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lesson:
     """Inputs and options for learning colours."""
 
     recordings: tuple[Path, ...] = several("RECORDING", Recording())
     output: Path = file_option("Colour model (.npz).", ".npz", required=True)
-    cameras: options.Cameras = options.cameras
+    cameras: options.Cameras
     frames: int = options.whole(
         "Frames to use, spread evenly; half of them only check.", default=80, least=10, most=2000
     )
@@ -80,12 +80,9 @@ class Lesson:
             click.echo(_learned(learned, self.output))
 
 
-_lesson: Any = Lesson
-
-
 @command(colors)
 def adapt(
-    lesson: Lesson = _lesson,
+    lesson: Lesson,
     object_name: str = options.object_name(),
     colors_name: str | None = options.colors("start with the one that explains most"),
 ) -> None:
@@ -107,7 +104,7 @@ def adapt(
 
 @command(colors)
 def new(
-    lesson: Lesson = _lesson,
+    lesson: Lesson,
     size: tuple[float, float, float] | None = option(
         "X,Y,Z", "Edge lengths along the object's axes [m].", callback=options.numbers(3)
     ),
@@ -196,15 +193,13 @@ class Fitting:
         return fit_to
 
 
-_fitting: Any = Fitting
-
-
 @command(colors)
 def fit(
+    *,
     folders: tuple[str, ...] = _folders,
     name: str | None = option("NAME", "Name of the model.  [default: that of the file]"),
     output: Path | None = file_option("The model's file (.npz).  [default: NAME.npz]", ".npz"),
-    fitting: Fitting = _fitting,
+    fitting: Fitting,
 ) -> None:
     """Fit a colour model to the labelled images of the FOLDERs.
 
@@ -226,6 +221,7 @@ def fit(
 
 @command(colors)
 def check(
+    *,
     folders: tuple[str, ...] = _folders,
     name: str | None = option(
         "NAME", "The colour model to measure, or its file.", InFile(str), name="--colors"
@@ -234,7 +230,7 @@ def check(
     plot: Path | None = file_option(
         "Draw which colours are confused, and how near they are (.png).", ".png", extra="plot"
     ),
-    fitting: Fitting = _fitting,
+    fitting: Fitting,
 ) -> None:
     """Measure a colour model on the labelled images of the FOLDERs.
 

@@ -71,9 +71,6 @@ class Outputs:
             tracker.viz.write_trajectory_plot(self.plot, poses)
 
 
-output_options: Any = Outputs
-
-
 def write_tracked_film(
     path: Path,
     log: tracker.Log,
@@ -146,8 +143,9 @@ def _of_height(picture: Image, height: int) -> Image:
 
 @command(short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
 def export(
+    *,
     source: Path = argument("POSES", InFile()),
-    outputs: Outputs = output_options,
+    outputs: Outputs,
     parquet: Path | None = file_option("The table in Parquet.", ".parquet", ".pq"),
     keypoints: bool = flag("Add the object's corners to --csv and --parquet."),
     robot_log: Path | None = option("FILE", "Add the robot's states to --csv and --parquet.", InFile()),
@@ -195,6 +193,7 @@ def export(
 
 @command()
 def convert(
+    *,
     source: Path = argument("LOG", Recording()),
     output: Path = option(
         "FILE|DIR",
@@ -202,8 +201,8 @@ def convert(
         AnyPath(),
         required=True,
     ),
-    cameras: options.Cameras = options.cameras,
-    part: options.Part = options.part,
+    cameras: options.Cameras,
+    part: options.Part,
     quiet: bool = flag("No progress bar."),
 ) -> None:
     """Write a recording and its calibration in another format.
@@ -244,16 +243,17 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 
 @command(short_help="Show a recording in time and space.")
 def view(
+    *,
     source: Path = argument("LOG|POSES", Recording()),
     log: Path | None = option("LOG", "The recording of the POSES, for its images.", Recording()),
     object_name: str | None = options.object_name("that of the POSES"),
-    cameras: options.Cameras = options.cameras,
+    cameras: options.Cameras,
     output: Path | None = file_option(
         "Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
         ".rrd",
     ),
     colors_name: str | None = options.colors(),
-    part: options.Part = options.part,
+    part: options.Part,
     every: int = options.whole("Show every Nth frame.", default=1),
     quiet: bool = flag("No progress bar, and nothing about the file."),
 ) -> None:

@@ -69,20 +69,17 @@ class Pace:
             )
 
 
-_requested: Any = Requested
-_pace: Any = Pace
-
-
 @command()
 def live(
+    *,
     source: str = argument("SOURCE", Recording(str)),
-    subject: options.Subject = options.subject,
-    cameras: options.Cameras = options.cameras,
-    requested: Requested = _requested,
+    subject: options.Subject,
+    cameras: options.Cameras,
+    requested: Requested,
     seconds: float | None = option(
         "S", "Stop after S seconds.  [default: at the source's end, or with Ctrl-C]", _POSITIVE
     ),
-    pace: Pace = _pace,
+    pace: Pace,
     check: bool = flag("Measure the cameras for ten seconds, and report their faults."),
     quiet: bool = flag("Print errors only."),
 ) -> None:

@@ -67,7 +67,10 @@ def file_option(help: str, *suffixes: str, required: bool = False, **kind: Any) 
 
 
 def command(group: Any = click, **how: Any) -> Any:
-    """Make a command of a function whose arguments' defaults are options, or dataclasses with such fields."""
+    """Make a command of a function whose arguments have options as their defaults.
+
+    An argument without a default is a dataclass of such fields, as its annotation says.
+    """
 
     def make(function: Callable[..., Any]) -> Any:
         @functools.wraps(function)
@@ -81,16 +84,16 @@ def command(group: Any = click, **how: Any) -> Any:
 
 def _parameters(function: Callable[..., Any]) -> list[click.Parameter]:
     found: list[click.Parameter] = []
-    for name, its in inspect.signature(function).parameters.items():
-        found += _parameters(its.default) if isinstance(its.default, type) else [its.default(name)]
+    for name, its in inspect.signature(function, eval_str=True).parameters.items():
+        found += _parameters(its.annotation) if its.default is its.empty else [its.default(name)]
     return found
 
 
 def _call(function: Callable[..., Any], values: dict[str, Any]) -> Any:
     """Call a function or dataclass with its own among the values of all parameters."""
     own = {}
-    for name, its in inspect.signature(function).parameters.items():
-        own[name] = _call(its.default, values) if isinstance(its.default, type) else values[name]
+    for name, its in inspect.signature(function, eval_str=True).parameters.items():
+        own[name] = _call(its.annotation, values) if its.default is its.empty else values[name]
     return function(**own)
 
 
@@ -212,18 +215,13 @@ class Part:
         return range(count)[self.first : self.last]
 
 
-subject: Any = Subject
-cameras: Any = Cameras
-part: Any = Part
-
-
 @dataclass(frozen=True)
 class Asked:
     """Options for the object to find in recordings, and for reading them."""
 
-    subject: Subject = subject
-    cameras: Cameras = cameras
-    part: Part = part
+    subject: Subject
+    cameras: Cameras
+    part: Part
 
     def options(self) -> tracker.recordings.Options:
         """Return the options as plain values that work in any process on any machine."""
@@ -236,6 +234,3 @@ class Asked:
             recover=part.recover,
             **vars(self.cameras),
         )
-
-
-asked: Any = Asked

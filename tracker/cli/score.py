@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 
 @command(short_help="Compute the rewards of a job's folder for its task.")
 def score(
+    *,
     job: Path = argument("JOB", InFile()),
     goal_path: Path | None = option("FILE", "Goal.  [default: JOB/goal.json]", InFile(), name="--goal"),
     poses_path: Path | None = option("POSES", "Poses, instead of tracking.", InFile(), name="--poses"),
     object_name: str | None = options.object_name("that of the --poses"),
-    cameras: options.Cameras = options.cameras,
+    cameras: options.Cameras,
     every: int = options.whole("Look for dice in every Nth frame.", default=1),
     as_json: bool = flag("Print one JSON object, with the reward of each frame.", name="--json"),
     quiet: bool = flag("No progress bar."),

@@ -142,9 +142,10 @@ def silent_libraries() -> Iterator[None]:
 
 @command()
 def detect(
+    *,
     images: tuple[str, ...] = _images,
-    subject: options.Subject = options.subject,
-    cameras: options.Cameras = options.cameras,
+    subject: options.Subject,
+    cameras: options.Cameras,
     frame: int | None = _frame,
     as_json: bool = options.as_json,
     overlay: Path | None = file_option("Write the images with the pose drawn in (.png, .jpg).", *PICTURE),
@@ -209,8 +210,9 @@ def _pose_rows(pose: tracker.PoseEstimate) -> list[list[str]]:
 
 @command(short_help="Find the dice in one IMAGE per camera, and the error.")
 def dice(
+    *,
     images: tuple[str, ...] = _images,
-    cameras: options.Cameras = options.cameras,
+    cameras: options.Cameras,
     frame: int | None = _frame,
     goal_path: Path | None = option(
         "FILE", "The goal: JSON, or a pattern of 17 rows of characters.", InFile(), name="--goal"

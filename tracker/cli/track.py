@@ -13,7 +13,7 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.export import Outputs, output_options, write_tracked_film
+from tracker.cli.export import Outputs, write_tracked_film
 from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import AnyPath, OutFile, OutFolder, Recording, refuse_other_poses, refuse_overwriting
 from tracker.cli.terminal import bar, listing, say
@@ -29,11 +29,12 @@ CONTRADICTED = 0.02
 
 @command()
 def track(
+    *,
     logs: tuple[Path, ...] = several("LOG", Recording()),
     output: Path = option("FILE|DIR", "File of poses (.h5), or a folder.", AnyPath(), required=True),
     overwrite: bool = flag("Replace poses of another object."),
-    asked: options.Asked = options.asked,
-    outputs: Outputs = output_options,
+    asked: options.Asked,
+    outputs: Outputs,
     health: Path | None = file_option(
         "A page on cameras, light and calibration (.html).", ".html", extra="plot"
     ),
