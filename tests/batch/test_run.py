@@ -44,7 +44,7 @@ def do(one: Batch) -> tuple[list[dict], int]:
     results = []
     with only_run(one):
         write_batch(one)
-        run_batch(one, lambda: nullcontext(here), results.append)
+        run_batch(one.work(), lambda: nullcontext(here), results.append)
         tables.write_tables(one, tables.state(one), as_csv=True)
     return [result for result in results if result is not None], results.count(None)
 
@@ -190,14 +190,14 @@ def test_what_killed_runs_left_of_its_own_files_is_removed_and_nothing_else(tmp_
 
 
 def test_nobody_waits_for_results_that_are_there(tmp_path, monkeypatch):
-    recipe = Recipe.of(OPTIONS)
     pairs = [(f"/none/{number}", f"{number}.poses.h5") for number in range(3000)]
-    tasks = Batch(tmp_path, OPTIONS, tuple(pairs)).tasks(agreed(recipe))
+    work = Batch(tmp_path, OPTIONS, tuple(pairs)).work()
+    tasks = [task for task, _ in work]
     for one in tasks[:-1]:
         results.summary_file(Path(one.output)).touch()
     looked = []
     monkeypatch.setattr(run, "fingerprint", lambda job: looked.append(job) or "x")
-    missing = run.unfinished(tasks, recipe, lambda: None)
+    missing = run.unfinished(work, lambda: None)
     assert next(missing) is tasks[-1]
     assert not looked
     assert next(missing) is tasks[0]
@@ -250,8 +250,7 @@ def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
     here = batch_of(recordings, "here", Options("cube_v2", stop=1))
     do(here)
     one = batch_of(recordings, options=Options("cube_v2", stop=1))
-    recipe = Recipe.of(one.options)
-    description = jobs.describe(one, one.tasks(agreed(recipe)), "slurm")
+    description = jobs.describe(one, [task for task, _ in one.work()], "slurm")
     content = json.loads(description.list_text)
     content["each"] = 2
     description.write()
@@ -276,7 +275,7 @@ def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
 
 def described(folder: Path, count: int, scheduler: str) -> jobs.Description:
     one = Batch(folder, OPTIONS, tuple((f"/in/{number}", f"{number}.poses.h5") for number in range(count)))
-    return jobs.describe(one, one.tasks("x"), scheduler)
+    return jobs.describe(one, [task for task, _ in one.work()], scheduler)
 
 
 EVIL = 'it\'s %a "folder"\n#SBATCH --mem=9\n$(touch owned) `touch owned`'

@@ -12,7 +12,7 @@ from tests.helpers.needs import lack
 from tests.helpers.recording_stubs import tiny_rig
 from tests.helpers.robot_stores import SHOWN, STEPS, KnowingTracker, position, write
 from tests.logs.test_datasets import edit, head
-from tracker.batch.run import only_run, write_batch
+from tracker.batch.run import only_run, run_batch, write_batch
 from tracker.batch.stores import Retracking, _taken
 from tracker.batch.workers import here
 from tracker.poses.file import read_poses
@@ -34,7 +34,7 @@ def do(store: Path, folder: Path, robots: Path, **options) -> tuple[list[dict | 
     plan, results = Retracking.of([str(store)], folder, asked), []
     with only_run(plan.batch):
         write_batch(plan.batch)
-        plan.run(lambda: nullcontext(here), results.append)
+        run_batch(plan.work(), lambda: nullcontext(here), results.append)
         reports = plan.write_tables()
     return results, reports.get(str(store), {})
 

@@ -18,11 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from tracker.batch.run import Batch, Task, agreed, is_whole, make_result, read_asked
+from tracker.batch.run import Batch, Task, is_whole, make_result, read_asked
 from tracker.batch.workers import ONE_THREAD, alone, here
 from tracker.errors import LogError, TrackerError
 from tracker.files import write_whole
-from tracker.recordings.track import Recipe
 
 Scheduler = Literal["htcondor", "slurm"]
 
@@ -154,12 +153,11 @@ def describe(batch: Batch, tasks: Sequence[Task], scheduler: Scheduler) -> Descr
 def do_share(list_path: Path, number: int) -> int:
     """Track the unfinished recordings of one job's share of a list; return the number that failed."""
     batch, mark, each = read_asked(list_path, list_path.absolute().parent.parent)
-    share = batch.tasks(mark)[number * each : (number + 1) * each]
+    share = batch.work()[number * each : (number + 1) * each]
     if number < 0 or not share:
         raise LogError(f"{list_path}: found {-(-len(batch.pairs) // each)} jobs, expected {number} below")
-    recipe = Recipe.of(batch.options)
-    if agreed(recipe) != mark:
+    if share[0][0].agreed != mark:
         raise TrackerError(f"{list_path}: found a list of another version or other files, submit it again")
-    missing = [task for task in share if not is_whole(task, recipe)]
+    missing = [task for task, recipe in share if not is_whole(task, recipe)]
     results = [result for _, result in here(functools.partial(alone, make_result), missing)]
     return sum(isinstance(result, Exception) or result["failure"] is not None for result in results)

@@ -9,7 +9,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,6 +114,9 @@ MAX_LIST = 1 << 28
 _LEFT = re.compile(r"(\..+?)\.(?:[a-z0-9_]{8}\.tmp|lock)", re.DOTALL)
 """Names of temporary folders and locks that `tracker.files` makes while files are written."""
 
+Work = tuple[Task, Recipe]
+"""A task, and the options of it with their files loaded."""
+
 Report = Callable[[dict[str, Any] | None], None]
 """Callback for each recording's result from `make_result`; None: it was done before."""
 
@@ -135,10 +138,12 @@ class Batch:
         pairs = ((os.path.abspath(log), str(output)) for log, output in zip(logs, outputs, strict=True))
         return cls(folder, options.absolute(), tuple(pairs))
 
-    def tasks(self, mark: str) -> list[Task]:
-        """Return one task per recording; mark: see `Task.agreed`."""
-        root = os.path.abspath(self.folder)
-        return [Task(log, os.path.join(root, output), self.options, mark) for log, output in self.pairs]
+    def work(self) -> list[Work]:
+        """Return one task per recording; TrackerError if files that the options name cannot be loaded."""
+        recipe, root = Recipe.of(self.options), os.path.abspath(self.folder)
+        mark = agreed(recipe)
+        outputs = ((log, os.path.join(root, output)) for log, output in self.pairs)
+        return [(Task(log, output, self.options, mark), recipe) for log, output in outputs]
 
 
 def write_batch(batch: Batch) -> None:
@@ -188,20 +193,14 @@ def only_run(batch: Batch) -> Iterator[None]:
             _remove_leftovers(batch)
 
 
-def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]], report: Report) -> int:
-    """Track the unfinished recordings; return the number that failed. See `run_tasks`."""
-    recipe = Recipe.of(batch.options)
-    return run_tasks(unfinished(batch.tasks(agreed(recipe)), recipe, lambda: report(None)), begin, report)
-
-
-def run_tasks(
-    missing: Iterator[Task], begin: Callable[[], AbstractContextManager[Engine]], report: Report
+def run_batch(
+    work: Iterable[Work], begin: Callable[[], AbstractContextManager[Engine]], report: Report
 ) -> int:
-    """Do some tasks; return the number that failed.
+    """Do the unfinished tasks; return the number that failed.
 
     begin: makes the engine, called only if there are tasks. report: takes the result of each recording.
     """
-    failures = 0
+    failures, missing = 0, unfinished(work, lambda: report(None))
     first = next(missing, None)
     if first is None:
         return 0
@@ -214,18 +213,18 @@ def run_tasks(
     return failures
 
 
-def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) -> Iterator[Task]:
+def unfinished(work: Iterable[Work], done: Callable[[], None]) -> Iterator[Task]:
     """Yield the tasks without a complete, matching result; call `done` for each of the others.
 
     Tasks without any result come first, so that work starts before thousands of results are checked.
     """
     some = []
-    for task in tasks:
+    for task, recipe in work:
         if os.path.exists(results.summary_file(Path(task.output))):  # Path.exists raises for too long names
-            some.append(task)
+            some.append((task, recipe))
         else:
             yield task
-    for task in some:
+    for task, recipe in some:
         if is_whole(task, recipe):
             done()
         else:

@@ -15,12 +15,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import itertools
 import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,8 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tracker.batch import results
-from tracker.batch.run import Batch, Report, Task, agreed, run_tasks, unfinished
-from tracker.batch.workers import Engine
+from tracker.batch.run import Batch, Task, Work, agreed
 from tracker.calibration.files.platform import pattern_of, robots_in
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError, TrackerError, install
@@ -107,11 +104,9 @@ class Retracking:
         pairs = tuple((task.name, os.path.relpath(task.output, folder)) for task in tasks)
         return cls(Batch(folder, options, pairs), stores)
 
-    def run(self, begin: Callable[[], AbstractContextManager[Engine]], report: Report) -> int:
-        """Track the unfinished episodes; return the number that failed. See `run_batch`."""
-        planned = itertools.chain.from_iterable(self.stores.values())
-        missing = (unfinished([one.task], one.recipe, lambda: report(None)) for one in planned)
-        return run_tasks(itertools.chain.from_iterable(missing), begin, report)
+    def work(self) -> list[Work]:
+        """Return one task per episode."""
+        return [(one.task, one.recipe) for episodes in self.stores.values() for one in episodes]
 
     def write_tables(self) -> dict[str, dict[str, Any]]:
         """Write the tables of stores whose episodes are all done; return their reports by store.

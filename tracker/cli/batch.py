@@ -118,10 +118,8 @@ def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, 
     from tracker.batch.run import only_run, run_batch, write_batch
     from tracker.batch.tables import state, write_tables
     from tracker.batch.workers import cores, dask_workers, processes
-    from tracker.recordings import Recipe
 
-    if stores is None:
-        Recipe.of(batch.options)  # report faults before anything begins
+    work = (stores or batch).work()  # report faults before anything begins
     count = min(engine.jobs or cores(), len(batch.pairs))
     failures: dict[str, str] = {}
     fault = None
@@ -138,7 +136,7 @@ def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, 
                 begin = functools.partial(processes, count)
                 if engine.scheduler is not None:
                     begin = functools.partial(dask_workers, engine.scheduler)
-                stores.run(begin, tell) if stores else run_batch(batch, begin, tell)
+                run_batch(work, begin, tell)
         except BaseException:
             with suppress(LogError):  # report why the run ended instead
                 write_tables(batch, state(batch, failures), as_csv=as_csv)
@@ -165,12 +163,10 @@ def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, 
 
 def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> None:
     from tracker.batch.jobs import describe
-    from tracker.batch.run import agreed, only_run, unfinished, write_batch
-    from tracker.recordings import Recipe
+    from tracker.batch.run import only_run, unfinished, write_batch
     from tracker.warm_up import warm_up
 
-    recipe = Recipe.of(batch.options)
-    tasks = list(unfinished(batch.tasks(agreed(recipe)), recipe, lambda: None))
+    tasks = list(unfinished(batch.work(), lambda: None))
     if not tasks:
         if not quiet:
             click.echo(f"all {len(batch.pairs)} recordings are done")
