@@ -41,7 +41,6 @@ WRONG = [
     ),
     *((lambda kind=kind: kind(Pushed(), 3), "tracker: found 3, expected") for kind in (Live, Frontend)),
     (lambda: Recorder(Path(os.devnull), RIG), "there is such a file"),
-    (lambda: Recorder(Path("nowhere/log.h5"), RIG), "there is no folder"),
 ]
 
 

@@ -87,13 +87,12 @@ class Recorder(Listener):
     writing fails, the recording ends.
 
     Args:
-        path: a file that does not exist yet.
+        path: a file that does not exist yet, in a folder that there is.
         rig: the cameras.
         settings: returns each camera's settings, which are stored when the recording begins.
 
     Raises:
-        LiveError: the file exists, its folder does not, or the cameras differ in image size, which the
-            format does not support.
+        LiveError: the file exists, or the cameras differ in image size, which the format does not support.
     """
 
     def __init__(
@@ -101,8 +100,6 @@ class Recorder(Listener):
     ) -> None:
         if path.exists():
             raise LiveError(f"record {path}: there is such a file, expected a new one")
-        if not path.parent.is_dir():
-            raise LiveError(f"record {path}: there is no folder {path.parent}")
         self._size, *others = {(camera.width, camera.height) for camera in rig}
         if others:
             found = ", ".join(f"{camera.name} {camera.width}×{camera.height}" for camera in rig)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TrackerError, install
-from tracker.files import check_suffix, told_as, whole_file
+from tracker.files import told_as, whole_file
 from tracker.objects.model import CuboidModel
 from tracker.processes import environment, python_command
 
@@ -56,11 +56,9 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
         model: the object.
 
     Raises:
-        ImageError: the suffix differs, or the file cannot be written.
+        ImageError: the file cannot be written.
         TrackerError: the optional package `rerun-sdk` is missing, or the viewer cannot be opened.
     """
-    if path is not None:
-        check_suffix(Path(path), (".rrd",), "view", ImageError)
     require_rerun()
     # Errors are raised, so Rerun need not print them on stderr as well.
     with environment({"RUST_LOG": os.environ.get("RUST_LOG", "off")}):
