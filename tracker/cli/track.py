@@ -18,6 +18,7 @@ from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import AnyPath, OutFile, OutFolder, Recording, refuse_other_poses, refuse_overwriting
 from tracker.cli.terminal import bar, listing, say
 from tracker.errors import TrackerError, reason
+from tracker.files import write_whole
 
 if TYPE_CHECKING:
     from tracker.batch.run import Task
@@ -80,7 +81,7 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
     from tracker.batch.run import described
     from tracker.calibration.by_object.health import health as measured_health
     from tracker.recordings.track import chosen, rig_for, run
-    from tracker.viz.calibration import write_health
+    from tracker.viz.calibration import page
 
     log, recipe = job.log, job.recipe
     with tracker.open_log(log, recover=recipe.recover) as opened:
@@ -102,7 +103,7 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
             about = tracked.poses.about
             finder = tracker.ObjectTracker(recipe.model, about.rig, recipe.colors)
             found = measured_health(finder, opened, tracked.poses, progress)
-        write_health(health, found, " · ".join(filter(None, (about.object_name, about.source))))
+        write_whole(health, page(found, " · ".join(filter(None, (about.object_name, about.source)))))
         result["health"] = [*found.complaints(), *filter(None, [found.missing()])]
     _print(result, as_json, quiet)
 

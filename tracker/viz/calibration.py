@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Sequence
 from html import escape
 from typing import Any
@@ -14,7 +13,6 @@ from tracker.calibration.by_object.check import LIMIT, CalibrationCheck, CameraC
 from tracker.calibration.by_object.health import HEIGHT, OFTEN, QUANTITIES, Health, Quantity
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
-from tracker.files import write_whole
 from tracker.viz import paint
 from tracker.viz.overlays import GOOD
 from tracker.viz.plots import figure, png, rgb
@@ -114,17 +112,12 @@ h2 { font-size: 1em; margin: 2em 0 0; } p.limit { color: #8c949e; margin: 0; }
 _META = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
 
 
-def write_health(path: str | os.PathLike[str], health: Health, title: str) -> None:
-    """Write a page (.html) atomically, with a plot of each measured quantity over time.
+def page(health: Health, title: str) -> str:
+    """Return a page in HTML with a plot of each measured quantity over time.
 
     Raises:
-        TrackerError: the optional package `matplotlib` is missing, or the file cannot be written.
+        TrackerError: the optional package `matplotlib` is missing.
     """
-    write_whole(path, page(health, title))
-
-
-def page(health: Health, title: str) -> str:
-    """Return the page as HTML."""
     missing = health.missing()
     parts = [f"<h1>{escape(title)}</h1>"]
     if lines := [f'<li class="bad">{escape(line)}</li>' for line in health.complaints()]:
