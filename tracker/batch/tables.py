@@ -70,7 +70,7 @@ def _rate(stamps: list[float]) -> float | None:
     return (len(recent) - 1) / (recent[-1] - recent[0])
 
 
-def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
+def write_tables(batch: Batch, found: State, *, as_csv: bool) -> None:
     """Write `summary.parquet`, and `failures.json`, which is removed if nothing failed.
 
     `summary.csv` is written if requested, if it already exists, or if the package pyarrow is missing.
@@ -94,7 +94,7 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
         except OSError as error:
             refused[batch.folder / name] = os.strerror(error.errno) if error.errno else reason(error)
     if not refused:
-        return [path for name in writers if (path := batch.folder / name).exists()]
+        return
     old = " (what is there is older)" if any(path.exists() for path in refused) else ""
     command = f"`tracker batch status {shlex.quote(str(batch.folder))} --write{' --csv' * as_csv}`"
     names, why_not = ", ".join(map(str, refused)), "; ".join(dict.fromkeys(refused.values()))

@@ -39,7 +39,6 @@ class Outputs:
     plot: Path | None = file_option("A plot of the poses over time (.png).", ".png", extra="plot")
 
     def __bool__(self) -> bool:
-        """Whether any file is requested."""
         return any((self.csv, self.tum, self.bop, self.video, self.plot))
 
     def check_camera(self, rig: tracker.CameraRig) -> None:

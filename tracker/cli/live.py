@@ -27,7 +27,6 @@ class _Range(click.FloatRange):
     """A range that excludes NaN, which click's own accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """See click.ParamType."""
         number = super().convert(value, param, ctx)
         if math.isnan(number):
             self.fail(f"found {value}, expected a number", param, ctx)

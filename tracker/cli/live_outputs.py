@@ -50,7 +50,6 @@ class Requested:
     as_json: bool = flag("Print each message as it is published.", name="--json")
 
     def __bool__(self) -> bool:
-        """Whether any receiver is requested."""
         shown = self.view or self.rrd or self.page is not None
         return bool(self.addresses or self.record or shown or self.as_json)
 

@@ -289,7 +289,6 @@ def _evaluate(
 
 
 def _text(found: dict[str, Any]) -> str:
-    """Format the results for people."""
     tolerance = tracker.tasks.rearrange_dice.TOLERANCE
     summary = []
     if found["error"] is not None:

@@ -150,7 +150,6 @@ def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
-    """Return remarks on cameras that were often unused, with likely causes."""
     from tracker.summaries.summary import to_look_at
 
     uses = tracker.CameraUse
@@ -170,7 +169,6 @@ def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[lis
 
 
 def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
-    """Return remarks on a calibration that does not fit the cameras."""
     numbers = statuses.get(tracker.Status.INCONSISTENT_VIEWS.value, {"share": 0.0, "with_pose": 0.0})
     share = numbers["share"] * numbers["with_pose"]
     if share < CONTRADICTED:

@@ -239,7 +239,6 @@ class _Server(ThreadingHTTPServer):
         return request in self._open
 
     def shutdown_request(self, request: Any) -> None:
-        """Close a connection."""
         super().shutdown_request(request)
         self._open.discard(request)
 
@@ -252,7 +251,6 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = _TIMEOUT
 
     def do_GET(self) -> None:
-        """Answer with the page, the newest message or the newest image."""
         if not self._is_own():
             self._answer(403, "text/html", b"this page is for this machine only")
         elif self.path == "/":
