@@ -286,7 +286,7 @@ def view(
             rig = cameras.rig_of(source, opened)
             chosen = part.of(source, len(opened))[::every]
             finder, total = tracker.ObjectTracker(model, rig, colors), len(chosen)
-            every_frame = answers(source, opened[part.first : part.last], finder)
+            every_frame = answers(source, opened[part.start : part.stop], finder)
             frames = _looked_at(finder, (one for one in every_frame if one[0].index in chosen))
         scene = stack.enter_context(open_scene(target, rig, model))
         progress = stack.enter_context(bar(source.name, total, quiet))

@@ -101,7 +101,7 @@ def live(
         raise click.UsageError("--check: does not track, so there is nothing to publish, record or show")
     quiet = quiet or requested.as_json
     model, colors = subject.load()
-    given, rig = _source(source, subject.object_name, cameras, pace)
+    given, rig = _source(source, subject.object, cameras, pace)
     if check:
         with contextlib.closing(given):
             _draw(given, quiet)

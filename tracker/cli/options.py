@@ -146,13 +146,13 @@ def colors(default: str = "the object's") -> Any:
 class Subject:
     """The object to find, and its colours."""
 
-    object_name: str = object_name()
-    colors_name: str | None = colors()
+    object: str = object_name()
+    colors: str | None = colors()
 
     def load(self) -> tuple[tracker.CuboidModel, tracker.ColorModel]:
         """Load the object and its colours; TrackerError if one is unknown or malformed."""
-        model = tracker.load_object(self.object_name)
-        return model, tracker.load_colors(self.colors_name or model.colors)
+        model = tracker.load_object(self.object)
+        return model, tracker.load_colors(self.colors or model.colors)
 
 
 @dataclass(frozen=True)
@@ -199,20 +199,20 @@ class Cameras:
 class Part:
     """The part of a recording to read; UsageError if it is empty."""
 
-    first: int = whole("First frame.", least=0, default=0, name="--from")
-    last: int | None = whole("End: the frame after the last.", name="--to")
+    start: int = whole("First frame.", least=0, default=0, name="--from")
+    stop: int | None = whole("End: the frame after the last.", name="--to")
     recover: bool = recover
 
     def __post_init__(self) -> None:
-        if self.last is not None and self.last <= self.first:
-            raise click.UsageError(f"--from {self.first} --to {self.last}: expected --to beyond --from")
+        if self.stop is not None and self.stop <= self.start:
+            raise click.UsageError(f"--from {self.start} --to {self.stop}: expected --to beyond --from")
 
     def of(self, path: Path, count: int) -> range:
         """Return the part's frame numbers in a recording of `count` frames; LogError if it starts beyond."""
-        if self.first and self.first >= count:
+        if self.start and self.start >= count:
             frames = f"frames 0 to {count - 1}" if count else "no frames"
-            raise LogError(f"{path}: `--from {self.first}`: the recording has {frames}")
-        return range(count)[self.first : self.last]
+            raise LogError(f"{path}: `--from {self.start}`: the recording has {frames}")
+        return range(count)[self.start : self.stop]
 
 
 @dataclass(frozen=True)
@@ -225,12 +225,4 @@ class Asked:
 
     def options(self) -> tracker.recordings.Options:
         """Return the options as plain values that work in any process on any machine."""
-        subject, part = self.subject, self.part
-        return tracker.recordings.Options(
-            subject.object_name,
-            subject.colors_name,
-            start=part.first,
-            stop=part.last,
-            recover=part.recover,
-            **vars(self.cameras),
-        )
+        return tracker.recordings.Options(**vars(self.subject), **vars(self.cameras), **vars(self.part))
