@@ -113,9 +113,7 @@ class Recipe(Reading):
     """Options with all files loaded."""
 
     model: CuboidModel
-    """The object."""
     colors: ColorModel
-    """Its colours."""
     rig: CameraRig | None = None
     """The cameras; None: the calibration of each recording."""
 
@@ -154,11 +152,8 @@ class Job:
     """A recording to track, how to track it, and where to write the poses."""
 
     log: Path
-    """The recording."""
     output: Path
-    """The file of poses."""
     recipe: Recipe
-    """How to track it."""
 
 
 def fingerprint(job: Job) -> str:

@@ -75,14 +75,11 @@ class Scene:
         images: Sequence[Image | None] = (),
         health: Sample | None = None,
     ) -> None:
-        """Add a frame.
+        """Add a frame: its number in the recording, its time [s], and the tracker's result.
 
-        Args:
-            index: the frame's number in the recording.
-            timestamp: its time [s]; times are shown relative to the first frame.
-            observation: the tracker's result.
-            images: image (H, W, 3) uint8 BGR of each camera, None if there is none; empty: no images at all.
-            health: health of the rig; None: only brightness, clipping and white balance are measured.
+        Times are shown relative to the first frame. `images` (H, W, 3) are uint8 BGR, one of each camera or
+        None; empty if there are none at all. Without `health` of the rig, only brightness, clipping and white
+        balance are measured.
 
         Raises:
             ImageError: an image does not fit the rig.

@@ -50,10 +50,7 @@ def require_rerun() -> None:
 def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: CuboidModel) -> Iterator[Scene]:
     """Yield a scene to show frames in; frames are written as they come, so that memory does not grow.
 
-    Args:
-        path: the file (.rrd), which appears complete when the `with` block ends; None: open a viewer.
-        rig: the cameras.
-        model: the object.
+    The file at `path` (.rrd) appears complete when the `with` block ends. None opens a viewer.
 
     Raises:
         ImageError: the file cannot be written.
