@@ -225,7 +225,7 @@ def images():
 def test_cameras_in_the_wrong_order_are_reported_once_two_looks_agree(images, follower, monkeypatch):
     monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     one = moment(0, (images[1], images[0], images[2]))
-    lookout = Lookout(lambda: follower, RIG.names)
+    lookout = Lookout(lambda: follower)
     warnings = [lookout.look(one) for _ in range(3)]
     assert warnings == [None, f"the images of {RIG.names[0]} and {RIG.names[1]} look swapped", None]
 
@@ -234,7 +234,7 @@ def test_once_the_object_is_surely_found_nobody_looks_any_more(images, follower,
     monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     found = follower.detect(images)
     assert found.object_pose.confidence > 0.9
-    lookout = Lookout(lambda: pytest.fail("it looks"), RIG.names)
+    lookout = Lookout(lambda: pytest.fail("it looks"))
     assert lookout.look(None) is None
     assert lookout.look(replace(moment(0, tuple(images)), observation=found)) is None
     assert lookout.look(moment(1, (images[1], images[0], images[2]))) is None

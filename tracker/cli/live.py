@@ -133,7 +133,7 @@ def _track(
         unused.pop_all()  # from here on, Live closes it
         if outputs.page is not None:
             outputs.page.faults = lambda: follower.faults
-        lookout = Lookout(make_tracker, finder.rig.names)
+        lookout = Lookout(make_tracker)
         stopped = _follow(follower, seconds, outputs, lookout, None if quiet else statistics)
     outputs.tell()
     error = follower.error

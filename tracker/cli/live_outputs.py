@@ -230,15 +230,14 @@ class Lookout:
     A check has its own tracker and takes as long as several detections; the pause doubles after each.
     """
 
-    def __init__(self, make_tracker: Callable[[], tracker.ObjectTracker], names: Sequence[str]) -> None:
-        self._make, self._names = make_tracker, names
-        self._pause = FIRST_LOOK
+    def __init__(self, make_tracker: Callable[[], tracker.ObjectTracker]) -> None:
+        self._make, self._pause = make_tracker, FIRST_LOOK
         self._due = time.monotonic() + self._pause
-        self._orders: Counter[tuple[int, ...]] = Counter()
+        self._before: set[str] = set()
 
     def look(self, moment: Moment | None) -> str | None:
         """Check the newest moment if a check is due; return the warning once, else None."""
-        from tracker.summaries.remarks import swap_message, swapped
+        from tracker.summaries.remarks import swapped
         from tracker.summaries.summary import SURE
 
         if moment is None:
@@ -248,16 +247,16 @@ class Lookout:
             self._due = math.inf
         if time.monotonic() < self._due:
             return None
-        order = swapped(self._make(), moment.taken.images)
+        warning = swapped(self._make(), moment.taken.images)
         self._pause *= 2
         self._due = time.monotonic() + self._pause
-        if order is None:
+        if warning is None:
             return None
-        self._orders[order] += 1
-        if self._orders[order] < 2:  # confirm it once: even if the scene is the same, the noise differs
+        if warning not in self._before:  # confirm it once: even if the scene is the same, the noise differs
+            self._before.add(warning)
             return None
         self._due = math.inf
-        return swap_message(order, self._names)
+        return warning
 
 
 def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:

@@ -55,11 +55,11 @@ OUT_OF_VIEW = (
 
 def swapped(
     tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation | None = None
-) -> tuple[int, ...] | None:
-    """Find the only order in which images fit the cameras: for each camera, the number of its image.
+) -> str | None:
+    """Return a remark on the only order in which images fit the cameras, if it is not the given one.
 
-    None if it is the given order, no order fits, or several do, as in a symmetric rig: the right one is then
-    unknown. `answer` is the result of `tracker.detect(images)`, if known.
+    None also if no order fits, or several do, as in a symmetric rig: the right one is then unknown. `answer`
+    is the result of `tracker.detect(images)`, if known.
     """
     few = sum(image is not None for image in images) < 2
     if few or _confidence(answer or tracker.detect(images)) >= UNSURE:
@@ -72,7 +72,7 @@ def swapped(
             fitting += [order] if confidence >= UNSURE else []
             if len(fitting) > 1 or UNSURE <= confidence < SURE:
                 return None
-    return fitting[0] if fitting else None
+    return swap_message(fitting[0], tracker.rig.names) if fitting else None
 
 
 def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | None:
@@ -106,8 +106,7 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
         return None
     if not _in_view(tracker.rig):
         return OUT_OF_VIEW
-    order = swapped(tracker, images, answer)
-    return mistaken(tracker, images) if order is None else swap_message(order, tracker.rig.names)
+    return swapped(tracker, images, answer) or mistaken(tracker, images)
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
@@ -160,7 +159,7 @@ def remark_on_recording(job: Job, poses: Poses) -> str | None:
 
 
 def swap_message(order: Sequence[int], names: Sequence[str]) -> str:
-    """Return a one-line warning about cameras in the wrong order."""
+    """Return a one-line warning about cameras in the wrong order: for each, the number of its image."""
     moved = [name for k, name in enumerate(names) if order[k] != k]
     text = f"the images of {', '.join(moved[:-1])} and {moved[-1]} look swapped"
     if len(moved) == 2:
