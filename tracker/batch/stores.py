@@ -39,7 +39,7 @@ from tracker.poses.columns import MeasuredColumns, PoseColumns
 from tracker.poses.file import read_poses
 from tracker.poses.poses import Poses, package
 from tracker.recordings.track import Options, Recipe
-from tracker.summaries.against_stored import Compared, differences
+from tracker.summaries.against_stored import differences
 
 
 class Planned(NamedTuple):
@@ -64,13 +64,10 @@ class Retracking:
     def of(
         cls, recordings: Sequence[str], folder: Path, options: Options, robot: str | None = None
     ) -> Retracking:
-        """Plan the work; nothing is tracked yet.
+        """Plan the work on stores, given as paths and patterns; nothing is tracked yet.
 
-        Args:
-            recordings: paths and patterns of stores.
-            folder: folder of results.
-            options: `calibration` names the folder with the robots' files; `start` and `stop` select frames.
-            robot: robot whose calibration is used for all episodes; None: that of each episode.
+        The options' `calibration` names the folder with the robots' files; `start` and `stop` select frames.
+        The calibration of `robot` is used for all episodes; None: that of each episode's robot.
 
         Raises:
             TrackerError: a store is damaged or does not state the robots, one of these has no calibration, or
@@ -182,7 +179,7 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
 
     `tracked` has the episodes in order, all with poses. LogError as for `Retracking.write_tables`.
     """
-    compared: list[tuple[Planned, Compared]] = []
+    compared: list[tuple[Planned, tuple[Poses, Array]]] = []
     model = tracked[0].recipe.model
     about = {"source": source, "object": model.name, "rows": _ROWS}
     about |= {name: text for name, (_, text) in ARRAYS.items()}
@@ -208,7 +205,7 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
             add_images(_image_columns(poses, steps, first, one))
             add_steps(_step_columns(poses, steps, by_step, one))
             if poses.recorded is not None and len(poses):
-                compared.append((one, Compared(poses, steps.observed["delay"][first, 0])))
+                compared.append((one, (poses, steps.observed["delay"][first, 0])))
         report = {
             "source": source,
             "object": model.name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,17 +25,12 @@ MOVING = 0.005
 _GROSS = 0.1  # distance [m] above which a stored pose is not used to estimate the delay
 
 
-class Compared(NamedTuple):
-    """Poses of one episode, to be compared."""
-
-    poses: Poses
-    """Poses, with the stored ones as the recorded poses."""
-    delay: FloatArray
-    """(n,) delays stored with the poses [s]."""
-
-
-def differences(parts: Sequence[Compared]) -> dict[str, Any]:
+def differences(parts: Sequence[tuple[Poses, FloatArray]]) -> dict[str, Any]:
     """Compare poses over the episodes of one robot; unknown values are None.
+
+    Args:
+        parts: poses of each episode, with the stored ones as the recorded poses, and the delays (n,) that are
+            stored with them [s].
 
     Returns:
         The fields of `compare`; `bias_mm`, medians of ours minus stored along x, y, z; `share_within_5mm` and
@@ -43,22 +38,23 @@ def differences(parts: Sequence[Compared]) -> dict[str, Any]:
         more than FLIP; `flips` and `stored_flips`, the numbers of turns by more than FLIP between consecutive
         frames; `delay_s`, see `delay`; `stored_delay_s`, the median of the stored delays.
     """
-    whole = concatenate([part.poses for part in parts])
+    episodes, delays = zip(*parts, strict=True)
+    whole = concatenate(episodes)
     kind = best_kind(whole)
     ours, theirs = whole.columns(kind), whole.columns("recorded")
     both = ours.has_pose & theirs.has_pose
     shift = (ours.position - theirs.position)[both]
     angle = so3.angle_between(_rotations(ours)[both], _rotations(theirs)[both])
-    stated = np.concatenate([part.delay for part in parts])
+    stated = np.concatenate(delays)
     some = len(shift) > 0
     return {
         **compare(whole, kind),
         "bias_mm": (1e3 * np.median(shift, axis=0)).tolist() if some else None,
         "share_within_5mm": float(np.mean(np.linalg.norm(shift, axis=1) < NEAR)) if some else None,
         "share_turned": float(np.mean(angle > FLIP)) if some else None,
-        "flips": sum(_flips(part.poses.columns(kind)) for part in parts),
-        "stored_flips": sum(_flips(part.poses.columns("recorded")) for part in parts),
-        "delay_s": delay([part.poses for part in parts]),
+        "flips": sum(_flips(poses.columns(kind)) for poses in episodes),
+        "stored_flips": sum(_flips(poses.columns("recorded")) for poses in episodes),
+        "delay_s": delay(episodes),
         "stored_delay_s": float(np.median(stated)) if len(stated) else None,
     }
 
