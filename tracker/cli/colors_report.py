@@ -18,7 +18,6 @@ from tracker.objects.labels import COLOR_NAMES
 WEAK = 0.9  # recall below which a colour is weak
 FALSE = 0.1  # share of false pixels, among those found, above which a colour is weak
 LABELS = range(1, len(COLOR_NAMES))
-"""Size of the object in the label maps that search and alignment use [px]."""
 
 
 def report(

@@ -46,8 +46,7 @@ def demo(
         whole_file(output) as folder,
         tracker.open_log(_copied(DATA, folder)) as log,
     ):
-        if log.rig is None:
-            raise TrackerError(f"{output}: found no calibration in the recording")
+        assert log.rig is not None
         finder = tracker.ObjectTracker(model, log.rig)
         first = log.frame(0).images
         picture = tracker.viz.overlay(first, log.rig, model, finder.detect(first))

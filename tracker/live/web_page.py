@@ -48,11 +48,7 @@ LIMITS = {
 
 
 class WebPageState:
-    """Statistics of moments for the page; not thread-safe.
-
-    Args:
-        tracker: a tracker for the page's own measurements; not the one that `Live` uses.
-    """
+    """Statistics of moments for the page; not thread-safe. The tracker is not the one that `Live` uses."""
 
     def __init__(self, tracker: ObjectTracker) -> None:
         self._tracker, self._names = tracker, tracker.rig.names

@@ -69,13 +69,10 @@ def _dots(panel: Image, misses: FloatArray, limit: float, color: paint.Color) ->
 def residual_picture(
     title: str, size: tuple[int, int], photos: Sequence[tuple[FloatArray, FloatArray, bool]]
 ) -> Image:
-    """Return an image (H, W, 3) BGR with the residuals of all photos of a camera.
+    """Return an image (H, W, 3) BGR with the residuals of all photos of a camera, above a title.
 
-    Args:
-        title: the text below.
-        size: width and height of the photos [px].
-        photos: for each photo the corners (N, 2) [px], their residuals (N, 2) [px], and whether the
-            calibration used it; the lines of unused photos are red.
+    `size` is the photos' width and height [px]. Each photo has its corners (N, 2) [px], their residuals
+    (N, 2) [px], and whether the calibration used it; the lines of unused photos are red.
     """
     scale = _WIDTH / size[0]
     height = round(size[1] * scale)
