@@ -6,7 +6,7 @@ Python's has to be quoted for a shell or a scheduler.
 
 from __future__ import annotations
 
-import functools
+import contextlib
 import hashlib
 import json
 import os
@@ -18,8 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from tracker.batch.run import Batch, Task, is_whole, make_result, read_asked
-from tracker.batch.workers import ONE_THREAD, alone, here
+import cv2
+
+from tracker.batch.run import Batch, Task, read_asked, run_batch
+from tracker.batch.workers import ONE_THREAD, here
 from tracker.errors import LogError, TrackerError
 from tracker.files import write_whole
 
@@ -158,6 +160,5 @@ def do_share(list_path: Path, number: int) -> int:
         raise LogError(f"{list_path}: found {-(-len(batch.pairs) // each)} jobs, expected {number} below")
     if share[0][0].agreed != mark:
         raise TrackerError(f"{list_path}: found a list of another version or other files, submit it again")
-    missing = [task for task, recipe in share if not is_whole(task, recipe)]
-    results = [result for _, result in here(functools.partial(alone, make_result), missing)]
-    return sum(isinstance(result, Exception) or result["failure"] is not None for result in results)
+    cv2.setNumThreads(1)  # of OpenCV, which no environment variable sets
+    return run_batch(share, lambda: contextlib.nullcontext(here), lambda _: None)

@@ -197,13 +197,12 @@ class LogReader:
     """A recording, read wholly into memory; for long ones, `tracker.open_log` holds one frame at a time."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.data: list[CameraObjectObservation] = []  # with the poses of the recorder
-        self.timestamps: list[float] = []  # of the observations [ms]
         self.read_file(path)
 
     def read_file(self, path: str | os.PathLike[str]) -> None:
         """Replace this recording with another; LogError if it cannot be read."""
-        self.data, self.timestamps = [], []
+        self.data: list[CameraObjectObservation] = []  # with the poses of the recorder
+        self.timestamps: list[float] = []  # of the observations [ms]
         with open_log(path) as log:
             for frame in log:
                 images = frame.raw or frame.images
