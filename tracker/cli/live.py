@@ -21,6 +21,7 @@ from tracker.cli.options import argument, command, flag, option
 from tracker.cli.outputs import InFile, Recording
 from tracker.cli.terminal import Ended, say
 from tracker.errors import LiveError
+from tracker.files import on_error
 
 
 class _Range(click.FloatRange):
@@ -121,16 +122,14 @@ def _track(
 ) -> None:
     """Track until the source ends, time is up, or a signal arrives; `name` is the source's name in errors."""
     with contextlib.ExitStack() as stack:
-        unused = stack.enter_context(contextlib.ExitStack())
-        unused.callback(given.close)
-        finder = make_tracker()
-        outputs = LiveOutputs(requested, given, finder, stack)
-        _draw(given, quiet)
-        other = make_tracker()
-        statistics = Statistics()
-        listeners = [statistics.hear, *outputs.listeners]
-        follower = stack.enter_context(tracker.live.Live(given, other, listeners=listeners))
-        unused.pop_all()  # from here on, Live closes it
+        with on_error(given.close):  # later, Live closes it
+            finder = make_tracker()
+            outputs = LiveOutputs(requested, given, finder, stack)
+            _draw(given, quiet)
+            other = make_tracker()
+            statistics = Statistics()
+            listeners = [statistics.hear, *outputs.listeners]
+            follower = stack.enter_context(tracker.live.Live(given, other, listeners=listeners))
         if outputs.page is not None:
             outputs.page.faults = lambda: follower.faults
         lookout = Lookout(make_tracker)
