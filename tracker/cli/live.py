@@ -97,7 +97,6 @@ def live(
     1 if anything is wrong.
     """
     pace.refuse_what_does_nothing(source, cameras)
-    requested.refuse_what_does_nothing()
     if check and (requested or quiet):
         raise click.UsageError("--check: does not track, so there is nothing to publish, record or show")
     quiet = quiet or requested.as_json

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Requested:
-    """Options for receivers of poses."""
+    """Options for receivers of poses; UsageError if one needs another, or they exclude each other."""
 
     addresses: Sequence[str] = option(
         "ADDRESS",
@@ -53,8 +53,7 @@ class Requested:
         shown = self.view or self.rrd or self.page is not None
         return bool(self.addresses or self.record or shown or self.as_json)
 
-    def refuse_what_does_nothing(self) -> None:
-        """Raise UsageError for options that require another one or exclude each other."""
+    def __post_init__(self) -> None:
         from tracker.live.publishers import is_lcm
 
         if self.public and not self.addresses:
