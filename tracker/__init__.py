@@ -41,30 +41,22 @@ if TYPE_CHECKING:
 
     __version__: str
 else:  # hidden from type checkers, which would otherwise accept any attribute name
-    _HOMES = {
-        "Arena": "geometry.arena",
-        "Camera": "geometry.camera",
-        "CameraRig": "calibration.rig",
-        "CameraUse": "pose.result",
-        "ColorModel": "segmentation",
-        "CuboidModel": "objects.model",
-        "Forecast": "pose.result",
-        "Log": "logs",
-        "MotionEstimate": "pose.result",
-        "ObjectTracker": "pipeline",
-        "Observation": "pose.result",
-        "PoseEstimate": "pose.result",
-        "Poses": "poses.poses",
-        "Status": "pose.result",
-        "TrackerError": "errors",
-        "TrackingOptions": "tracking.belief",
-        "load_colors": "segmentation",
-        "load_object": "objects.model",
-        "open_log": "logs",
-        "read_poses": "poses.file",
-        "segment": "segmentation",
-        "track": "recordings.track",
+    _NAMES = {
+        "calibration.rig": "CameraRig",
+        "errors": "TrackerError",
+        "geometry.arena": "Arena",
+        "geometry.camera": "Camera",
+        "logs": "Log open_log",
+        "objects.model": "CuboidModel load_object",
+        "pipeline": "ObjectTracker",
+        "pose.result": "CameraUse Forecast MotionEstimate Observation PoseEstimate Status",
+        "poses.file": "read_poses",
+        "poses.poses": "Poses",
+        "recordings.track": "track",
+        "segmentation": "ColorModel load_colors segment",
+        "tracking.belief": "TrackingOptions",
     }
+    _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
     _MODULES = ("conventions", "errors", "geometry", "live", "noise", "recordings", "tasks", "viz")
 
     __all__ = sorted(_HOMES)
@@ -78,7 +70,7 @@ else:  # hidden from type checkers, which would otherwise accept any attribute n
         if name.startswith("_") or find_spec(f"tracker.{name}") is None:
             raise AttributeError(f"module 'tracker' has no attribute {name!r}")
         # Load all public names, so that submodules such as `tracker.geometry.so3` are available, too.
-        for home in _HOMES.values():
+        for home in _NAMES:
             import_module(f"tracker.{home}")
         return import_module(f"tracker.{name}")
 
