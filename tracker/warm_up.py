@@ -7,6 +7,7 @@ start at once, one compiles and the others wait for it.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import functools
 import gc
 import logging
@@ -36,11 +37,6 @@ from tracker.pose.views import PICTURE, Sight
 from tracker.processes import python_command
 from tracker.segmentation.color_model import load_colors
 from tracker.tracking.motion import MotionFilter
-
-try:
-    import fcntl
-except ImportError:  # not available on this operating system: each process compiles for itself
-    fcntl = None  # type: ignore[assignment]
 
 _LOG = logging.getLogger(__name__)
 _SIZE = 64
@@ -95,7 +91,7 @@ def _alone() -> Iterator[None]:
     """Let one process at a time into the `with` block; without a cache folder, do not wait."""
     folder = _folder()
     with contextlib.ExitStack() as stack:
-        if folder is not None and fcntl is not None:
+        if folder is not None:
             with contextlib.suppress(OSError):
                 Path(folder).mkdir(parents=True, exist_ok=True)
                 lock = stack.enter_context((Path(folder) / ".compiling").open("w"))
