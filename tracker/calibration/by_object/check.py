@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
-from tracker.calibration.by_object.sightings import Footage, require_two, slow
+from tracker.calibration.by_object.sightings import Footage, observed, require_two, slow
 from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -287,17 +287,12 @@ def look_of(fit: Fit, size: FloatArray) -> Look:
 
 def _still(tracker: ObjectTracker, footage: Footage, progress: Callable[[int], None]) -> Iterator[int]:
     """Yield the numbers of the shots in which the object is at rest; stills always count."""
-    tracker.reset()
     last = -APART
-    for shot in footage.shots():
+    for shot, found in observed(tracker, footage):
         progress(1)
         if shot.begins:
-            tracker.reset()
             last = -APART
-        if all(image is None for image in shot.images):
-            continue
-        if shot.stamps is not None:
-            found = tracker.update(shot.images, shot.stamps.tolist())
+        if found is not None:
             state = found.filtered_object_pose
             if found.object_pose is None or state is None or found.status in (Status.FOUND, Status.REFOUND):
                 continue

@@ -14,6 +14,7 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.logs.log import Log, evenly, picked
 from tracker.pipeline import ObjectTracker
+from tracker.pose.result import Observation
 
 Images = Sequence[Image | None]
 """Image (H, W, 3) BGR of each camera of a rig; None if it gave none."""
@@ -82,6 +83,20 @@ class Sighting:
     """Whether it is the first sighting of its episode."""
 
 
+def observed(tracker: ObjectTracker, footage: Footage) -> Iterator[tuple[Shot, Observation | None]]:
+    """Yield the shots that have an image, and what a tracker sees in each; None for stills."""
+    begins = True
+    for shot in footage.shots():
+        begins = begins or shot.begins
+        if all(image is None for image in shot.images):
+            continue
+        if begins:
+            tracker.reset()
+        stamps = None if shot.stamps is None else shot.stamps.tolist()
+        yield shot._replace(begins=begins), None if stamps is None else tracker.update(shot.images, stamps)
+        begins = False
+
+
 def all_sightings(
     tracker: ObjectTracker, footage: Sequence[Footage], least: float, progress: Callable[[int], None]
 ) -> list[Sighting]:
@@ -92,38 +107,20 @@ def all_sightings(
     """
     seen = []
     for one in footage:
-        tracker.reset()
         begins = True
-        for shot in one.shots():
+        for shot, tracked in observed(tracker, one):
             begins = begins or shot.begins
-            found = _seen(tracker, one, shot, begins, least)
-            if found is not None:
-                seen.append(found)
-                begins = False
-                progress(1)
+            found = tracker.detect(shot.images) if tracked is None else tracked
+            pose, motion = found.object_pose, found.filtered_object_pose
+            lost = tracked is not None and motion is None
+            if lost or pose is None or pose.confidence < least:
+                continue
+            velocity = None if motion is None else motion.velocity
+            skew = 0.0 if shot.stamps is None else float(np.ptp(shot.stamps[np.isfinite(shot.stamps)]))
+            seen.append(Sighting(one, shot.number, pose.position, pose.rotation, velocity, skew, begins))
+            begins = False
+            progress(1)
     return seen
-
-
-def _seen(
-    tracker: ObjectTracker, footage: Footage, shot: Shot, begins: bool, least: float
-) -> Sighting | None:
-    if all(image is None for image in shot.images):
-        return None
-    if shot.begins:
-        tracker.reset()
-    velocity, skew = None, 0.0
-    if shot.stamps is None:
-        found = tracker.detect(shot.images)
-    else:
-        found = tracker.update(shot.images, shot.stamps.tolist())
-        if found.filtered_object_pose is None:
-            return None
-        velocity = found.filtered_object_pose.velocity
-        skew = float(np.ptp(shot.stamps[np.isfinite(shot.stamps)]))
-    pose = found.object_pose
-    if pose is None or pose.confidence < least:
-        return None
-    return Sighting(footage, shot.number, pose.position, pose.rotation, velocity, skew, begins)
 
 
 LEVEL = np.radians(6.0)
