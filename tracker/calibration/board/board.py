@@ -52,18 +52,16 @@ class Board:
     """Whether a board with an even number of rows begins with a marker (the old pattern)."""
 
     def __post_init__(self) -> None:
-        def require(holds: bool, found: str, valid: str) -> None:
+        squares, square, known = f"{self.columns}x{self.rows} squares", self.square, dictionaries()
+        sizes = all(3 <= count <= MOST_SQUARES for count in (self.columns, self.rows))
+        for holds, found, valid in (
+            (sizes, squares, f"3 to {MOST_SQUARES} along each edge"),
+            (0 < square <= 1, f"squares of {square:g} m", "above 0, at most 1 m"),
+            (0 < self.marker < square, f"markers of {self.marker:g} m", f"less than the squares' {square:g}"),
+            (self.dictionary in known, f"the dictionary {self.dictionary!r}", f"one of {', '.join(known)}"),
+        ):
             if not holds:
                 raise CalibrationError(f"board: found {found}, expected {valid}")
-
-        squares, known = f"{self.columns}x{self.rows} squares", dictionaries()
-        sizes = all(3 <= count <= MOST_SQUARES for count in (self.columns, self.rows))
-        require(sizes, squares, f"3 to {MOST_SQUARES} along each edge")
-        require(0 < self.square <= 1, f"squares of {self.square:g} m", "above 0, at most 1 m")
-        smaller = f"less than the squares' {self.square:g}"
-        require(0 < self.marker < self.square, f"markers of {self.marker:g} m", smaller)
-        named = f"the dictionary {self.dictionary!r}"
-        require(self.dictionary in known, named, f"one of {', '.join(known)}")
         there, needed = len(self.markers.bytesList), self.columns * self.rows // 2
         if needed > there:
             raise CalibrationError(
