@@ -74,7 +74,7 @@ class NativeSource(Source):
         if head in _EMPTY:
             return
         stated = self._find_layout()
-        self.image_sizes = tuple((columns, rows) for rows, columns, *_ in self._headers)
+        self.image_sizes = tuple((columns, rows) for rows, columns, _ in self._headers)
         self.format += "" if self._stamped else " of the oldest kind"
         poses = self._record["poses"].shape[0]
         self.format += {0: "", 1: ", with poses", 2: ", with poses and filtered poses"}[poses]
@@ -103,7 +103,7 @@ class NativeSource(Source):
         for number, (camera, expected) in enumerate(zip(cameras, self._headers, strict=True), start=1):
             what = f"{where}, camera number {number}"
             header = _header(camera["header"].tobytes(), what)
-            if header[:3] != expected[:3]:
+            if header != expected:
                 raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in record 0")
         pixels = [camera["pixels"] for camera in cameras]
         raw = pixels if all(one.ndim == 2 for one in pixels) else None
@@ -207,8 +207,8 @@ class NativeSource(Source):
         self._file = gzip.GzipFile(fileobj=self._raw)
 
 
-_Header = tuple[int, int, int, int]
-"""Rows, columns, type, continuous."""
+_Header = tuple[int, int, int]
+"""Rows, columns, type."""
 
 
 def _header(data: bytes, what: str) -> _Header:
@@ -222,15 +222,15 @@ def _header(data: bytes, what: str) -> _Header:
             f"{what}: found {rows} rows, {columns} columns, type {kind}, continuous {continuous}, "
             f"expected {MIN_SIDE} to {MAX_SIDE} rows and columns, type 0 or 16, continuous 0 or 1"
         )
-    return rows, columns, kind, continuous
+    return rows, columns, kind
 
 
 def _camera(header: _Header) -> np.dtype[Any]:
-    rows, columns, kind, _ = header
+    rows, columns, kind = header
     shape = (rows, columns) if _CHANNELS[kind] == 1 else (rows, columns, _CHANNELS[kind])
     return np.dtype([("header", f"V{_HEADER.size}"), ("pixels", "u1", shape), ("stamp", "<f8")])
 
 
 def _shown(header: _Header) -> str:
-    rows, columns, kind, _ = header
+    rows, columns, kind = header
     return f"{columns}×{rows} px of type {kind}"
