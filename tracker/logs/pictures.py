@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from tracker.checks import naming, optional
-from tracker.conventions import Image
+from tracker.conventions import Array, Image
 from tracker.errors import LogError
 from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.logs.log import check_same_size, check_sides
@@ -104,13 +104,18 @@ def decode(data: bytes, *, color: bool = True) -> Image:
     check_whole(picture, data)
     # Ignore EXIF orientation tags: they do not apply to fixed cameras.
     how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if color else cv2.IMREAD_UNCHANGED
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), how)
-    except cv2.error:
-        image = None
+    image = decoded(data, how)
     if image is None or image.dtype != np.uint8:
         raise LogError("found an image that cannot be decoded to 8 bits")
-    return np.asarray(image, dtype=np.uint8)
+    return image
+
+
+def decoded(data: bytes, how: int) -> Array | None:
+    """Return the image in a file's content, read by OpenCV as its flags `how` say; None if it cannot."""
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), how)
+    except cv2.error:  # more pixels than OpenCV reads
+        return None
 
 
 FILM_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
