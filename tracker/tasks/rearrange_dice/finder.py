@@ -160,10 +160,8 @@ def _slopes(camera: Camera) -> FloatArray:
 
 
 def _reduced(image: Image, camera: Camera) -> Image:
-    size = (camera.width, camera.height)
-    if image.shape[1::-1] == size:
-        return image
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    small = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.uint8)
 
 
 def _reduced_camera(camera: Camera) -> Camera:
