@@ -17,7 +17,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import on_error
 from tracker.files.stores import LmdbFile, StoredArray
-from tracker.logs.frame import MAX_DISTANCE, LogFrame
+from tracker.logs.frame import MAX_DISTANCE, NORM_TOLERANCE, LogFrame
 from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Source, check_same_size, default_names
 from tracker.logs.opening import STORE_FILE
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
@@ -31,7 +31,6 @@ CONTROL_RATE = 50.0
 TASKS = {97: "push", 139: "lift"}
 """Task by the length of an observation: a goal is a position (3) in push, and keypoints (24) in lift."""
 
-_NORM_TOLERANCE = 0.01
 _GOAL = {"push": 3, "lift": 24}
 _ACTION, _CAMERA = 9, 33
 _IN_CAMERA = {"confidence": (0, 1), "delay": (1, 2), "orientation": (26, 30), "position": (30, 33)}
@@ -190,7 +189,7 @@ class StoreSteps:
         length = np.linalg.norm(orientation, axis=1)
         near = np.abs(position).max(axis=1, initial=0) <= MAX_DISTANCE
         seen = self.frame[steps] == frames
-        usable = seen & near & (np.abs(length - 1) <= _NORM_TOLERANCE) & (confidence > 0)
+        usable = seen & near & (np.abs(length - 1) <= NORM_TOLERANCE) & (confidence > 0)
         orientation = orientation / np.where(usable, length, 1)[:, None]
         for column in (position, orientation, confidence):
             column[~usable] = np.nan

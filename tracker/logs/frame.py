@@ -27,7 +27,8 @@ damaged sign is far below."""
 
 _APART = 1e-3  # [s] between frames without a timestamp at the beginning or end of a recording
 _ZERO_NORM = 1e-6  # shorter quaternions were never set: their memory held about zero
-_NORM_TOLERANCE = 0.01
+NORM_TOLERANCE = 0.01
+"""Largest deviation of a recorded quaternion's length from 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,7 @@ def pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
         norm = float(np.linalg.norm(orientation))
     if norm < _ZERO_NORM:
         return None
-    if not abs(norm - 1) <= _NORM_TOLERANCE:
+    if not abs(norm - 1) <= NORM_TOLERANCE:
         raise LogError(f"{what}: found a quaternion of length {norm:.6g}, expected 1, or 0 for no pose")
     if not np.abs(position).max() <= MAX_DISTANCE:
         found = ", ".join(f"{value:.4g}" for value in position)
