@@ -21,32 +21,16 @@ from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
 from tracker.tasks.checks import check_fit, numbers, pair, quaternions, vectors
 
-__all__ = [
-    "LEVELS",
-    "Trajectory",
-    "active_goal",
-    "episode_reward",
-    "keypoints",
-    "long_axis",
-    "long_axis_error",
-    "pose_from_keypoints",
-    "position_error",
-    "reward",
-    "rotation_error",
-    "trajectory_reward",
-    "weighted_total",
-]
-
-XY_RANGE = 0.39
+_XY_RANGE = 0.39
 """Largest horizontal distance of two positions: the arena's diameter [m]."""
 
-Z_RANGE = 0.1
+_Z_RANGE = 0.1
 """Height of the space that contains all goals [m]."""
 
 LEVELS = (1, 2, 3, 4)
 """Levels of difficulty: on the table, lifted, anywhere in the air; 4 with an orientation."""
 
-LONG = 2.0
+_LONG = 2.0
 """An object has a long axis if its longest edge is at least this many times as long as the next."""
 
 Trajectory = Sequence[tuple[float, npt.ArrayLike]]
@@ -62,7 +46,7 @@ def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> Flo
     goal, actual = pair("position", vectors, goal_position, position)
     difference = actual - goal
     across = np.linalg.norm(difference[..., :2], axis=-1)
-    result: FloatArray = (across / XY_RANGE + np.abs(difference[..., 2]) / Z_RANGE) / 2
+    result: FloatArray = (across / _XY_RANGE + np.abs(difference[..., 2]) / _Z_RANGE) / 2
     return result
 
 
@@ -111,7 +95,7 @@ def long_axis(model: CuboidModel) -> int | None:
     """Return the object's long axis (0, 1 or 2), at least twice as long as the others; None without one."""
     of_kind(model, CuboidModel, "model", TaskError, "tracker.load_object")
     shorter, longest = np.sort(model.size)[1:]
-    return int(np.argmax(model.size)) if longest >= LONG * shorter else None
+    return int(np.argmax(model.size)) if longest >= _LONG * shorter else None
 
 
 def reward(
