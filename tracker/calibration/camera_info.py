@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.files.platform import rotation_of
-from tracker.calibration.rig import CameraRig
 from tracker.checks import naming
-from tracker.errors import CalibrationError, LogError
+from tracker.errors import LogError
 from tracker.files import hdf5
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import COUNTS, Camera
@@ -28,25 +27,8 @@ CAMERA_DATASETS = {
 }
 """Attribute of a Camera and shape in the file, for each dataset in a camera's group; -1: varies."""
 
-DEVIATIONS = "tf_world_to_camera_std"
-"""The dataset that may be missing."""
-
 _ARENA = "arena"
 _LENSES = tuple((1, count) for count in COUNTS)
-
-
-def read_rig(file: Any, names: tuple[str, ...], size: tuple[int, int], where: str) -> CameraRig | None:
-    """Return the calibration of cameras with images of `size` (width, height) [px]; None if there is none.
-
-    `where` names the file in errors.
-
-    Raises:
-        LogError: the calibration is incomplete, damaged or impossible.
-    """
-    if not hdf5.has_group(file, "camera_info", where):
-        return None
-    with naming(f"{where}camera_info", LogError, CalibrationError):
-        return CameraRig(tuple(read_camera(file, name, size, where) for name in names), read_arena(file))
 
 
 def read_arena(file: Any) -> Arena:
@@ -64,12 +46,15 @@ def write_arena(file: Any, arena: Arena) -> None:
 
 
 def read_camera(file: Any, name: str, size: tuple[int, int], where: str) -> Camera:
-    """Return one camera; LogError: something is missing or damaged; CalibrationError: it is not a camera."""
+    """Return one camera, whose images have `size` (width, height) [px]; `where` names the file in errors.
+
+    LogError: something is missing or damaged; CalibrationError: it is not a camera.
+    """
     group = f"camera_info/{name}"
     arrays: dict[str, Any] = {}
     for key, (attribute, shape) in CAMERA_DATASETS.items():
         stored = hdf5.find(file, f"{group}/{key}", where)
-        if stored is None and key == DEVIATIONS:
+        if stored is None and attribute == "camera_from_world_std":
             continue
         if stored is not None and attribute == "distortion":
             shape = stored.shape if stored.shape in _LENSES else _LENSES[0]

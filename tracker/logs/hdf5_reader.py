@@ -21,11 +21,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tracker.calibration.camera_info import read_rig
+from tracker.calibration.camera_info import read_arena, read_camera
 from tracker.calibration.rig import CameraRig
 from tracker.checks import described, is_number, naming
 from tracker.conventions import FloatArray, Image
-from tracker.errors import LogError
+from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, on_error, open_regular, told_of
 from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
 from tracker.logs.frame import LogFrame, recorded_frame
@@ -206,9 +206,13 @@ class Hdf5Source(Source):
 
     def rig(self) -> CameraRig | None:
         """See Source."""
-        with faults_as_log_errors(str(self.path)):
-            inside = read_rig(self._file, self.camera_names, self.image_sizes[0], f"{self.path}: ")
-        return inside or super().rig()
+        where = f"{self.path}: "
+        with faults_as_log_errors(str(self.path)), naming(f"{where}camera_info", LogError, CalibrationError):
+            if hdf5.has_group(self._file, "camera_info", where):
+                names, size = self.camera_names, self.image_sizes[0]
+                cameras = tuple(read_camera(self._file, name, size, where) for name in names)
+                return CameraRig(cameras, read_arena(self._file))
+        return super().rig()
 
     def settings(self) -> dict[str, Settings]:
         """See Source."""
