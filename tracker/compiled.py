@@ -153,15 +153,10 @@ def _imported(text: str, own: dict[str, Path]) -> Iterator[Path]:
             yield place / f"{name}.py"
 
 
-def _shared() -> Path:
-    """Return NUMBA_CACHE_DIR, or `Path()` if it is not set."""
-    return Path(config.CACHE_DIR)  # type: ignore[attr-defined]
-
-
 def _base(found: Any, function: Callable[..., Any]) -> Path:
     """Return the folder that numba chose; below NUMBA_CACHE_DIR all copies of a package share it."""
     if isinstance(found, CompileResultCacheImpl._locator_classes[0]):
-        return _shared() / function.__module__.rpartition(".")[0]
+        return Path(config.CACHE_DIR) / function.__module__.rpartition(".")[0]  # type: ignore[attr-defined]
     return Path(found.get_cache_path())
 
 
@@ -174,7 +169,7 @@ def _place(base: Path, name: str) -> Path:
         with contextlib.suppress(OSError):
             others = [other for other in base.glob(f"{_FOLDER}*") if other != folder]
             others.sort(key=lambda other: other.stat().st_mtime)
-            stay = _OTHERS_SHARED if _shared() != Path() else _OTHERS
+            stay = _OTHERS_SHARED if config.CACHE_DIR else _OTHERS  # type: ignore[attr-defined]
             for other in others[: len(others) - stay]:
                 shutil.rmtree(other, ignore_errors=True)
     return folder
