@@ -158,7 +158,7 @@ def test_names_of_letters_digits_and_marks_are_kept(name, tmp_path):
 def test_a_rig_that_cannot_be_saved_is_reported_and_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", "a\0b", 5):
-        with pytest.raises(CalibrationError, match="cannot be made a folder"):
+        with pytest.raises(CalibrationError, match=r"cannot be written|expected a path"):
             make_rig(60).save(folder)
     rig = CameraRig((make_camera(60, "left"), make_camera(180, "camera_left")))
     with pytest.raises(CalibrationError, match=r"found two cameras for camera_left\.yml"):

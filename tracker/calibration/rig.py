@@ -169,12 +169,9 @@ class CameraRig:
         for stem in stems:
             if stems.count(stem) > 1:
                 raise CalibrationError(f"camera rig: found two cameras for {stem}.yml, expected other names")
-        try:
+        with told_as(CalibrationError, folder):
             root = Path(folder)
             root.mkdir(parents=True, exist_ok=True)
-        except (OSError, TypeError, ValueError) as error:  # ValueError: a null byte in the path
-            why = error.strerror if isinstance(error, OSError) else error
-            raise CalibrationError(f"{shown(folder)}: cannot be made a folder: {why}") from error
         for camera, stem in zip(self.cameras, stems, strict=True):
             write_calibrated(Calibrated(camera), root / f"{stem}.yml")
         write_arena(self.arena, root)
