@@ -4,7 +4,7 @@ import pytest
 from tests.helpers import make_camera
 from tracker.calibration.deviations import calibration_covariance, rotation_vector_variance
 from tracker.geometry import so3
-from tracker.pose.solution import CAMERA, EXPONENT, MOVING, OWN, RIM, SOLUTION, UNKNOWNS
+from tracker.pose.solution import CAMERA, EXPONENT, MOVING, OWN, SOLUTION, UNKNOWNS
 from tracker.pose.solve import (
     DEVIATION_STD,
     MODEL_STD,
@@ -108,32 +108,6 @@ def test_step_is_that_of_the_dense_least_squares(rng, share, cameras, lagging):
     np.testing.assert_allclose(problem.solution["covariance"], covariance[:6, :6], atol=1e-9)
 
 
-def test_a_velocity_that_is_known_exactly_is_none(rng):
-    moving = Problem(rng, lagging=True)
-    moving.prior[UNKNOWNS:, UNKNOWNS:] = 1e14 * np.eye(6)
-    moving.pull[UNKNOWNS:] = 0.0
-    moving.solve(0.3)
-    still = Problem(rng)
-    for key in ("rows", "residuals", "offsets", "roots"):
-        setattr(still, key, getattr(moving, key))
-    still.prior, still.pull = moving.prior[:UNKNOWNS, :UNKNOWNS].copy(), moving.pull[:UNKNOWNS].copy()
-    still.solve(0.3)
-    np.testing.assert_allclose(moving.shared[:UNKNOWNS], still.shared, atol=1e-9)
-    np.testing.assert_allclose(moving.changes, still.changes, atol=1e-9)
-    np.testing.assert_allclose(moving.known[:UNKNOWNS, :UNKNOWNS], still.known, atol=1e-9)
-
-
-def test_cameras_without_delay_say_nothing_of_the_velocity(rng):
-    problem = Problem(rng, lagging=True)
-    problem.delays[:] = 0.0
-    problem.solve(0.3)
-    prior = problem.prior[UNKNOWNS:, UNKNOWNS:]
-    np.testing.assert_allclose(problem.known[UNKNOWNS:, UNKNOWNS:], prior, atol=1e-12)
-    np.testing.assert_array_equal(problem.known[UNKNOWNS:, :UNKNOWNS], 0)
-    change = np.linalg.solve(prior, problem.pull[UNKNOWNS:])
-    np.testing.assert_allclose(problem.shared[UNKNOWNS:], change, atol=1e-9)
-
-
 def test_no_covariance_is_given_where_there_is_none(rng):
     problem = Problem(rng)
     problem.solve()
@@ -147,36 +121,6 @@ def test_doubt_is_the_likelihood_of_the_share(rng, lagging):
     shares = (1.0, 100.0, 0.3, 0.01, 0.001)
     off = np.array([problem.solve(share) - problem.doubt(share) for share in shares])
     np.testing.assert_allclose(off, off[0], rtol=0, atol=1e-8)
-
-
-def test_a_large_share_leaves_the_pose_to_the_prior(rng):
-    problem = Problem(rng)
-    problem.solve(1e10)
-    np.testing.assert_allclose(problem.known[:6, :6], problem.prior[:6, :6], atol=1e-6)
-    # What the cameras have in common is still seen: no offset of a camera looks like it.
-    assert problem.known[EXPONENT, EXPONENT] > 2 * problem.prior[EXPONENT, EXPONENT]
-    assert problem.known[RIM, RIM] > 2 * problem.prior[RIM, RIM]
-
-
-def test_a_small_share_makes_the_cameras_rigid(rng):
-    problem = Problem(rng)
-    problem.offsets = np.zeros((CAMERAS, OWN))
-    problem.rows[:, :, EXPONENT] = 0.0
-    problem.solve(1e-14)
-    information, gradient = problem.cameras["information"], problem.cameras["gradient"]
-    known, pull = problem.prior + information.sum(axis=0), problem.pull + gradient.sum(axis=0)
-    np.testing.assert_allclose(problem.known, known, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(problem.shared, np.linalg.solve(known, pull), atol=1e-6)
-    np.testing.assert_allclose(problem.changes, 0, atol=1e-6)
-
-
-def test_covariance_grows_when_a_camera_is_covered(rng):
-    problem = Problem(rng)
-    problem.solve()
-    full = np.linalg.inv(problem.known)
-    problem.rows[1] = 0
-    problem.solve()
-    assert (np.linalg.eigvalsh(np.linalg.inv(problem.known) - full) > 0).all()
 
 
 def test_a_camera_that_sees_nothing_goes_back_to_its_calibration_and_moves_nothing(rng):
