@@ -107,14 +107,6 @@ def test_what_detect_finds_and_tries_does_not_depend_on_updates(rig, film, shown
         assert tried == first
 
 
-def test_update_does_not_depend_on_detections(rig, film, empty, reference):
-    one = new(rig)
-    for k, images in enumerate(film[:8]):
-        one.detect([np.clip(image.astype(int) + 20, 0, 255).astype(np.uint8) for image in film[-1]])
-        one.detect(empty[0])
-        assert bits(one.update(images, DT * k)) == bits(reference[k]), k
-
-
 def test_update_leaves_the_images_alone(rig, film):
     images = [image.copy() for image in film[0]]
     for image in images:
