@@ -179,11 +179,6 @@ def test_resizing_and_correcting_a_rig_changes_every_camera(tmp_path):
 NAMES = ("camera60", "camera180", "camera300")
 
 
-@pytest.mark.parametrize("name", ["cube_v1", "cube_v2", "cuboid_2x2x8_v2"])
-def test_a_recordings_folder_loads_as_it_is(name, real):
-    assert CameraRig.load(real / "pose" / name).names == NAMES
-
-
 @pytest.mark.parametrize("robot", [1, 3, 4, 5, 6, 7, 8])
 def test_cameras_of_every_robot_look_at_the_arena_from_half_a_metre(robot, real):
     rig = CameraRig.load(real / "calibration" / "robots", pattern=f"r{robot}_*.yml")

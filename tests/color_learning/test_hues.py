@@ -20,7 +20,7 @@ from tracker.color_learning.hues import (
 )
 from tracker.color_learning.labelled import LabelledImage, confusion
 from tracker.errors import ColorModelError
-from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
+from tracker.segmentation.color_model import color_model_names, load_colors
 from tracker.tasks.rearrange_dice.segment import segment_dice
 
 CUBOIDS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "simulation")
@@ -48,14 +48,6 @@ def test_every_exchange_of_two_or_three_faces_is_noticed(name):
         assert set(misnamed(hues | {a: hues[b], b: hues[a]})) >= {a, b}
     for a, b, c in itertools.permutations(hues, 3):
         assert set(misnamed(hues | {a: hues[b], b: hues[c], c: hues[a]})) >= {a, b, c}
-
-
-def test_exchanged_tables_are_exchanged_hues():
-    model = tracker.load_colors("cube_v2")
-    log_posterior = model.log_posterior.copy()
-    log_posterior[[1, 2]] = log_posterior[[2, 1]]
-    hues, exchanged = hues_of_model(model), hues_of_model(ColorModel("exchanged", log_posterior))
-    assert (exchanged[1], exchanged[2]) == (hues[2], hues[1])
 
 
 @pytest.mark.parametrize("name", color_model_names())

@@ -1,6 +1,5 @@
 import dataclasses
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -85,26 +84,6 @@ def test_cropping_commutes_with_projection(left, top):
     cropped = CAMERA.cropped(left, top, 100, 80)
     assert (cropped.width, cropped.height) == (100, 80)
     np.testing.assert_allclose(cropped.project(POINTS), CAMERA.project(POINTS) - (left, top), atol=1e-9)
-
-
-def test_a_resized_camera_sees_what_a_resized_image_shows():
-    # A bright Gaussian keeps its centre when the image is halved; its pixel must be the camera's.
-    camera = dataclasses.replace(make_camera(), distortion=np.zeros(5))
-    point = camera.position + 0.5 * camera.rays([[120.3, 77.8]])
-    columns, rows = np.meshgrid(np.arange(270.0), np.arange(270.0))
-    image = np.exp(-((columns - 120.3) ** 2 + (rows - 77.8) ** 2) / (2 * 8.0**2))
-    half = cv2.resize(image, (135, 135), interpolation=cv2.INTER_AREA)
-    columns, rows = np.meshgrid(np.arange(135.0), np.arange(135.0))
-    center = np.array([(columns * half).sum(), (rows * half).sum()]) / half.sum()
-    np.testing.assert_allclose(camera.resized(135, 135).project(point)[0], center, atol=1e-6)
-
-
-def test_correcting_a_halved_principal_point_gives_the_resized_camera():
-    matrix = CAMERA.matrix.copy()
-    matrix[:2] /= 2
-    halved = dataclasses.replace(CAMERA, width=135, height=135, matrix=matrix)
-    corrected = halved.with_halved_principal_point_corrected()
-    np.testing.assert_allclose(corrected.matrix, CAMERA.resized(135, 135).matrix, rtol=1e-15)
 
 
 def test_arrays_are_copied_and_read_only(camera):
