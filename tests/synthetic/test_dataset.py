@@ -135,6 +135,7 @@ def test_the_bop_files_agree_with_the_truth(made):
                 assert poses[key] == []
                 continue
             (pose,), (info,) = poses[key], infos[key]
+            assert pose["obj_id"] == 1
             bop = seen_in_bop(cameras[key], pose, size)
             # The truth by another way: the camera's file, and scipy's quaternions.
             expected = project_truth(rig[name], entry["object"], corners(size))
