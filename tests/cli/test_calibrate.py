@@ -85,13 +85,6 @@ def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
         assert (tmp_path / f"{camera.name}.png").is_file()
 
 
-def test_a_board_is_printed(tmp_path, run_here):
-    for suffix in ("pdf", "svg", "png"):
-        result = well(run_here("board", *BOARD, "-o", tmp_path / f"board.{suffix}"))
-        assert "on a page of 210x297 mm" in result.stdout
-        assert (tmp_path / f"board.{suffix}").stat().st_size > 5000
-
-
 @pytest.mark.parametrize(
     ("arguments", "first", "words"),
     [

@@ -44,14 +44,6 @@ def detect(run_here, tmp_path):
     return found
 
 
-def test_detect_prints_the_pose_for_people(run_here):
-    result = well(run_here("detect", "--object", "cube_v2", DEMO))
-    rows = {line[:21].strip(): line[21:].split() for line in result.stdout.splitlines()}
-    assert (rows["object"], rows["status"]) == (["cube_v2"], ["found"])
-    assert len(rows["position [mm]"]) == len(rows["std [mm]"]) == 3
-    assert np.linalg.norm([float(cell) for cell in rows["orientation"]]) == pytest.approx(1, abs=1e-5)
-
-
 def test_detect_prints_one_json_object_for_programs_and_draws_it(detect, tmp_path):
     _, found = detect(DEMO, "--frame", 3, "--overlay", "out.png")
     assert list(found) == ["object", "status", "pose", "timing_ms"]
