@@ -14,7 +14,6 @@ from synthetic.render.raster import paint
 from synthetic.render.renderer import shared_renderer
 from synthetic.render.surfaces import SurfaceStore
 from synthetic.scene import ObjectState, PlatformScene
-from synthetic.stills import Still
 from tests.helpers import look_at, opencv_pixels
 from tests.helpers.stills import bare_scene, posed_scene, scene_with_fingers, take
 from tracker import Camera, CuboidModel, load_object
@@ -101,18 +100,6 @@ def test_faces_lie_on_their_axes(model: CuboidModel) -> None:
         known = np.sqrt(reflectances(model.colors)[1:])
         cosine = known @ color / np.linalg.norm(known, axis=1)
         assert np.argmax(cosine) + 1 == model.face_labels[face]
-
-
-def test_same_seed_gives_same_pixels() -> None:
-    def shoot(scene_seed: int, sensor_seed: int) -> Still:
-        scene = bare_scene(MODELS[1], rng(scene_seed))
-        return take(scene, CAMERAS[:1], Sensor.realistic(), rng(sensor_seed))
-
-    first, again, noise, other = shoot(1, 1), shoot(1, 1), shoot(1, 2), shoot(2, 1)
-    assert np.array_equal(first.images[0], again.images[0])
-    assert not np.array_equal(first.images[0], noise.images[0])
-    assert np.array_equal(first.labels[0], noise.labels[0])
-    assert not np.array_equal(first.labels[0], other.labels[0])
 
 
 def test_fingers_hide_a_part_of_the_object() -> None:
