@@ -108,13 +108,6 @@ def test_one_triplet_is_one_frame_and_brings_its_calibration(tmp_path):
         np.testing.assert_array_equal(log[0].images[2], picture(0, 2))
 
 
-def test_jpeg_is_read_in_colour(tmp_path):
-    image = np.full((20, 30, 3), (10, 20, 200), np.uint8)
-    write_picture(tmp_path / "0" / "camera60.jpg", image)
-    (frame,) = frames_of(tmp_path)
-    assert np.abs(frame.images[0].astype(int) - image).max() <= 4
-
-
 NO_TRUTHS = ("", "[]", '{"frames": 3}', '{"frames": [{"frame": 1}]}', "[" * 99999)
 NO_PICTURES = ("camera60/a.txt", "0/other.png", "camera60.txt")
 

@@ -5,7 +5,7 @@ import tracker
 from scripts import fit_shipped_colors
 from scripts.fit_shipped_colors import OBJECTS, SIMULATION_RGB, object_model
 from tests.segmentation.test_light import exposed
-from tracker.color_learning.fit import FitOptions, combine
+from tracker.color_learning.fit import FitOptions
 from tracker.color_learning.labelled import intersection_over_union
 from tracker.objects.labels import COLOR_NAMES
 
@@ -62,16 +62,6 @@ def test_faces_of_pictures_left_out_are_found_in_the_colours_of_the_others(
                 (known if any(label in own for own in rest) else unknown).append(overlap)
     assert np.mean(known + unknown) >= 0.86
     assert min(known) >= 0.6
-
-
-@pytest.mark.parametrize("name", ["cube_v1", "cube_v2"])
-def test_segmentation_carries_over_to_images_left_out(name, labelled, histograms):
-    values = []
-    for k, image in enumerate(labelled[name]):
-        rest = histograms[name][:k] + histograms[name][k + 1 :]
-        scores = intersection_over_union(tracker.segment(image.image, combine(rest)), image.labels)
-        values += [v for label, v in scores.items() if any(label in h for h in rest)]
-    assert np.mean(values) > 0.85
 
 
 def test_the_simulations_colours_keep_their_labels_in_other_light():

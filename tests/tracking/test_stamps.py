@@ -12,7 +12,6 @@ from tracker.geometry import so3
 from tracker.inputs import check_stamps
 from tracker.pose.fit import Lag
 from tracker.tracking import follow
-from tracker.tracking.follow import Gate
 from tracker.tracking.motion import KINDS, LIKELIEST_SHARE
 
 FRAMES = 10
@@ -340,11 +339,3 @@ def test_a_moment_that_is_past_or_none_is_not_predicted(rig, short, stamp):
     one = has_seen(rig, short[:2])
     with pytest.raises(TrackerError, match=r"^[^\n]*timestamp[^\n]*$"):
         one.predict(stamp)
-
-
-def test_a_gate_opens_again_after_an_error():
-    gate = Gate()
-    with pytest.raises(ValueError, match="inside"), gate:
-        raise ValueError("inside")
-    with gate:
-        pass
