@@ -124,7 +124,7 @@ def test_a_margin_that_is_too_narrow_and_a_lens_without_inverse_are_named():
         normalised(camera)
 
 
-def test_faces_seen_through_a_lens_fill_the_outline_that_opencv_projects(rng):
+def test_faces_seen_through_a_lens_fill_the_outline_that_opencv_projects():
     model, camera = load_object("cuboid_2x2x8_v2"), make_camera()
     position = np.array([0.08, -0.05, 0.05])
     labels = face_map(camera, model, position, np.eye(3))

@@ -139,7 +139,7 @@ def test_an_object_of_ones_own_is_found(tmp_path, run_script):
     assert max(off) < 0.5
 
 
-def test_an_environment_sees_what_its_fingers_do(tmp_path, run_script, monkeypatch):
+def test_an_environment_sees_what_its_fingers_do(monkeypatch):
     pytest.importorskip("gymnasium", reason="gymnasium: no module gymnasium")
     skip_without_platform()
     monkeypatch.syspath_prepend(str(EXAMPLES))

@@ -159,7 +159,7 @@ def test_what_a_copy_sees_does_not_change_the_tracker(rig, short, copied):
 
 
 @copies
-def test_a_copy_made_during_an_update_is_free(rig, short, copied, monkeypatch):
+def test_a_copy_made_during_an_update_is_free(rig, short, copied):
     one, answers = new(rig), all_bits(play(new(rig), short[:2]))
     one.update(short[0], 0.0)
     with one._gate:

@@ -85,7 +85,7 @@ def test_each_status_has_a_colour_of_its_own():
         assert np.abs(np.subtract(one, other)).max() >= 20
 
 
-def test_equal_motions_along_the_axes_look_equal(rng):
+def test_equal_motions_along_the_axes_look_equal():
     poses = [moved(np.eye(3), np.array([x, 0.02, 0.03 + x / 10])) for x in (0.0, 0.1)]
     for pose in poses:
         pose.covariance = np.eye(6) * 1e-8
