@@ -339,3 +339,14 @@ def test_a_moment_that_is_past_or_none_is_not_predicted(rig, short, stamp):
     one = has_seen(rig, short[:2])
     with pytest.raises(TrackerError, match=r"^[^\n]*timestamp[^\n]*$"):
         one.predict(stamp)
+
+
+def test_a_thread_of_one_process_does_not_keep_a_fork_of_it_from_updating(monkeypatch):
+    gate = follow.Gate()
+    with gate:
+        with pytest.raises(TrackerError, match="another call"), gate:
+            pass
+        with monkeypatch.context() as fork:
+            fork.setattr(follow.os, "getpid", lambda: -1)
+            with gate:
+                pass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections.abc import Sequence
@@ -62,7 +63,12 @@ class Gate:
     """A context that only one thread may enter; a second one gets an error at once instead of waiting."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._locks = dict[int, threading.Lock]()
+
+    @property
+    def _lock(self) -> threading.Lock:
+        # In a forked process, no thread would release the lock that one held.
+        return self._locks.setdefault(os.getpid(), threading.Lock())
 
     def __reduce__(self) -> tuple[type, tuple[()]]:
         # A copied tracker gets its own gate.
