@@ -129,7 +129,7 @@ def write_store(
     coding: str = "vlen-bytes",
     compressor: dict[str, object] | None = None,
     shown: Sequence[int] | None = None,
-    ends: Sequence[int] = (),
+    ends: Sequence[int] | None = None,
     observations: np.ndarray | None = None,
     chunk: int = 4,
     length: int | None = None,

@@ -55,6 +55,13 @@ def test_stamps_are_those_of_the_steps_that_saw_the_images(tmp_path):
         assert log.episode_starts == (0, 3)
 
 
+@pytest.mark.parametrize("ends", [[], [19, 10], [-1, 19], [10, 10], [10, 20]])
+def test_episodes_that_end_where_none_can_are_refused(tmp_path, ends):
+    folder = write_store(tmp_path / "x.zarr", make_content(5), shown=[0] * 10 + [12] * 10, ends=ends)
+    with pytest.raises(LogError, match=r"episode_ends: found .*, expected steps that increase, up to 19"):
+        tracker.open_log(folder)
+
+
 def edit(folder: Path, key: str, change) -> None:
     import lmdb
 

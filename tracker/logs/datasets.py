@@ -80,8 +80,8 @@ class DatasetSource(Source):
             return
         self._stamps = steps / CONTROL_RATE
         ends = StoredArray.find(self.store, "episode_ends", str(self.path))
-        if ends is not None:  # last step of each episode
-            after = np.searchsorted(steps, ends.numbers(), side="right")
+        if ends is not None:
+            after = np.searchsorted(steps, _checked_ends(ends, self.store, self.path), side="right")
             self.episode_starts = tuple(sorted({0, *(int(start) for start in after if start < self.count)}))
 
     def read(self, index: int) -> LogFrame:
@@ -216,18 +216,24 @@ def read_steps(path: Path) -> StoreSteps:
     """Return the control steps of a store; LogError if it is not a store, or is damaged or inconsistent."""
     # DatasetSource checks the stored numbers of images for consistency.
     with closing(DatasetSource(path.parent if path.name == STORE_FILE else path)) as source:
-        frame, ends = (
-            StoredArray(source.store, name, str(path)).numbers().astype(np.int64)
-            for name in ("obs_to_image_index", "episode_ends")
+        shown, ends = (
+            StoredArray(source.store, name, str(path)) for name in ("obs_to_image_index", "episode_ends")
         )
-        frame //= len(source.camera_names)
-        bad = (np.diff(ends, prepend=-1) <= 0) | (ends >= len(frame))
-        if not len(ends) or bad.any():
-            found = f"{ends[np.argmax(bad)]}" if len(ends) else "none"
-            expected = f"steps that increase, up to {len(frame) - 1}"
-            raise LogError(f"{path}: episode_ends: found {found}, expected {expected}")
+        frame = shown.numbers().astype(np.int64) // len(source.camera_names)
+        last = _checked_ends(ends, source.store, path)
         task, observed = _observed(source.store, path, len(frame))
-        return StoreSteps(str(path), frame, ends, source.count, task, observed)
+        return StoreSteps(str(path), frame, last, source.count, task, observed)
+
+
+def _checked_ends(ends: StoredArray, store: LmdbFile, path: Path) -> Array:
+    """Return the last step of each episode; LogError if they do not increase, or exceed the last step."""
+    numbers = ends.numbers().astype(np.int64)
+    last = len(StoredArray(store, "obs_to_image_index", str(path))) - 1
+    bad = (np.diff(numbers, prepend=-1) <= 0) | (numbers > last)
+    if not len(numbers) or bad.any():
+        found = f"{numbers[np.argmax(bad)]}" if len(numbers) else "none"
+        raise LogError(f"{path}: episode_ends: found {found}, expected steps that increase, up to {last}")
+    return numbers
 
 
 def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict[str, FloatArray]]:
