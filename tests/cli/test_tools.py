@@ -60,6 +60,17 @@ def test_info_tells_gaps_damage_and_a_calibration_that_does_not_fit(tmp_path, ru
     assert "56×48" in found["calibration_fault"]
 
 
+def test_info_tells_that_a_calibration_has_the_arena_out_of_view(tmp_path, run_here):
+    write_log(tmp_path / "log", FRAMES)
+    inverse = [
+        replace(camera, camera_from_world=np.linalg.inv(camera.camera_from_world)) for camera in tiny_rig()
+    ]
+    tracker.CameraRig(tuple(inverse)).save(tmp_path / "log")
+    found = json.loads(run_here("info", tmp_path / "log", "--json").stdout)
+    assert found["calibration"] == ["camera60", "camera180", "camera300"]
+    assert "the arena in no image" in found["calibration_fault"]
+
+
 def test_info_tells_what_is_in_a_file_of_poses(poses, tmp_path, run_here):
     found = json.loads(run_here("info", tmp_path / "poses.h5", "--json").stdout)
     assert (found["format"], found["object"], found["frames"]) == ("file of poses", "cube_v2", 20)

@@ -46,6 +46,7 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
     import numpy as np
 
     from tracker.logs.opening import fitted_to
+    from tracker.summaries.remarks import OUT_OF_VIEW, in_view
 
     stamps: list[float] = []
     without = dict.fromkeys(log.camera_names, 0)
@@ -57,7 +58,9 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
             without[name] += image is None
     calibration, calibration_fault = None, None
     try:
-        calibration = log.rig and list(fitted_to(path, log).names)
+        if log.rig is not None:
+            rig = fitted_to(path, log)
+            calibration, calibration_fault = list(rig.names), None if in_view(rig) else OUT_OF_VIEW
     except TrackerError as error:
         calibration_fault = str(error)
     return {

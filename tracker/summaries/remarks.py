@@ -88,7 +88,7 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | No
     return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
 
 
-def _in_view(rig: CameraRig) -> bool:
+def in_view(rig: CameraRig) -> bool:
     """Whether the centre of the arena is in any image, and the arena large enough to find an object in it."""
     arena = rig.arena
     places = np.add([*arena.center, arena.ground], arena.radius * np.eye(4, 3, k=-1))
@@ -104,7 +104,7 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
     """Return a remark on cameras out of view or swapped, or else what is `mistaken`; None if all is well."""
     if _confidence(answer) >= UNSURE:
         return None
-    if not _in_view(tracker.rig):
+    if not in_view(tracker.rig):
         return OUT_OF_VIEW
     return swapped(tracker, images, answer) or mistaken(tracker, images)
 
