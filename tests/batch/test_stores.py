@@ -2,6 +2,7 @@ import json
 import re
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -94,6 +95,20 @@ def test_episodes_have_their_robots_cameras_and_tables_fit_the_store(task, write
     assert (r1["share_turned"], r1["stored_flips"], r1["flips"]) == (1 / 20, 2, 0)
     assert (r3["share_turned"], r3["stored_flips"]) == (0, 0)
     assert r1["stored_delay_s"] == pytest.approx(0.12)
+
+
+def test_predictions_do_not_count_for_the_delay(tmp_path, robots, monkeypatch):
+    update = KnowingTracker.update
+
+    def coasting(self, images, timestamp):
+        if not 1.5 < timestamp < 1.85:
+            return update(self, images, timestamp)
+        stays = vars(update(self, images, 1.5))
+        return SimpleNamespace(**stays | {"object_pose": None, "status": "coasting"})
+
+    monkeypatch.setattr(KnowingTracker, "update", coasting)
+    _, report = do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)
+    assert report["robots"]["r1"]["delay_s"] == pytest.approx(robot_stores.LATE, abs=0.005)
 
 
 def test_no_delay_is_told_of_an_object_at_rest(tmp_path, robots, monkeypatch):

@@ -69,9 +69,10 @@ def delay(parts: Sequence[Poses]) -> float | None:
     theirs_squared, count = 0.0, 0
     for poses in parts:
         ours, theirs, times = poses.columns(best_kind(poses)), poses.columns("recorded"), poses.timestamp
-        if not ours.has_pose.any():
+        seen = ours.has_pose & (poses.status != "coasting")  # predictions tell no delay
+        if not seen.any():
             continue
-        own = ours.position[ours.has_pose], times[ours.has_pose]
+        own = ours.position[seen], times[seen]
         window = theirs.has_pose & (times >= own[1][0] + LAGS[-1]) & (times <= own[1][-1] + LAGS[0])
         window[window] = np.linalg.norm(_at(times[window], *own) - theirs.position[window], axis=1) < _GROSS
         if not window.any():
