@@ -334,6 +334,18 @@ def test_a_films_first_picture_belongs_to_the_lowest_number_beside_it(tmp_path):
     assert shades(tmp_path)[:2] == (shown, [0.0, 0.02, 0.04, 0.06])
 
 
+@pytest.mark.parametrize(("rate", "period"), [("", 0.04), ("rate = 5\n", 0.2)])
+@pytest.mark.parametrize("name", ["{}", "f{}"])
+def test_pictures_of_several_cameras_belong_to_a_films(tmp_path, name, rate, period):
+    write_film(tmp_path / "some.mp4", pictures(0, 3))
+    write_numbers(tmp_path / "r", 1, 3, name + ".png")
+    write_numbers(tmp_path / "s", 2, 3, name + ".png")
+    cameras = PATTERNS.format("some.mp4", "r/*.png") + 'third = "s/*.png"'
+    (tmp_path / "recording.toml").write_text(rate + cameras)
+    assert shades(tmp_path)[0] == expected(3, 3)
+    assert shades(tmp_path)[1] == pytest.approx([0, period, 2 * period])
+
+
 def test_pictures_without_common_names_are_counted(tmp_path):
     write_numbers(tmp_path / "a", 0, 3, "shot{}.png")
     write_numbers(tmp_path / "b", 1, 3, "{:03d}0.png")

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -185,11 +185,10 @@ def _films(root: Path) -> _Streams:
     return {name: _film(file) for name, file in (named or found).items()}
 
 
-def _film(file: Path, *, counted: bool = False) -> dict[str, Picture]:
-    """Return the images of a film by timestamp or, if `counted`, by number."""
+def _film(file: Path) -> dict[str, Picture]:
+    """Return the images of a film by timestamp."""
     film = FilmFile(file)
-    names = [f"{k:06d}" if counted else f"{stamp:.9f}" for k, stamp in enumerate(film.stamps)]
-    return {name: FilmPicture(film, k) for k, name in enumerate(names)}
+    return {f"{stamp:.9f}": FilmPicture(film, k) for k, stamp in enumerate(film.stamps)}
 
 
 def _without_names(root: Path, folders: list[Path]) -> _Streams:
@@ -225,16 +224,17 @@ def _of_stated(root: Path, rate: float) -> Layout:
         raise LogError(f"{path}: cameras: expected a table of 1 to {MAX_CAMERAS} patterns by cameras' names")
     rate = check_rate(values.get("rate", rate), f"{path}: rate")
     stamps = _stamps(root / STAMPS_FILE, len(patterns))
-    counted = stamps is not None or "rate" in values
-    streams = {name: _fitting(path, name, pattern, counted) for name, pattern in patterns.items()}
-    if counted:
-        streams |= _numbered_as_films(streams)
+    streams = {name: _fitting(path, name, pattern) for name, pattern in patterns.items()}
+    films = {name for name in streams if isinstance(next(iter(streams[name].values())), FilmPicture)}
+    texts = [key for name in streams.keys() - films for key in streams[name]]
+    if films and (stamps is not None or "rate" in values or (texts and not stamps_of_names(texts))):
+        times = np.array([*streams[min(films)]], np.float64)
+        if "rate" not in values and len(times) > 1:
+            rate = 1 / float(np.diff(times).mean())
+        streams = _numbered(streams, films)
     keys = [key for files in streams.values() for key in files]
     if len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
-        streams = {
-            name: {f"{k:06d}": picture for k, picture in enumerate(files.values())}
-            for name, files in streams.items()
-        }
+        streams = _numbered(streams, streams.keys())
     layout = _of_streams(streams, rate)
     if stamps is None:
         return layout
@@ -244,7 +244,7 @@ def _of_stated(root: Path, rate: float) -> Layout:
     return dataclasses.replace(layout, stamps=np.where(np.isnan(layout.stamps), np.nan, stamps))
 
 
-def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[str, Picture]:
+def _fitting(path: Path, camera: str, pattern: Any) -> Mapping[str, Picture]:
     """Return a camera's images by the text in place of the pattern's `*`, or those of its film."""
     what, given = f"{path}: {camera}", f"{pattern!r:.60}"
     if not isinstance(pattern, str) or not pattern or "\0" in pattern:
@@ -267,7 +267,7 @@ def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[st
         return {key: found[key] for key in sorted(found, key=_natural)}
     if len(found) > 1:
         raise LogError(f"{path.parent}: {camera}: found {len(found)} films, expected one of each camera")
-    return _film(first, counted=counted)
+    return _film(first)
 
 
 def _stamps(path: Path, cameras: int) -> FloatArray | None:
@@ -284,19 +284,15 @@ def _stamps(path: Path, cameras: int) -> FloatArray | None:
     return stamps
 
 
-def _numbered_as_films(streams: _Streams) -> _Streams:
-    """Rename numbered images of cameras beside films to count from 000000, as images of films do."""
-    named = {name: files for name, files in streams.items() if isinstance(next(iter(files.values())), Path)}
-    keys = [key for files in named.values() for key in files]
-    if len(named) == len(streams) or not all(key.isdecimal() for key in keys) or stamps_of_names(keys):
-        return {}
-    first = min(map(int, keys), default=0)
-    renamed: _Streams = {
-        name: {f"{int(key) - first:06d}": file for key, file in files.items()}
-        for name, files in named.items()
-    }
-    unique = all(len(renamed[name]) == len(files) for name, files in named.items())  # no 1.png beside 01.png
-    return renamed if unique else {}
+def _numbered(streams: _Streams, films: Set[str]) -> _Streams:
+    """Rename images to count from 000000: those of `films` by order, others by number or else order."""
+    numbers = {name: _counted_stamps([*files], 1) for name, files in streams.items() if name not in films}
+    first = min((min(counted) for counted in numbers.values()), default=0)
+    result: _Streams = {}
+    for name, files in streams.items():
+        counted = [number - first for number in numbers[name]] if name in numbers else range(len(files))
+        result[name] = {f"{k:06.0f}": file for k, file in zip(counted, files.values(), strict=True)}
+    return result
 
 
 def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Layout:
