@@ -95,6 +95,7 @@ def test_episodes_have_their_robots_cameras_and_tables_fit_the_store(task, write
     assert (r1["share_turned"], r1["stored_flips"], r1["flips"]) == (1 / 20, 2, 0)
     assert (r3["share_turned"], r3["stored_flips"]) == (0, 0)
     assert r1["stored_delay_s"] == pytest.approx(0.12)
+    assert (repr(r1["frames"]), repr(r3["frames"])) == ("20", "24")
 
 
 def test_predictions_do_not_count_for_the_delay(tmp_path, robots, monkeypatch):

@@ -64,6 +64,7 @@ def test_arrays_serve_as_a_log_and_gaps_are_told():
     np.testing.assert_allclose(state.position[..., 0], [[np.nan, 0, 0.5], [3, 4, np.nan]])
     np.testing.assert_allclose(state.gap, [[np.inf, 0.1, 0.1], [0.4, 0.4, np.inf]])
     assert state.velocity is None
+    assert round(log.at(0.05).gap, 6) == 0.1
     assert list(log.at(np.array([0.2])).columns()) == ["robot_position_0_rad", "robot_gap_s"]
 
 
@@ -88,6 +89,7 @@ def test_arrays_that_are_no_states_are_refused(times, position, message):
     [
         (b"", "expected a robot log"),
         (b"1 2 3\n", "expected a robot log: #time_index"),
+        (text().replace(b" ", b","), "no column timestamp, expected it, with spaces between columns"),
         (text(fields=("velocity",)), "found no column observation_position_0"),
         (text().splitlines(keepends=True)[0], "found no steps"),
         (text()[:-100], "after the header: .* at row (4999|5000)"),

@@ -106,7 +106,7 @@ class RobotLog:
         outside = np.isnan(places)
         before = np.where(outside, 0, np.clip(places, 0, len(self.timestamp) - 2)).astype(int)
         weight = (places - before)[..., None]
-        gap = np.where(outside, np.inf, self.timestamp[before + 1] - self.timestamp[before])
+        gap = np.where(outside, np.inf, self.timestamp[before + 1] - self.timestamp[before])[()]  # a scalar
 
         def between(values: FloatArray) -> FloatArray:
             result: FloatArray = (1 - weight) * values[before] + weight * values[before + 1]
@@ -185,7 +185,7 @@ def _lines(file: BinaryIO, head: bytes) -> tuple[list[str], Array]:
     fields = {name: [f"observation_{name}_{k}" for k in range(_JOINTS)] for name in _UNITS}
     missing = [one for one in ("timestamp", *fields["position"]) if one not in columns]
     if missing:
-        raise LogError(f"header: found no column {missing[0]}, expected it")
+        raise LogError(f"header: found no column {missing[0]}, expected it, with spaces between columns")
     names = [name for name, one in fields.items() if set(one) <= set(columns)]
     places = [columns.index(one) for name in names for one in fields[name]]
     places.insert(0, columns.index("timestamp"))

@@ -332,7 +332,7 @@ def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
         "neither": ~found.has_pose & ~recorded.has_pose,
     }
     return {
-        "frames": float(len(poses)),
+        "frames": len(poses),
         **{f"position_{key}_mm": _quantile(distance, share) for key, share in quantiles.items()},
         **{f"angle_{key}_deg": _quantile(angle, share) for key, share in quantiles.items()},
         **{f"share_{key}": float(np.mean(some)) if len(some) else None for key, some in shares.items()},
