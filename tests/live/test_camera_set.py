@@ -181,6 +181,14 @@ def test_a_camera_that_hangs_does_not_hold_up_the_others():
         sets(source, lambda found: found[-1].images[1] is not None)
 
 
+@pytest.mark.parametrize("rate", [10.0, 20.0])
+def test_free_cameras_no_faster_than_the_sets_give_their_images(rate):
+    free = Scripted(then=lambda: time.sleep(0.1) or IMAGE)
+    free.triggered = False
+    given = first(20, free, rate=rate)
+    assert sum(shot.images[0] is not None for shot in given) >= 20 * 6 / rate
+
+
 def test_sets_go_on_when_all_cameras_are_gone():
     given = first(4, *(Scripted(*[GrabFailed("dark")] * 1000) for _ in range(2)))
     for shot in given:

@@ -86,6 +86,8 @@ class _Slot:
     """Number of the newest requested set that the camera has answered."""
     picture: Grabbed | None = None
     """Its image; None: it failed, for the reason in `fault`."""
+    spare: bool = False
+    """Whether a free camera took it, and no set has it yet."""
     fault: str | None = _UNTRIED
     there: bool = False
     """Whether the camera is open."""
@@ -159,8 +161,11 @@ class CameraSet:
             for slot in self._slots:
                 if slot.final is not None:
                     raise slot.final
-            pictures = [slot.picture if slot.answered == self._asked else None for slot in self._slots]
-            faults = [slot.fault or "no image in time" for slot in self._slots]
+            pictures, faults = [], []
+            for slot in self._slots:
+                pictures.append(slot.picture if slot.spare or slot.answered == self._asked else None)
+                faults.append(slot.fault or "no image in time")
+                slot.spare = False
         return self._image_set(pictures, faults)
 
     @property
@@ -240,7 +245,7 @@ class CameraSet:
             with self._changed:
                 if camera.triggered:
                     self._changed.wait_for(lambda: slot.answered < self._asked or self._closing.is_set())
-                asked = self._asked
+                requested = self._asked
             if self._closing.is_set():
                 return
             picture, fault, there, final = None, None, True, None
@@ -251,7 +256,9 @@ class CameraSet:
                 there = isinstance(error, LiveError) and not isinstance(error, CameraLost | CameraEnded)
                 final = error if isinstance(error, CameraEnded) else None
             with self._changed:
-                slot.answered, slot.picture, slot.fault = asked, picture, fault
+                # A free camera answers the set that waits when its image arrives; if none waits, the next.
+                slot.answered = requested if camera.triggered else self._asked
+                slot.picture, slot.fault, slot.spare = picture, fault, not camera.triggered
                 slot.there, slot.final = there, final
                 self._changed.notify_all()
 
