@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from types import SimpleNamespace
 
+import click
 import numpy as np
 import pytest
 
@@ -52,6 +53,16 @@ def test_each_line_of_json_is_a_message(recording, live):
     assert len(messages[-1]["pose"]["position"]) == 3
     stamps = np.diff([one["timestamp"] for one in messages])
     assert stamps == pytest.approx(0.2 * np.round(stamps / 0.2), abs=1e-3)
+
+
+def test_messages_that_cannot_be_printed_end_the_command(recording, live, monkeypatch):
+    def print_what_is_no_message(text, *_, err=False, echo=click.echo, **more):
+        if not err:
+            raise OSError(28, "No space left on device")
+        echo(text, err=err, **more)
+
+    monkeypatch.setattr("click.echo", print_what_is_no_message)
+    assert_one_line_error(live(recording, "--json"), "output: No space left on device")
 
 
 def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, live):

@@ -81,6 +81,13 @@ class LiveOutputs:
         self._fallible: dict[Listener | Publisher, str] = {}
         self._told: set[Listener | Publisher] = set()
         self._files: list[Listener] = []
+        self._unprinted: OSError | None = None
+
+        def print_message(moment: Moment) -> None:
+            try:
+                click.echo(message_of(moment).decode())
+            except OSError as error:  # `tell` raises it, since nobody sees what this thread raises
+                self._unprinted = error
 
         def add(output: Listener | Publisher, name: str = "") -> None:
             stack.callback(output.close)
@@ -102,7 +109,7 @@ class LiveOutputs:
             add(self.page, "page")
             click.echo(f"page: {self.page.address}", err=True)
         if requested.as_json:
-            self.listeners.append(lambda moment: click.echo(message_of(moment).decode()))
+            self.listeners.append(print_message)
 
     @property
     def whole(self) -> bool:
@@ -115,7 +122,9 @@ class LiveOutputs:
         return [f"{what}{one.fault}" for one, what in failed if one is not self.recorder]
 
     def tell(self) -> None:
-        """Report each output that has ended or failed once, on stderr."""
+        """Report each output that has ended or failed once, on stderr; raise the error of stdout."""
+        if self._unprinted is not None:
+            raise self._unprinted
         for one, what in self._fallible.items():
             if one.fault and one not in self._told:
                 self._told.add(one)
