@@ -170,6 +170,5 @@ def in_range(stamps: FloatArray, what: str, fault: type[TrackerError] = TrackerE
     if not np.isfinite(stamps).all():
         raise fault(f"{what}: found {found}, expected finite numbers of seconds")
     raise fault(
-        f"{what}: found {found}, expected seconds, up to {LATEST:g}; "
-        "is it in nanoseconds, of which 1e9 are a second?"
+        f"{what}: found {found}, expected seconds, up to {LATEST:g}; is it in nanoseconds or milliseconds?"
     )

@@ -24,6 +24,7 @@ GROUP = "udpm://239.255.76.67"
 WRONG = [
     *((lambda rate=rate: CameraSet([], [], rate=rate), "rate") for rate in (0.0, -1.0, NAN, 2000.0)),
     *((lambda speed=speed: Replay([], speed=speed), "speed") for speed in (0.0, -1.0, NAN, "fast")),
+    (lambda: Pushed().push([None] * 3, 1.77e12), "milliseconds"),
     (lambda: open_cameras("opencv:0", RIG), "found 1 cameras"),
     (lambda: open_cameras("opencv:0", RIG), "camera60, camera180, camera300"),
     (lambda: open_cameras("opencv", RIG), "found 0 cameras"),

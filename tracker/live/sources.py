@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, is_number, of_kind, seconds
+from tracker.checks import check_sequence, in_range, is_number, of_kind, seconds
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LiveError, TrackerError, install, shown
 from tracker.files.toml import read_toml
@@ -206,11 +206,11 @@ class Pushed:
 
         Raises:
             LiveError: the numbers of images and timestamps differ, there were more or fewer images before, a
-                timestamp is not finite, or nobody fetches images any more.
+                timestamp is not in seconds, or nobody fetches images any more.
         """
         stamp = time.time() if timestamp is None else timestamp
         check_sequence(images, "images", LiveError)
-        given = seconds(stamp, "timestamp", LiveError)
+        given = in_range(seconds(stamp, "timestamp", LiveError), "timestamp", LiveError)
         stamps = given.ravel().tolist() * (1 if given.ndim else len(images))
         taken = ImageSet(tuple(images), tuple(stamps))
         with self._changed:
