@@ -398,3 +398,21 @@ def test_kinds_that_keep_to_themselves_are_not_changed_by_mixing(rng):
     mixed(modes, np.full(3, np.inf))
     for name in MODE.names:
         np.testing.assert_allclose(modes[name], before[name], rtol=1e-12, atol=1e-9)
+
+
+def test_forecasts_of_a_carried_object_are_as_uncertain_as_they_are_wrong(rng):
+    """Carried at 0.3 m/s along a circle, an object leaves the straight line that a forecast continues."""
+    precise, ahead, fps, inside = NOISE / 25.0, 0.1, 30.0, []
+
+    def place(seconds):
+        angle = 0.3 / 0.08 * seconds
+        return 0.08 * np.array([np.cos(angle), np.sin(angle), 0.75])
+
+    carried = MotionFilter.start(place(0.0), np.eye(3), precise)
+    for k in range(1, 60):
+        noise = drawn(rng, (1 - CONSTANT) * precise)[:3]
+        carried = carried.predicted(1 / fps).updated(place(k / fps) + noise, np.eye(3), precise)
+        if k > 10:
+            found, _ = carried.forecast(ahead)
+            inside.append(nees(place(k / fps + ahead) - found.position, found.covariance[:3, :3]) < 7.81)
+    assert np.mean(inside) > 0.5

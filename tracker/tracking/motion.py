@@ -57,6 +57,10 @@ MOTIONS = Motions(
 )
 """Parameters of the KINDS of motion."""
 
+ACCELERATION = np.array([[0.0, 0.0], [0.6, 8.0], [0.0, 0.0]])
+"""(M, 2) standard deviation of an acceleration that lasts for the time of a forecast [m/s², rad/s²]: images
+correct it, but a forecast of a carried object has none."""
+
 KINDS = "at rest", "pushed or carried", "thrown or dropped"
 """Names of the kinds of motion."""
 
@@ -332,7 +336,9 @@ class MotionFilter(NamedTuple):
         images but not here: rare changes would hide what is nearly certain.
         """
         weights, modes = self.modes["weight"], self.modes.copy()
-        predict(dt, MOTIONS, modes, False)
+        # Displaced by a dt²/2, the variance is that of white noise of this strength.
+        push = np.sqrt(MOTIONS.push**2 + 0.75 * dt * ACCELERATION**2)
+        predict(dt, MOTIONS._replace(push=push), modes, False)
         order = np.argsort(-weights, kind="stable")
         count = int(np.searchsorted(np.cumsum(weights[order]), LIKELIEST_SHARE)) + 1
         likely = np.zeros_like(weights)
