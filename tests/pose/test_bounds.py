@@ -72,6 +72,21 @@ def test_cameras_whose_errors_are_not_stated_are_exact(rig, stated):
     assert begin(refiner.model, pictures, solution[0], states, LIKELY) is stated
 
 
+def test_cameras_at_one_place_see_alike_and_those_around_hardly(rig):
+    def alike(*cameras, blind=()):
+        refiner = Refiner(Box.of(MODEL), cameras, tracker.load_colors("cube_v2").label_table)
+        solution, states = refiner.begun(np.eye(3), np.zeros(3))
+        pictures = np.zeros(len(cameras), PICTURE)
+        pictures["used"] = ~np.isin(range(len(cameras)), blind)
+        begin(refiner.model, pictures, solution[0], states, LIKELY)
+        return solution["alike"][0]
+
+    assert alike(*rig, blind=(1, 2)) == pytest.approx(1.0)
+    assert alike(*[rig.cameras[0]] * 3) == pytest.approx(3.0)
+    assert alike(*[rig.cameras[0]] * 3, blind=(1,)) == pytest.approx(2.0)
+    assert 1.0 < alike(*rig) < 2.0
+
+
 def test_a_pose_that_cannot_be_written_compiles_nothing_again(rig, still):
     one = tracker.ObjectTracker(MODEL, rig)
     fit, sight = one.fit(still.images), one._estimator.reader(still.images)

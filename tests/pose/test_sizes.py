@@ -19,7 +19,8 @@ from tracker.pose.solve import DEVIATION_STD, with_edges
 CAMERAS, EDGES, PIECES = 3, 9, 6
 NOISE = 0.05  # [px]
 FOCAL = 500.0  # offset of an edge per metre by which its colours end too early [px/m]
-COUNTED = WEAR + ALIKE[0] * (1 - ALIKE[1] / CAMERAS) * WORN
+SEEN_ALIKE = 2.5
+COUNTED = WEAR + ALIKE[0] * (1 - ALIKE[1] / CAMERAS) * (SEEN_ALIKE / ALIKE[2]) ** 2 * WORN
 STANDING = np.array([1.0, 1.0] + 10 * [0.0])
 
 
@@ -51,7 +52,7 @@ class Problem:
         """Both shares, and the variances of edges' own offsets and of feet."""
         weight = 1.0 / NOISE**2
         solution, cameras = np.zeros(1, SOLUTION)[0], np.zeros(self.count, CAMERA)
-        solution["feet"], solution["own"] = self.feet, own
+        solution["feet"], solution["own"], solution["alike"] = self.feet, own, SEEN_ALIKE
         solution["size"], solution["prior"][:UNKNOWNS, :UNKNOWNS] = UNKNOWNS, self.prior
         cameras["used"], cameras["scale"] = True, 1.0
         cameras["whole"] = weight * np.einsum("cri,crj->cij", self.rows, self.rows)

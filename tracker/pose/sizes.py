@@ -41,9 +41,10 @@ WORN = WEAR**2 / (WEAR + 0.07**2)
 """Part of WEAR that all cameras and all edges of a worn face share: hardly any of the offset of sharp edges,
 and most of that of worn ones."""
 
-ALIKE = 16.0, 0.8
-"""Weight of that part, since cameras are independent here: first × (1 - second / number of cameras). Chosen
-on generated scenes, so that worn boxes lie within their covariances as sharp ones do."""
+ALIKE = 16.0, 0.8, 2.0
+"""Weight of that part, since cameras are independent here: first × (1 - second / number of cameras), times
+the square of `solution.alike` / third if that is above 1. Chosen on generated scenes, so that worn boxes lie
+within their covariances as sharp ones do."""
 
 NEGLIGIBLE = 12.0
 """Twice the log odds by which a size may fall behind the best and still count."""
@@ -137,7 +138,8 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
             solution.own = WEAR[0]
         return 1.0, 1.0
     if ask:
-        solution.own = _mean(WEAR, wears) + ALIKE[0] * (1.0 - ALIKE[1] / max(used, 1)) * _mean(WORN, wears)
+        weight = ALIKE[0] * (1.0 - ALIKE[1] / max(used, 1)) * max(1.0, solution.alike / ALIKE[2]) ** 2
+        solution.own = _mean(WEAR, wears) + weight * _mean(WORN, wears)
         if standing:
             solution.foot = _mean(FEET, feet)
     return _mean(SHARES[MOVING_SHARE:], shares[MOVING_SHARE:]), _mean(SHARES, shares)

@@ -58,6 +58,7 @@ SOLUTION = np.dtype(
         ("rotation", np.float64, (3, 3)),  # world_from_object
         ("position", np.float64, (3,)),  # [m]
         ("shared", np.float64, (MOVING,)),  # exponent, rim, change of velocity; the first six are unused
+        ("alike", np.float64),  # number of cameras × (length of the mean of their viewing directions)²
         ("own", np.float64),  # variance of edges' own offsets [px² at reference size]
         ("feet", np.float64, (12,)),  # 1 for edges that may lie in a contact shadow, else 0
         ("foot", np.float64),  # variance of how far colours end above such an edge [m²]
