@@ -149,9 +149,9 @@ class StampOrder:
         self._last: FloatArray | None = None
         self._index = 0
 
-    def check(self, frame: LogFrame, *, what: str) -> None:
-        """Compare with the previous frame; a frame that raises LogError is not remembered."""
-        stamps = np.array([frame.timestamp, *frame.camera_timestamps])
+    def check(self, index: int, timestamp: float, camera_timestamps: FloatArray, *, what: str) -> None:
+        """Compare a frame with the previous one; a frame that raises LogError is not remembered."""
+        stamps = np.array([timestamp, *camera_timestamps])
         if self._last is not None:
             steps = np.where(np.isnan(stamps), 0.0, stamps - self._last)
             worst = int(np.argmax(np.abs(np.where(steps < 0, np.inf, steps))))
@@ -165,7 +165,7 @@ class StampOrder:
             stamps = np.where(np.isnan(stamps), self._last, stamps)
         # NaN stays for a camera without any image yet, so that any timestamp may follow.
         self._last = stamps
-        self._index = frame.index
+        self._index = index
 
 
 def with_stamps(frames: Iterable[LogFrame]) -> Iterator[LogFrame]:

@@ -73,6 +73,7 @@ class Hdf5LogWriter:
         self._rig, self._flush_every = rig, flush_every
         self._size = sizes.pop()
         self._count = 0
+        self._order = StampOrder(gaps=False)
         if os.path.lexists(path):
             raise LogError(f"{self._path}: there is such a file, expected a new one")
         with uninterrupted(), contextlib.ExitStack() as undo:
@@ -106,8 +107,7 @@ class Hdf5LogWriter:
             images: one per camera: raw Bayer pixels (H, W), red at even rows and columns, or BGR (H, W, 3),
                 of which each pixel keeps the colour that such a sensor measures there. None, a missing
                 image, is recorded as black.
-            timestamp: timestamp of the frame [s]; `open_log` refuses timestamps that go back, or jump by more
-                than an hour.
+            timestamp: timestamp of the frame [s], at most an hour after the previous frame and not before it.
             camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's.
             pose: the object's pose, with `position`, `orientation` and `confidence`, or None; recorded only
                 if the log was opened with `poses`.
@@ -128,6 +128,7 @@ class Hdf5LogWriter:
             stamps = np.where(np.isnan(given), stamps, given)
             for value in stamps.tolist():
                 checked_stamp(value, what=where)
+        self._order.check(self._count, stamp, stamps, what=where)
         rows: dict[str, Any] = {"images": raw, "timestamps": stamps, "sensor_data_timestamps": 1000 * stamp}
         with uninterrupted():
             self._write(rows, pose, where)
@@ -255,9 +256,7 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
         whole_file(path) as temporary,
         Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path, settings=settings) as writer,
     ):
-        order = StampOrder(gaps=False)  # a folder may have gaps, but such a log could not be read
         for frame in log:
-            order.check(frame, what=f"{path}: frame {frame.index}")
             images = frame.images if frame.raw is None else frame.raw
             writer.append(images, frame.timestamp, frame.camera_timestamps, frame.recorded_pose)
             progress(1)

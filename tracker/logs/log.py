@@ -170,7 +170,9 @@ class Log:
             try:
                 self._refuse_closed()
                 frame = self._source.read(index)
-                order.check(frame, what=self._source.where(index))
+                order.check(
+                    frame.index, frame.timestamp, frame.camera_timestamps, what=self._source.where(index)
+                )
             except LogError as error:
                 self._note(index, error)
                 if self._source.sequential:
