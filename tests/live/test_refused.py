@@ -21,6 +21,12 @@ FINDER = tracker.ObjectTracker(CUBE, RIG)
 NAN = float("nan")
 GROUP = "udpm://239.255.76.67"
 
+
+def waiting(**how):
+    with Live(Pushed(), FINDER) as live:
+        live.wait(**how)
+
+
 WRONG = [
     *((lambda rate=rate: CameraSet([], [], rate=rate), "rate") for rate in (0.0, -1.0, NAN, 2000.0)),
     *((lambda speed=speed: Replay([], speed=speed), "speed") for speed in (0.0, -1.0, NAN, "fast")),
@@ -41,6 +47,10 @@ WRONG = [
         for given in (0, -1, 1.5, "x", None, True)
     ),
     *((lambda kind=kind: kind(Pushed(), 3), "tracker: found 3, expected") for kind in (Live, Frontend)),
+    (lambda: Live(Pushed(), FINDER, listeners=3), "listeners: found 3, expected a sequence of functions"),
+    (lambda: Live(Pushed(), FINDER, listeners=["print"]), "listeners: found 'print', expected functions"),
+    (lambda: waiting(after="newest"), "after: found 'newest', expected a Moment, its sequence number"),
+    (lambda: waiting(timeout="1"), "timeout: found '1', expected seconds, or None"),
     (lambda: Recorder(Path(os.devnull), RIG), "there is such a file"),
 ]
 

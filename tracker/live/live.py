@@ -8,10 +8,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
-from tracker.checks import described, is_whole
+from tracker.checks import check_sequence, described, is_number, is_whole
 from tracker.errors import LiveError, shown
 from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults
 from tracker.live.sources import FORMS, open_source
@@ -31,12 +32,16 @@ _PATIENCE = 0.1
 """How long the thread waits before it checks whether to end [s]."""
 
 
-def check_arguments(tracker: object, history: object) -> None:
-    """Raise LiveError if `tracker` is not a tracker, or `history` not a valid number of results to keep."""
+def check_arguments(tracker: object, history: object, listeners: object = ()) -> None:
+    """Raise LiveError if one of the arguments of Live with these names is none."""
     if not callable(getattr(tracker, "update", None)):
         raise LiveError(f"tracker: found {shown(tracker)}, expected a tracker.ObjectTracker")
     if not is_whole(history) or history < 1:
         raise LiveError(f"history: found {shown(history)}, expected a whole number of at least 1")
+    check_sequence(listeners, "listeners", LiveError, "a sequence of functions")
+    for listener in cast(Sequence[object], listeners):
+        if not callable(listener):
+            raise LiveError(f"listeners: found {shown(listener)}, expected functions of a Moment")
 
 
 class Live:
@@ -66,7 +71,7 @@ class Live:
         listeners: Sequence[Callable[[Moment], None]] = (),
         history: int = HISTORY,
     ) -> None:
-        check_arguments(tracker, history)
+        check_arguments(tracker, history, listeners)
         if isinstance(source, (str, os.PathLike)):
             source = open_source(source, tracker)
         if not callable(getattr(source, "next", None)):
@@ -131,11 +136,15 @@ class Live:
             None if no moment came in time, or none will come since the source has ended or this was closed.
 
         Raises:
-            LiveError: the source or the tracker failed; the message says how.
+            LiveError: the source or the tracker failed, as the message says, or an argument is none.
             KeyboardInterrupt, SystemExit: the source raised it.
         """
+        number = after.sequence if isinstance(after, Moment) else after
+        if number is not None and not is_whole(number):
+            raise LiveError(f"after: found {shown(after)}, expected a Moment, its sequence number, or None")
+        if timeout is not None and not is_number(timeout):
+            raise LiveError(f"timeout: found {shown(timeout)}, expected seconds, or None")
         with self._changed:
-            number = after.sequence if isinstance(after, Moment) else after
             seen = self._count if number is None else int(number) + 1
             self._changed.wait_for(lambda: self._count > seen or not self._running, timeout)
             if self._count > seen:

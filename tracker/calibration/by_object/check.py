@@ -132,7 +132,7 @@ class CalibrationCheck:
         """Implausible values of the lenses, one line each."""
         return [
             f"{one.name}: fy/fx is {one.focal.ratio:.4f}, expected 1 within {100 * SQUARE:g} %: depths that "
-            f"it sees alone may be off by {100 * one.focal.off:.1f} %"
+            f"it sees alone may be off by {100 * one.focal.off:.1f} % of the distance"
             for one in self.cameras
             if abs(one.focal.ratio - 1.0) > SQUARE
         ]
