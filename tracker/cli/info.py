@@ -12,7 +12,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.options import argument, command, flag
 from tracker.cli.outputs import InFile
-from tracker.cli.terminal import listing
+from tracker.cli.terminal import bar, listing
 from tracker.errors import TrackerError
 
 _GAP = 1.5  # a time between frames is a gap if it exceeds this multiple of the median
@@ -51,11 +51,13 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
     stamps: list[float] = []
     without = dict.fromkeys(log.camera_names, 0)
     poses = 0
-    for frame in log:
-        stamps.append(frame.timestamp)
-        poses += frame.recorded_pose is not None
-        for name, image in zip(log.camera_names, frame.images, strict=True):
-            without[name] += image is None
+    with bar(path.name, len(log), False) as progress:
+        for frame in log:
+            stamps.append(frame.timestamp)
+            poses += frame.recorded_pose is not None
+            for name, image in zip(log.camera_names, frame.images, strict=True):
+                without[name] += image is None
+            progress(1)
     calibration, calibration_fault = None, None
     try:
         if log.rig is not None:
