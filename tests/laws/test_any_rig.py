@@ -13,7 +13,7 @@ from tracker.geometry import so3
 from tracker.pipeline import Status
 from tracker.pose.fit import Fit
 from tracker.pose.judge import log_odds
-from tracker.pose.refine import SCHEDULE
+from tracker.pose.schedule import SCHEDULE
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 SCENES = 3

@@ -8,7 +8,7 @@ from tests.helpers.kept_stills import take
 from tests.helpers.stills import posed_scene
 from tracker.calibration.by_object.edges import EdgeReader
 from tracker.geometry import so3
-from tracker.pose.refine import SCHEDULE
+from tracker.pose.schedule import SCHEDULE
 
 MODEL = tracker.load_object("cube_v2")
 POSE = np.array([0.03, -0.04, 0.0325]), so3.exp([0.0, 0.0, 0.5])

@@ -4,7 +4,8 @@ import pytest
 from scipy.special import ndtr
 
 from tracker.pose import edge_fit
-from tracker.pose.edge_fit import OFFSET, scratch
+from tracker.pose.edge_fit import OFFSET
+from tracker.pose.edge_model import scratch
 from tracker.pose.solution import CAMERA
 from tracker.pose.strips import PIXELS, STRIP, collect
 from tracker.pose.views import PICTURE

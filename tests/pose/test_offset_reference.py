@@ -8,7 +8,8 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import norm
 
-from tracker.pose.edge_fit import MIN_CONTRAST, NOISE, OFFSET, RIDGE, SHARP, SLOPE, SOFT, measure, scratch
+from tracker.pose.edge_fit import MIN_CONTRAST, NOISE, OFFSET, SHARP, SLOPE, SOFT, measure
+from tracker.pose.edge_model import RIDGE, scratch
 from tracker.pose.solution import CAMERA
 from tracker.pose.strips import BLOCK, FAR, STRIP
 

@@ -11,7 +11,7 @@ from tests.helpers import sight_of, within
 from tests.helpers.fits import deviation
 from tests.helpers.kept_stills import bare
 from tracker.geometry import so3
-from tracker.pose.refine import SCHEDULE
+from tracker.pose.schedule import SCHEDULE
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 SCENES = 3

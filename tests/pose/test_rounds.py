@@ -7,7 +7,7 @@ from tracker.objects.box import Box
 from tracker.pose.estimate import REFINED, PoseEstimator
 from tracker.pose.hypotheses import EVERYWHERE, LIKELIEST, NEARBY, TURNS, Search
 from tracker.pose.judge import settled
-from tracker.pose.refine import FIRST
+from tracker.pose.schedule import FIRST
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ Local colour statistics on both sides of a contour go back to R. Hanek and M. Be
 Density Algorithm", IJCV 59(3), 2004; here the colours are eliminated in closed form, and each piece of an
 edge yields one offset.
 
-In order: the model's columns, their products, the elimination of the surfaces, the solution.
+In order: the elimination of the surfaces, the solution, the measurement.
 """
 
 from __future__ import annotations
@@ -20,9 +20,24 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array
 from tracker.geometry.lens import clamped
-from tracker.pose.strips import BLOCK, FAR, MAX_PIXELS, SUMS, padded
+from tracker.pose.edge_model import (
+    BEFORE,
+    BEYOND,
+    BLUR,
+    INSIDE,
+    LINE,
+    OUTSIDE,
+    RIDGE,
+    SLOPE_IN,
+    SLOPE_OUT,
+    edge_products,
+    model,
+    narrow_model,
+    narrow_products,
+    slope_products,
+)
+from tracker.pose.strips import padded
 
 MIN_CONTRAST = 14.0
 """Smallest difference between the two surfaces' colours [levels]."""
@@ -40,21 +55,9 @@ NOISE = 1.5
 MIN_PIXELS = 8
 """Minimum number of pixels to measure a piece of edge."""
 
-RIDGE = 0.003
-"""Weight of a surface's prior colour, the mean of its pixels, relative to one pixel."""
-
-
 LEAST_PIVOT = 1e-9
 """Smallest pivot used as a divisor."""
 
-
-BEFORE, BEYOND, INSIDE, OUTSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR = range(8)
-"""Columns of the model: the shares of the surface in front of a narrow face, of that beyond a narrow
-neighbour, of the face and of its neighbour; the edge's line profile, whose coefficient gives the shift;
-gradients inside and outside; the effect of a change of blur."""
-
-PLACES = 3 * MAX_PIXELS + 5 * BLOCK
-"""Length of a column: the parts of a mosaic, padded so that rows do not share cache sets."""
 
 OFFSET = np.dtype(
     [
@@ -69,238 +72,9 @@ OFFSET = np.dtype(
 """Measurement of an edge by a strip of pixels."""
 
 
-SCRATCH = np.dtype(
-    [
-        ("columns", np.float64, (8, PLACES)),  # of the model (`model`)
-        ("full", np.float64, (3, 8, 8)),  # products of the columns, for each part
-        ("raw", np.float64, (8, 3)),  # products of the columns with the channels
-        ("mean", np.float64, (4, 3)),  # of each surface's pixels
-        ("color", np.float64, (2, 3)),  # inside and outside
-    ]
-)
-"""Workspace for one strip's least squares; a record, so that the compiler knows its memory layout."""
-
-
-def scratch() -> Array:
-    """Return a new workspace (1,)."""
-    return np.zeros(1, SCRATCH)
-
-
 _BLOOM = math.sqrt(math.pi) / 3
 """A response of exponent γ raises the middle of an edge by (γ - 1) · Δ²/sum · w (1 - w), with the step w and
 the sum of both colours; weighted with the line, w (1 - w) is 1/6, and the line's energy 1/(2√π blur)."""
-
-
-_PER_UNIT = 256
-_SPAN = 4.0
-_X = (np.arange(int(2 * _SPAN * _PER_UNIT) + 1)) / _PER_UNIT - _SPAN
-_STEPS = np.array([0.5 * (1 + math.erf(x / math.sqrt(2))) for x in _X])
-_LINE = np.exp(-0.5 * _X**2) / math.sqrt(2 * math.pi)
-
-
-@compiled(inline="always")
-def _table_index(z):  # type: ignore[no-untyped-def]
-    """Index of z in the tables of step and line; unsigned, since a signed index could count from the end."""
-    return np.uint32(np.int32((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5))
-
-
-@compiled
-def model(distance, first, last, shift, slopes, reach, blur, space):  # type: ignore[no-untyped-def]
-    """Fill space.columns (8, P) for an edge between two wide surfaces, except OUTSIDE, which is 1 - INSIDE.
-
-    See equation (8) of docs/how-it-works.md.
-    All are zero in the gaps (FAR). slopes: whether the model has gradients.
-    """
-    columns, scale, half = space.columns, 1.0 / blur, 0.5 * reach
-    for q in range(np.uint64(last - first)):
-        away = distance[np.uint64(first) + q]
-        here = 1.0 if away < FAR else 0.0
-        d = (away - shift) * here
-        place = _table_index(d * scale)
-        line = _LINE[place] * scale * here
-        columns[INSIDE, q] = (1.0 - _STEPS[place]) * here
-        columns[LINE, q] = line
-        columns[BLUR, q] = -d * scale * line
-    if slopes:
-        for q in range(np.uint64(last - first)):
-            away = distance[np.uint64(first) + q]
-            here = 1.0 if away < FAR else 0.0
-            d = (away - shift) * here
-            columns[SLOPE_IN, q] = columns[INSIDE, q] * (d + half)
-            columns[SLOPE_OUT, q] = (here - columns[INSIDE, q]) * (d - half)
-
-
-@compiled
-def narrow_model(strip, distance, first, last, shift, slopes, reach, blur, space):  # type: ignore[no-untyped-def]
-    """Fill the columns of surfaces behind narrow ones, and subtract these from the columns they overlap."""
-    columns = space.columns
-    scale, half, seen = 1.0 / blur, 0.5 * reach, reach + 1.5 * blur
-    for q in range(np.uint64(last - first)):
-        columns[BEFORE, q], columns[BEYOND, q] = 0.0, 0.0
-        if distance[np.uint64(first) + q] >= FAR:
-            continue
-        d = distance[np.uint64(first) + q] - shift
-        if strip.reach_in < seen:
-            share = 1.0 - _STEPS[_table_index((d + strip.reach_in) * scale)]
-            columns[BEFORE, q] = share
-            columns[INSIDE, q] -= share
-            if slopes:
-                columns[SLOPE_IN, q] -= share * (d + half)
-        if strip.reach_out < seen:
-            share = _STEPS[_table_index((d - strip.reach_out) * scale)]
-            columns[BEYOND, q] = share
-            if slopes:
-                columns[SLOPE_OUT, q] = share * (d - half)
-
-
-@compiled(fastmath=SUMS)
-def _edge(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """Sums of share a inside, line e and blur w, and their products with each other and with a channel v."""
-    columns = space.columns
-    a, e, w, aa, ae, aw, ee, ew, ww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
-    for q in range(np.uint64(first), np.uint64(last)):
-        inside, line, blur = columns[INSIDE, q], columns[LINE, q], columns[BLUR, q]
-        value = values[k, np.uint64(at) + q]
-        a += inside
-        e += line
-        w += blur
-        v += value
-        aa += inside * inside
-        ae += inside * line
-        aw += inside * blur
-        av += inside * value
-        ee += line * line
-        ew += line * blur
-        ev += line * value
-        ww += blur * blur
-        wv += blur * value
-    return a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv
-
-
-@compiled(fastmath=SUMS)
-def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """The sums of `_edge` that depend on the channel v, for another channel."""
-    columns = space.columns
-    v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
-    for q in range(np.uint64(first), np.uint64(last)):
-        value = values[k, np.uint64(at) + q]
-        v += value
-        av += columns[INSIDE, q] * value
-        ev += columns[LINE, q] * value
-        wv += columns[BLUR, q] * value
-    return v, av, ev, wv
-
-
-@compiled(fastmath=SUMS)
-def _slope_sums(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """Sums of gradients i inside and o outside, and their products with each other, edge and channel."""
-    columns = space.columns
-    i, o, ai, ao, ei, eo = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    ii, io, oo, iv, ov = 0.0, 0.0, 0.0, 0.0, 0.0
-    for q in range(np.uint64(first), np.uint64(last)):
-        inner, outer = columns[SLOPE_IN, q], columns[SLOPE_OUT, q]
-        inside, line, value = columns[INSIDE, q], columns[LINE, q], values[k, np.uint64(at) + q]
-        i += inner
-        o += outer
-        ai += inside * inner
-        ao += inside * outer
-        ei += line * inner
-        eo += line * outer
-        ii += inner * inner
-        io += inner * outer
-        oo += outer * outer
-        iv += inner * value
-        ov += outer * value
-    return i, o, ai, ao, ei, eo, ii, io, oo, iv, ov
-
-
-@compiled(fastmath=SUMS)
-def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """Dot product of column i and row k of values."""
-    columns, total = space.columns, 0.0
-    for q in range(np.uint64(first), np.uint64(last)):
-        total += columns[i, q] * values[k, np.uint64(at) + q]
-    return total
-
-
-@compiled(inline="always")
-def _fill_channel(raw, mean, k, area, rest, v, av, ev, wv):  # type: ignore[no-untyped-def]
-    """Fill the products with channel k; RIDGE pulls each surface's colour slightly to its pixels' mean."""
-    inside, outside = av / (area + 1e-9), (v - av) / (rest + 1e-9)
-    mean[INSIDE, k], mean[OUTSIDE, k] = inside, outside
-    raw[INSIDE, k], raw[OUTSIDE, k] = av + RIDGE * inside, v - av + RIDGE * outside
-    raw[LINE, k], raw[BLUR, k] = ev, wv
-
-
-@compiled
-def edge_products(space, values, start, first, last, count, g, part):  # type: ignore[no-untyped-def]
-    """Fill space.full[g] and .raw, for `part` channels from g on: two surfaces, line and blur.
-
-    Entries first … last - 1 of the columns belong to the values from start + first on; `count` are pixels.
-    """
-    full, raw, mean = space.full, space.raw, space.mean
-    a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv = _edge(space, values, g, start, first, last)
-    full[g, INSIDE, INSIDE], full[g, INSIDE, OUTSIDE] = aa + RIDGE, a - aa
-    full[g, INSIDE, LINE], full[g, INSIDE, BLUR] = ae, aw
-    full[g, OUTSIDE, OUTSIDE] = count - 2.0 * a + aa + RIDGE
-    full[g, OUTSIDE, LINE], full[g, OUTSIDE, BLUR] = e - ae, w - aw
-    full[g, LINE, LINE], full[g, LINE, BLUR], full[g, BLUR, BLUR] = ee, ew, ww
-    _fill_channel(raw, mean, g, a, count - a, v, av, ev, wv)
-    for k in range(g + 1, g + part):
-        v, av, ev, wv = _edge_channel(space, values, k, start, first, last)
-        _fill_channel(raw, mean, k, a, count - a, v, av, ev, wv)
-
-
-@compiled
-def slope_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
-    """Fill the products with the gradients: zero if there are none."""
-    full, raw = space.full, space.raw
-    if not slopes:
-        full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = 0.0, 0.0
-        full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = 0.0, 0.0
-        full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = 0.0, 0.0
-        return
-    i, o, ai, ao, ei, eo, ii, io, oo, iv, ov = _slope_sums(space, values, g, start, first, last)
-    full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = ai, ao
-    full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = i - ai, o - ao
-    full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = ei, eo
-    full[g, SLOPE_IN, SLOPE_IN], full[g, SLOPE_IN, SLOPE_OUT], full[g, SLOPE_OUT, SLOPE_OUT] = ii, io, oo
-    raw[SLOPE_IN, g], raw[SLOPE_OUT, g] = iv, ov
-    for k in range(g + 1, g + part):
-        raw[SLOPE_IN, k] = _dot(space, SLOPE_IN, values, k, start, first, last)
-        raw[SLOPE_OUT, k] = _dot(space, SLOPE_OUT, values, k, start, first, last)
-
-
-@compiled
-def narrow_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
-    """Fill the products of surfaces behind narrow ones, and correct those of the share outside."""
-    columns, full, raw, mean = space.columns, space.full, space.raw, space.mean
-    # The total share outside in the products above: all but the share inside.
-    rest = full[g, OUTSIDE, OUTSIDE] + full[g, INSIDE, OUTSIDE] - RIDGE
-    full[g, BEFORE, BEYOND] = _dot(space, BEFORE, space.columns, BEYOND, 0, first, last)
-    for i in (BEFORE, BEYOND):
-        area, square = 0.0, _dot(space, i, space.columns, i, 0, first, last)
-        for q in range(first, last):
-            area += columns[i, q]
-        for j in (INSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR):
-            stale = not slopes and j in (SLOPE_IN, SLOPE_OUT)
-            full[g, i, j] = 0.0 if stale else _dot(space, i, space.columns, j, 0, first, last)
-            full[g, min(OUTSIDE, j), max(OUTSIDE, j)] -= full[g, i, j]
-        full[g, i, i] = square + RIDGE
-        full[g, i, OUTSIDE] = area - square - full[g, BEFORE, BEYOND] - full[g, i, INSIDE]
-        rest -= area
-        for k in range(g, g + part):
-            product = _dot(space, i, values, k, start, first, last)
-            mean[i, k] = product / (area + 1e-9)
-            raw[i, k] = product + RIDGE * mean[i, k]
-            raw[OUTSIDE, k] -= product
-    for k in range(g, g + part):
-        product = raw[OUTSIDE, k] - RIDGE * mean[OUTSIDE, k]
-        mean[OUTSIDE, k] = product / (rest + 1e-9)
-        raw[OUTSIDE, k] = product + RIDGE * mean[OUTSIDE, k]
-    others = full[g, INSIDE, OUTSIDE] + full[g, BEFORE, OUTSIDE] + full[g, BEYOND, OUTSIDE]
-    full[g, OUTSIDE, OUTSIDE] = rest - others + RIDGE
 
 
 @compiled

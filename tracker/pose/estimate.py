@@ -39,10 +39,10 @@ from tracker.pose.judge import (
     trust,
     unanimous,
 )
-from tracker.pose.refine import FIRST, FOLLOWING, FROM_THERE, SCHEDULE, Schedule
 from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
 from tracker.pose.rivals import lead, turned_about_face
+from tracker.pose.schedule import FIRST, FOLLOWING, FROM_THERE, SCHEDULE, Schedule
 from tracker.pose.support import table_of
 from tracker.pose.views import Hidden, Sight
 from tracker.segmentation.color_model import ColorModel

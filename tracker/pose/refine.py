@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import apply_update, copy_pose
 from tracker.geometry.linear import median
 from tracker.pose.edge_fit import measure
@@ -80,54 +78,6 @@ pixels that interpolation errors average out (recorded images of 540×540 fit no
 PRIOR = 3.0, 10.0
 """Information of a prior of 0.6 radii of the object and 0.3 rad around the initial pose, which constrains
 unobserved directions; positions in units of the radius."""
-
-
-class Schedule(NamedTuple):
-    """Steps of the refinement."""
-
-    blur: FloatArray
-    """(steps,) standard deviation of the model's blur [px]; 0: as measured."""
-    piece: FloatArray
-    """(steps,) length of a piece of edge [px]."""
-    tukey: FloatArray
-    """(steps,) smallest residual at which a piece's weight reaches zero [px]."""
-    every: Array
-    """(steps,) n, if only every n-th piece is used; the refinement converges only in a step with all."""
-    negligible: FloatArray
-    """(steps,) squared length of a step [standard deviations of the pose] below which the refinement ends."""
-    moves: bool = True
-    """Whether the pose moves; otherwise each step measures the edges at the given pose."""
-
-
-SCHEDULE = Schedule(
-    blur=np.array([1.2] + [0.0] * 7),
-    piece=np.array([6.0] + [5.0] * 7),
-    tukey=np.array([4.0, 3.0, 1.0] + [0.5] * 5),
-    every=np.array([2] + [1] * 7),
-    # Each step is about a twentieth of the one before (squared). If few pixels decide, pieces come and go
-    # from step to step, and the pose keeps moving.
-    negligible=np.ones(8),
-)
-"""Refinement from a hypothesis."""
-
-FIRST, FROM_THERE = (
-    Schedule(*(column[steps] for column in SCHEDULE[:5]))  # type: ignore[arg-type]
-    for steps in (slice(1), slice(1, None))
-)
-"""The first step of SCHEDULE, and the remaining ones."""
-
-FOLLOWING = Schedule(
-    blur=np.zeros(5),
-    piece=np.full(5, 6.0),
-    tukey=np.array([1.0] + [0.5] * 4),
-    every=np.array([2] + [1] * 4),
-    negligible=np.full(5, 4.0),
-)
-"""Refinement from a predicted pose, with known blur. After a step of 4, a fifth of a squared standard
-deviation is left, which the filter averages out over time."""
-
-MEASURING = FROM_THERE._replace(blur=np.zeros(2), moves=False)
-"""Measurement at a fixed pose: the second step uses the blur found by the first."""
 
 
 @compiled
@@ -417,7 +367,7 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work, own)
     Args:
         model: see `refiner.Model`.
         pictures: (C,) of PICTURE.
-        schedule: the steps.
+        schedule: see `schedule.Schedule`.
         start: see Start.
         solution: of SOLUTION, filled; its pose is the initial one.
         cameras: (C,) of CAMERA, filled; delay and lag are given.

@@ -14,9 +14,11 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.edge_fit import OFFSET, scratch
+from tracker.pose.edge_fit import OFFSET
+from tracker.pose.edge_model import scratch
 from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
-from tracker.pose.refine import MEASURING, SCHEDULE, Schedule, refine
+from tracker.pose.refine import refine
+from tracker.pose.schedule import MEASURING, SCHEDULE, Schedule
 from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNOWNS
 from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import NO_TABLE, Table

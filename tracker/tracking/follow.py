@@ -15,8 +15,8 @@ from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Start
 from tracker.pose.hypotheses import ENOUGH
 from tracker.pose.judge import alone, log_odds, rank, refusal
-from tracker.pose.refine import FOLLOWING
 from tracker.pose.result import Observation, Status
+from tracker.pose.schedule import FOLLOWING
 from tracker.pose.views import Hidden
 from tracker.tracking.belief import Belief, TrackingOptions, measured
 from tracker.tracking.cameras import EVERY, Agreement, CameraMemory, after, looked_at, usable

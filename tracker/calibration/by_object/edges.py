@@ -21,8 +21,8 @@ from tracker.geometry.camera import Camera
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
 from tracker.pose.fit import Fit, Start
-from tracker.pose.refine import FOLLOWING
 from tracker.pose.refiner import Refiner
+from tracker.pose.schedule import FOLLOWING
 from tracker.pose.sizes import FOOT_STD
 from tracker.pose.solve import FLOOR, trust_of
 from tracker.pose.support import table_of
