@@ -8,7 +8,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 
@@ -32,14 +31,14 @@ _PATIENCE = 0.1
 """How long the thread waits before it checks whether to end [s]."""
 
 
-def check_arguments(tracker: object, history: object, listeners: object = ()) -> None:
+def check_arguments(tracker: object, history: object, listeners: Sequence[object] = ()) -> None:
     """Raise LiveError if one of the arguments of Live with these names is none."""
     if not callable(getattr(tracker, "update", None)):
         raise LiveError(f"tracker: found {shown(tracker)}, expected a tracker.ObjectTracker")
     if not is_whole(history) or history < 1:
         raise LiveError(f"history: found {shown(history)}, expected a whole number of at least 1")
     check_sequence(listeners, "listeners", LiveError, "a sequence of functions")
-    for listener in cast(Sequence[object], listeners):
+    for listener in listeners:
         if not callable(listener):
             raise LiveError(f"listeners: found {shown(listener)}, expected functions of a Moment")
 
