@@ -177,8 +177,9 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
             ({"confidence": 3.0}, "pose: found the confidence 3"),
         ]:
             with pytest.raises(LogError, match=message):
-                writer.append(images, 1.0, pose=SimpleNamespace(**pose | change))
-        assert len(writer) == 0
+                writer.append(images, 9.0, pose=SimpleNamespace(**pose | change))
+        writer.append(images, 1.0)  # what was refused is not remembered
+        assert len(writer) == 1
     with tracker.open_log(tmp_path / "log.h5") as log:
         assert [frame.timestamp for frame in log] == [1.0, 2.0]
         assert log[1].camera_timestamps.tolist() == [2.0, 2.0, 2.5]

@@ -128,24 +128,15 @@ class Hdf5LogWriter:
             stamps = np.where(np.isnan(given), stamps, given)
             for value in stamps.tolist():
                 checked_stamp(value, what=where)
-        self._order.check(self._count, stamp, stamps, what=where)
         rows: dict[str, Any] = {"images": raw, "timestamps": stamps, "sensor_data_timestamps": 1000 * stamp}
-        with uninterrupted():
-            self._write(rows, pose, where)
-
-    def _write(self, rows: dict[str, Any], pose: Any, where: str) -> None:
-        """Append a frame's rows and its pose; LogError if that fails: the log is unchanged."""
         if "object_pose" in self._file:
-            values = {name: np.zeros(shape) for name, shape in _POSE_SHAPES.items()}
-            for name, shape in {} if pose is None else _POSE_SHAPES.items():
-                if not hasattr(pose, name):
-                    valid = f"one with {', '.join(POSE)}"
-                    raise LogError(f"{where}: pose: found {shown(pose)}, expected {valid}")
-                what = f"{where}: pose: {name}"
-                values[name] = float_array(getattr(pose, name), shape, what, LogError, finite=False)
-            pose_from_record(np.hstack([*values.values()]), what=f"{where}: pose")  # as when it is read
-            rows |= {"object_pose/has_pose": pose is not None}
-            rows |= {f"object_pose/{name}": value for name, value in values.items()}
+            rows |= _pose_rows(pose, where)
+        self._order.check(self._count, stamp, stamps, what=where)  # last: it remembers the stamps
+        with uninterrupted():
+            self._write(rows)
+
+    def _write(self, rows: dict[str, Any]) -> None:
+        """Append a frame's rows; LogError if that fails: the log is unchanged."""
         try:
             for name, row in rows.items():
                 field = self._file[name]
@@ -241,6 +232,20 @@ class Hdf5LogWriter:
                 raise LogError(f"{where}: {name}: found {found}, expected uint8 of {valid}")
             raw[c] = image if image.ndim == 2 else to_bayer(image)
         return raw
+
+
+def _pose_rows(pose: Any, where: str) -> dict[str, Any]:
+    """Return a frame's rows of the recorded pose; LogError if it is none that can be read again."""
+    values = {name: np.zeros(shape) for name, shape in _POSE_SHAPES.items()}
+    for name, shape in {} if pose is None else _POSE_SHAPES.items():
+        if not hasattr(pose, name):
+            valid = f"one with {', '.join(POSE)}"
+            raise LogError(f"{where}: pose: found {shown(pose)}, expected {valid}")
+        what = f"{where}: pose: {name}"
+        values[name] = float_array(getattr(pose, name), shape, what, LogError, finite=False)
+    pose_from_record(np.hstack([*values.values()]), what=f"{where}: pose")  # as when it is read
+    rows = {f"object_pose/{name}": value for name, value in values.items()}
+    return {"object_pose/has_pose": pose is not None, **rows}
 
 
 def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
