@@ -267,6 +267,12 @@ def test_an_empty_record_is_a_frame_without_images(write, frames, tmp_path):
     with tracker.open_log(write(tmp_path / "log", content)) as log:
         read = list(log)
         alone = log[frames[0]]
+        hdf5_writer.write_hdf5(tmp_path / "copy.h5", log, tiny_rig(), lambda count: None)
+    with tracker.open_log(tmp_path / "copy.h5") as log:
+        for frame, copy in zip(read, log, strict=True):
+            assert copy.timestamp == pytest.approx(frame.timestamp, abs=1e-6)
+            np.testing.assert_array_equal(copy.camera_timestamps, frame.camera_timestamps)
+            assert [one is None for one in copy.images] == [one is None for one in frame.images]
     assert [frame.index for frame in read] == list(range(8))
     for frame in read:
         if frame.index in frames:

@@ -153,7 +153,7 @@ class StampOrder:
         """Compare a frame with the previous one; a frame that raises LogError is not remembered."""
         stamps = np.array([timestamp, *camera_timestamps])
         if self._last is not None:
-            steps = np.where(np.isnan(stamps), 0.0, stamps - self._last)
+            steps = np.nan_to_num(stamps - self._last)
             worst = int(np.argmax(np.abs(np.where(steps < 0, np.inf, steps))))
             if steps[worst] < 0 or steps[worst] > self._gap:
                 way = "back" if steps[worst] < 0 else "forward"

@@ -108,7 +108,8 @@ class Hdf5LogWriter:
                 of which each pixel keeps the colour that such a sensor measures there. None, a missing
                 image, is recorded as black.
             timestamp: timestamp of the frame [s], at most an hour after the previous frame and not before it.
-            camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's.
+            camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's. NaN
+                for all, without images: a driver error, read as a frame without images.
             pose: the object's pose, with `position`, `orientation` and `confidence`, or None; recorded only
                 if the log was opened with `poses`.
 
@@ -125,10 +126,13 @@ class Hdf5LogWriter:
             given = seconds(camera_timestamps, f"{where}: camera_timestamps", LogError)
             if given.shape != stamps.shape:
                 raise LogError(f"{where}: found stamps of shape {given.shape}, expected {stamps.shape}")
-            stamps = np.where(np.isnan(given), stamps, given)
-            for value in stamps.tolist():
-                checked_stamp(value, what=where)
-        rows: dict[str, Any] = {"images": raw, "timestamps": stamps, "sensor_data_timestamps": 1000 * stamp}
+            if raw.any() or not np.isnan(given).all():
+                given = np.where(np.isnan(given), stamps, given)
+                for value in given.tolist():
+                    checked_stamp(value, what=where)
+            stamps = given  # all NaN where a driver error left the frame empty, recorded as zeros
+        rows: dict[str, Any] = {"images": raw, "timestamps": np.nan_to_num(stamps)}
+        rows["sensor_data_timestamps"] = 1000 * stamp
         if "object_pose" in self._file:
             rows |= _pose_rows(pose, where)
         self._order.check(self._count, stamp, stamps, what=where)  # last: it remembers the stamps
