@@ -154,7 +154,9 @@ def test_damaged_pictures_are_named(tmp_path, suffix, damage, message):
 
 
 def write_truth(folder: Path, stamps: dict[str, float], sequence: bool) -> None:
+    early = {"camera180": {"timestamp": -0.004}}  # the first frame's image of one camera
     frames = [{"frame": name, "timestamp": stamp} for name, stamp in stamps.items()]
+    frames[0]["cameras"] = early
     truth = {"settings": {"sequence": sequence, "rate": 10.0}, "frames": frames}
     (folder / "ground_truth.json").write_text(json.dumps(truth))
 
@@ -166,6 +168,7 @@ def test_stamps_of_synthetic_data_are_those_of_the_truth(tmp_path, sequence, sta
     write_truth(tmp_path, stamps, sequence)
     with tracker.open_log(tmp_path) as log:
         assert [frame.timestamp for frame in log] == pytest.approx(list(stamps.values()))
+        assert [frame.camera_timestamps.tolist() for frame in log[:2]] == [[0.0, -0.004, 0.0], [0.1] * 3]
         assert log.episode_starts == starts
     del stamps["000001"]
     write_truth(tmp_path, stamps, sequence)

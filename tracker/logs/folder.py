@@ -7,13 +7,14 @@ import json
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import naming
-from tracker.conventions import Image
+from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import read_bounded, told_as, told_of, whole_file
 from tracker.logs.frame import LogFrame, checked_stamp
@@ -44,6 +45,7 @@ class FolderSource(Source):
         self._films = {file.film for file in pictures if isinstance(file, FilmPicture)}
         self.format = "films" if self._films else "folder of images"
         self._stamps, self._raw = layout.stamps, False
+        self._times: FloatArray = np.nanmean(layout.stamps, axis=1)  # (n,) of the frames
         self._given: CameraRig | None = None
         if (path / TRUTH_FILE).is_file():
             self._read_truth(path / TRUTH_FILE)
@@ -57,7 +59,9 @@ class FolderSource(Source):
         if np.isnan(stamps).all():
             name = self._layout.names[index]
             raise LogError(f"{where}: {name} is missing in {TRUTH_FILE}, expected its stamp there")
-        stamp = checked_stamp(float(np.nanmean(stamps)), what=where)
+        for own in stamps[~np.isnan(stamps)]:
+            checked_stamp(own, what=where)
+        stamp = checked_stamp(self._times[index], what=where)
         raw = None
         if self._raw:
             mosaics = [None if one is None else np.ascontiguousarray(one[:, :, 0]) for one in images]
@@ -82,22 +86,29 @@ class FolderSource(Source):
             film.close()
 
     def _read_truth(self, file: Path) -> None:
-        """Read the frames' timestamps from the ground truth, NaN for frames that it does not have."""
+        """Read the timestamps of frames and images from the truth, NaN for frames that it does not have."""
         text = _content(file, _MAX_TRUTH)
         faults = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
         with naming(f"{file}: found no stamps of frames", LogError, *faults):
             content = json.loads(text.decode("utf-8"))
-            truth = {str(item["frame"]): float(item["timestamp"]) for item in content["frames"]}
+            truth = {str(item["frame"]): self._stamps_in(item) for item in content["frames"]}
             settings = {"rate": 10.0, "sequence": True, **content.get("settings", {})}
             rate = max(1e-3, float(settings["rate"]))
             self._raw = settings.get("raw") is True
         self.format += ", synthetic"
         self._given = rig_beside(self.path / self._layout.names[0], self.camera_names)
-        stamps = np.array([truth.get(name, np.nan) for name in self._layout.names])
-        self._stamps = np.where(np.isnan(self._stamps), np.nan, stamps[:, None])
+        unknown = [np.nan] * (1 + len(self.camera_names))
+        stated = np.array([truth.get(name, unknown) for name in self._layout.names])
+        self._times, self._stamps = stated[:, 0], np.where(np.isnan(self._stamps), np.nan, stated[:, 1:])
         # An episode starts with each single scene, and after a pause in a sequence.
         pause = _PAUSE / rate if settings["sequence"] else 0.0
-        self.episode_starts = (0, *(int(k) for k in np.flatnonzero(np.diff(stamps) > pause) + 1))
+        self.episode_starts = (0, *(int(k) for k in np.flatnonzero(np.diff(self._times) > pause) + 1))
+
+    def _stamps_in(self, item: Any) -> list[float]:
+        """Return a frame's timestamp in the truth and those of its images, where they have their own."""
+        cameras, stamp = item.get("cameras", {}), item["timestamp"]
+        own = (cameras.get(name, {}).get("timestamp", stamp) for name in self.camera_names)
+        return [float(one) for one in (stamp, *own)]
 
 
 def _picture(file: Picture, size: tuple[int, int]) -> Image:
