@@ -137,7 +137,7 @@ def test_the_order_that_fits_is_found(demo, order):
     given = [[images[k] for k in order] for images in sets]
     back = tuple(map(order.index, STRAIGHT))
     assert remarks.swapped(one, given[0]) == remarks.swap_message(back, NAMES)
-    assert remarks.lasting_remark(one, given) == remarks.swap_message(back, NAMES)
+    assert remarks.lasting_remark(one, [[None] * 3, *given]) == remarks.swap_message(back, NAMES)
 
 
 def test_there_is_no_warning_of_pictures_that_fit_or_that_are_wrong(demo):

@@ -128,7 +128,9 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
 def lasting_remark(tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]) -> str | None:
     """Like `likely_cause` for a recording, without exposure and sharpness: two sets of images must agree."""
     found: list[str | None] = []
-    for images in itertools.islice(sets, _MOST_SETS):
+    # A driver error leaves a frame without images.
+    some = (images for images in sets if any(image is not None for image in images))
+    for images in itertools.islice(some, _MOST_SETS):
         answer = tracker.detect(images)
         if _confidence(answer) >= SURE:
             return None
