@@ -87,10 +87,14 @@ def test_every_recording_has_a_result_and_only_what_is_broken_changed_or_missing
     assert tables.state(one).missing == COUNT
     assert [result["frames"] for result in do(one)[0]] == [0] * COUNT
     goal = [[0, [0.0, 0.0, 0.05]], [500, [0.1, 0.0, 0.08]]]
-    (recordings / "002" / "goal.json").write_text(json.dumps(goal))
-    tracked, before = do(one)
-    assert ([result["frames"] for result in tracked], before) == ([0], COUNT - 1)
-    assert tables.state(one).lines[2]["task"] == "trajectory"
+    there = recordings / "002" / "goal.json"
+    there.write_text(json.dumps(goal))
+    os.utime(there, (0, 0))  # copied with its old time
+    for change, task in ((lambda: None, "trajectory"), (there.unlink, None)):
+        change()
+        tracked, before = do(one)
+        assert ([result["frames"] for result in tracked], before) == ([0], COUNT - 1)
+        assert tables.state(one).lines[2]["task"] == task
     tracked, _ = do(batch_of(recordings, options=Options("cube_v2", stop=4, make_tracker=NoiseTracker)))
     assert [result["frames"] for result in tracked] == [4] * COUNT
 

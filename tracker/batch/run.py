@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import itertools
 import json
 import os
@@ -76,7 +77,8 @@ def make_result(task: Task) -> dict[str, Any]:
         job = task.job
         tracked = run(job)
         about = output.stat()
-        line = {"fingerprint": tracked.poses.about.fingerprint, "bytes": about.st_size}
+        mark = tracked.poses.about.fingerprint
+        line = {"fingerprint": mark, "bytes": about.st_size, "goal": _goal_of(job.log)}
         line |= row(job, tracked, remark_on_recording(job, tracked.poses))
         write_whole(results.summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
         results.failure_file(output).unlink(missing_ok=True)
@@ -232,19 +234,21 @@ def unfinished(work: Iterable[Work], done: Callable[[], None]) -> Iterator[Task]
 
 
 def is_whole(task: Task, recipe: Recipe) -> bool:
-    """Whether a recording has a matching result, newer than its goal; the poses are not opened."""
+    """Whether a recording has a matching result, also of its goal; the poses are not opened."""
     job = Job(Path(task.log), Path(task.output), recipe)
     try:
         mark, line = fingerprint(job), results.read_line(job.output)
-        if line is None or line.get("fingerprint") != mark:
-            return False
-        scored = results.summary_file(job.output).stat().st_mtime_ns
     except OSError:
         return False
+    return line is not None and (line.get("fingerprint"), line.get("goal")) == (mark, _goal_of(job.log))
+
+
+def _goal_of(log: Path) -> str | None:
+    """Return a hash of the goal beside a recording; None if there is none, or it cannot be read."""
     try:
-        return goal_file(job.log).stat().st_mtime_ns <= scored
+        return hashlib.sha256(read_bounded(goal_file(log), MAX_LIST)).hexdigest()
     except OSError:
-        return True  # there is no goal
+        return None
 
 
 def _remove_leftovers(batch: Batch) -> None:
