@@ -139,15 +139,18 @@ def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
     assert of_again() == prints[-2:]
 
 
-def test_what_is_behind_a_link_or_beside_a_store_is_in_the_fingerprint(tmp_path):
+def test_what_is_behind_a_link_beside_a_store_or_in_a_film_s_frame_is_in_the_fingerprint(tmp_path):
     folder, store = tmp_path / "folder", tmp_path / "a.zarr" / "data.mdb"
-    for file in (tmp_path / "images" / "000000.png", store, tmp_path / "camera60.yml"):
+    film = tmp_path / "film" / "ground_truth.json"
+    stated = [film, film.with_name("000000") / "camera60.yml"]
+    for file in (tmp_path / "images" / "000000.png", store, tmp_path / "camera60.yml", *stated):
         file.parent.mkdir(exist_ok=True)
         file.touch()
     folder.mkdir()
     (folder / "camera60").symlink_to(tmp_path / "images")
     (folder / "back").symlink_to(folder)
-    for path, changed in ((folder, "images/000000.png"), (store, "camera60.yml")):
+    inside = film.parent, "film/000000/camera60.yml"
+    for path, changed in ((folder, "images/000000.png"), (store, "camera60.yml"), inside):
         job = make_job(path, tmp_path / "poses.h5", rig=None)
         before = fingerprint(job)
         os.utime(tmp_path / changed, (0, 0))

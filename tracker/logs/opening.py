@@ -80,6 +80,8 @@ def calibration_files(path: Path) -> list[Path]:
     folders = [path.parent]
     if path.is_dir():
         folders = [path] if _existing(path, JOB_LOGS) else [path, path.parent]
+        if (path / TRUTH_FILE).is_file():  # a synthetic film may state its calibration in its first frame
+            folders += sorted(filter(Path.is_dir, path.glob("[0-9]*")))[:1]
     return [file for folder in folders for file in _calibration_in(folder, folder.stat().st_mtime_ns)]
 
 
