@@ -292,3 +292,5 @@ def test_a_recording_with_an_empty_record_is_tracked_on(tmp_path, run_here):
     assert track(log, "cube_v2").poses.index.tolist() == list(range(8))
     found = json.loads(run_here("info", log, "--json").stdout)
     assert found["without_image"] == {"camera60": 2, "camera180": 2, "camera300": 2}
+    result = run_here("detect", log, "--object", "cube_v2", "--frame", 3)
+    assert "found frame 3 without images, expected another --frame" in result.stderr

@@ -46,7 +46,10 @@ def _one_set(
             if number >= len(log):
                 there = f"0 to {len(log) - 1}" if len(log) else "a recording that has some"
                 raise LogError(f"{path}: found no frame {number}, expected one from {there}")
-            return rig, list(log[number].images)
+            pictures = list(log[number].images)
+            if all(one is None for one in pictures):
+                raise LogError(f"{path}: found frame {number} without images, expected another --frame")
+            return rig, pictures
     if frame is not None:
         raise click.UsageError("--frame is for recordings and folders; found image files")
     if not cameras.calibration:
