@@ -48,8 +48,8 @@ DOUBTFUL = (
 )
 
 OUT_OF_VIEW = (
-    "the calibration has the arena in no image, or too small: tf_world_to_camera must be in metres, from "
-    "world to camera, not back, with OpenCV's axes, z forward and y down; arena.toml in that world"
+    "the calibration has the arena in no image or few, or too small: tf_world_to_camera must be in metres, "
+    "from world to camera, not back, with OpenCV's axes, z forward and y down; arena.toml in that world"
 )
 
 
@@ -89,32 +89,32 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | No
 
 
 def in_view(rig: CameraRig) -> bool:
-    """Whether the centre of the arena is in any image, and the arena large enough to find an object in it."""
-    arena = rig.arena
+    """Whether half of the images or more show the centre of the arena, and it is large enough in them."""
+    arena, count = rig.arena, 0
     places = np.add([*arena.center, arena.ground], arena.radius * np.eye(4, 3, k=-1))
     for camera in rig:
         centre, *ends = camera.project_in_view(places)
         inside = (centre > -0.5).all() and (centre < [camera.width - 0.5, camera.height - 0.5]).all()
-        if inside and not np.max(np.abs(ends - centre)) < _LEAST_RADIUS:  # NaN: far out of the image
-            return True
-    return False
+        # NaN: far out of the image
+        count += bool(inside and not np.max(np.abs(ends - centre)) < _LEAST_RADIUS)
+    return 2 * count >= len(rig)
 
 
 def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
     """Return a remark on cameras out of view or swapped, or else what is `mistaken`; None if all is well."""
+    if not in_view(tracker.rig):
+        return OUT_OF_VIEW  # even of a certain pose: the cameras left may be sure of a wrong one
     if _confidence(answer) >= UNSURE:
         return None
-    if not in_view(tracker.rig):
-        return OUT_OF_VIEW
     return swapped(tracker, images, answer) or mistaken(tracker, images)
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
     """Return in one line why no certain pose is found; None if one is found, or no cause is known.
 
-    Swapped cameras, swapped channels and other objects are tried first; then exposure and sharpness are
-    checked. Unless the pose is certain, this takes as long as several detections. `answer` is the result of
-    `tracker.detect(images)`.
+    A calibration out of view is reported even if one is. Swapped cameras, swapped channels and other objects
+    are tried next; then exposure and sharpness are checked. Unless the pose is certain, this takes as long as
+    several detections. `answer` is the result of `tracker.detect(images)`.
     """
     cause = misplaced(tracker, images, answer)
     if cause is not None or _confidence(answer) >= UNSURE:
