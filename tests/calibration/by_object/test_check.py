@@ -136,6 +136,7 @@ def test_a_camera_that_is_hidden_is_not_asked_and_one_that_cannot_use_what_it_sh
     assert found.fits
     assert found.cameras[2].looks == 0
     assert np.isnan(found.cameras[2].miss_px)
+    assert found.warnings[0].startswith("camera300: not checked")
     lost = [one._replace(lost=np.array([False, False, True])) for one in hidden]
     found = check_calibration(lost, CAMERAS)
     assert not found.fits

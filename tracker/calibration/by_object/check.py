@@ -129,8 +129,13 @@ class CalibrationCheck:
 
     @property
     def warnings(self) -> list[str]:
-        """Implausible values of the lenses, one line each."""
+        """Cameras that could not be checked, and implausible values of the lenses, one line each."""
         return [
+            f"{one.name}: not checked, it never sees the object: is its image right, and its "
+            "tf_world_to_camera in metres and from world to camera?"
+            for one in self.cameras
+            if not (one.looks or one.moved or self.is_lost(one))
+        ] + [
             f"{one.name}: fy/fx is {one.focal.ratio:.4f}, expected 1 within {100 * SQUARE:g} %: depths that "
             f"it sees alone may be off by {100 * one.focal.off:.1f} % of the distance"
             for one in self.cameras
