@@ -42,6 +42,8 @@ def test_another_object_is_refused(film):
     cuboid = tracker.load_object("cuboid_2x2x8_v2")
     with pytest.raises(NotBetterError, match="refused"):
         adapt(cuboid, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=2)
+    with pytest.raises(NotBetterError, match=r"no better than by cube_v2 \(see --colors\)"):
+        adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=0)
 
 
 def test_the_nearest_shipped_model_explains_most(film):

@@ -105,7 +105,8 @@ def adapt(
         if idle >= PATIENCE and gate == GATES[-1]:
             break
     if best.after is before:
-        fault = fault or f"held-out frames are explained no better than before: {before}"
+        instead = f"{start.name} (see --colors): {before}"
+        fault = fault or f"held-out frames are explained no better than by {instead}"
         raise NotBetterError(f"{start.name}: refused: {fault}")
     return best
 
