@@ -195,14 +195,15 @@ class Pushed:
     def push(
         self,
         images: Sequence[Image | None],
-        timestamp: float | Sequence[float] | FloatArray | None = None,
+        timestamp: float | Sequence[float | None] | FloatArray | None = None,
     ) -> None:
         """Push a set of images; return at once.
 
         Args:
             images: one image (H, W, 3) uint8 BGR per camera, None if there is none. They are not copied: do
                 not write to them afterwards.
-            timestamp: when they were taken [s], one for all cameras or one each; by default `time.time()`.
+            timestamp: when they were taken [s], one for all cameras or one each (None without an image); by
+                default `time.time()`.
 
         Raises:
             LiveError: the numbers of images and timestamps differ, there were more or fewer images before, a
@@ -210,6 +211,10 @@ class Pushed:
         """
         stamp = time.time() if timestamp is None else timestamp
         check_sequence(images, "images", LiveError)
+        if isinstance(stamp, (list, tuple)) and len(stamp) == len(images):
+            latest = max((one for one in stamp if is_number(one)), default=None)
+            pairs = zip(stamp, images, strict=True)
+            stamp = [latest if one is None and image is None else one for one, image in pairs]
         given = in_range(seconds(stamp, "timestamp", LiveError), "timestamp", LiveError)
         stamps = given.ravel().tolist() * (1 if given.ndim else len(images))
         taken = ImageSet(tuple(images), tuple(stamps))
