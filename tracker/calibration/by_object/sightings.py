@@ -172,13 +172,15 @@ rotation between some of them [rad]; an object that is only shifted shows the sa
 SMEARED = 0.3e-3
 """Largest motion between the images of a frame that is used [m]."""
 
+_FAR_OFF = "; cameras off by over a few mm or half a degree need a board first: tracker calibrate extrinsics"
+
 
 def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     """Return up to `most` sightings in different poses; CalibrationError if there are too few."""
     sharp = [one for one in seen if _smear(one) < SMEARED]
     if not sharp:
         more = f"; in {len(seen)} more it moved between the cameras' images" if seen else ""
-        raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}")
+        raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}{_FAR_OFF}")
     chosen: list[Sighting] = []
     for one in sharp:
         if not any(_near(one, other, APART) for other in chosen):
@@ -191,7 +193,7 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
             f"refine: found {len(chosen)} different poses in which {name} is seen, expected {LEAST} or more; "
             f"they spread by {1e3 * spread:.0f} mm (expected {1e3 * SPREAD:.0f}) and turn by up to "
             f"{np.degrees(turn):.0f}° (expected {np.degrees(TURNED):.0f}): move and turn it all over the "
-            "arena"
+            f"arena{_FAR_OFF}"
         )
     return [chosen[k] for k in evenly(len(chosen), most)]
 
