@@ -178,6 +178,8 @@ def test_eliminating_the_poses_changes_nothing(rng):
 MODEL, COLORS = tracker.load_object("cube_v2"), tracker.load_colors("cube_v2")
 ALONE = tracker.CameraRig((RIG[0],))
 WRONG = knocked(RIG, seed=4)
+BACK = dataclasses.replace(RIG[2], camera_from_world=np.linalg.inv(RIG[2].camera_from_world))
+AWAY = tracker.CameraRig((*WRONG[:2], BACK))
 
 
 def footage(stills):
@@ -249,11 +251,12 @@ EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
     [
         (lambda: footage(carried()), RIG, r"refused: edges in 9 frames held out.*as good as"),
         (lambda: footage(carried()), ALONE, "camera60 alone"),
+        (lambda: footage(carried()), AWAY, "camera300: found that [01] of .* show cube_v2"),
         (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 different poses .* expected 18"),
         (lambda: footage(rests() * 3), WRONG, "move and turn it .* need a board"),
         (lambda: Film([EMPTY] * 3), WRONG, "no frame in which cube_v2 is surely seen; .* need a board"),
     ],
-    ids=["nothing to better", "one camera", "at rest", "never turned", "no object"],
+    ids=["nothing to better", "one camera", "an inverted camera", "at rest", "never turned", "no object"],
 )
 def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, message):
     kind = NotBetterError if message.startswith("refused") else CalibrationError

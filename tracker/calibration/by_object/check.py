@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
-from tracker.calibration.by_object.sightings import Footage, observed, require_two, slow
+from tracker.calibration.by_object.sightings import UNSEEN, Footage, observed, require_two, slow
 from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -131,8 +131,7 @@ class CalibrationCheck:
     def warnings(self) -> list[str]:
         """Cameras that could not be checked, and implausible values of the lenses, one line each."""
         return [
-            f"{one.name}: not checked, it never sees the object: is its image right, and its "
-            "tf_world_to_camera in metres and from world to camera?"
+            f"{one.name}: not checked, it never sees the object: {UNSEEN}"
             for one in self.cameras
             if not (one.looks or one.moved or self.is_lost(one))
         ] + [

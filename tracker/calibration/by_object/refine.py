@@ -25,7 +25,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tracker.calibration.by_object.edges import EXPONENT_STD, OWN, Contour, EdgeReader, Frame, seen_motion
-from tracker.calibration.by_object.sightings import Footage, all_sightings, different, require_two
+from tracker.calibration.by_object.sightings import (
+    Footage,
+    all_sightings,
+    different,
+    require_each,
+    require_two,
+)
 from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of
 from tracker.calibration.deviations import calibration_covariance, element_std
 from tracker.calibration.rig import CameraRig
@@ -334,14 +340,16 @@ def refine_cameras(
     over the old cameras, and so do z and tilt unless the object rested in enough places. `progress` receives
     the number of new shots that show the object.
 
-    CalibrationError: there is only one camera, or the object was seen in too few poses. NotBetterError: the
-    refined cameras do not fit the held-out frames better.
+    CalibrationError: there is only one camera, or the object was seen in too few poses, or by a camera in too
+    few frames. NotBetterError: the refined cameras do not fit the held-out frames better.
     """
     require_two(rig.cameras, "refine", ", which stand to each other")
     wide = _stating(broad(rig), rig.cameras, map(_wider, rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
     frames = list(edges.sights(different(model.name, seen, most)))
+    shown = [[one is not None for one in edges.fitted(frame)[1]] for frame in frames]
+    require_each(rig.names, np.sum(shown, axis=0).tolist(), f"of {len(frames)} frames show {model.name}")
     rim = model.rim, model.rim_std
     taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
     judges = frames[::JUDGED]

@@ -172,6 +172,7 @@ rotation between some of them [rad]; an object that is only shifted shows the sa
 SMEARED = 0.3e-3
 """Largest motion between the images of a frame that is used [m]."""
 
+UNSEEN = "is its image right, and its tf_world_to_camera in metres and from world to camera?"
 _FAR_OFF = "; cameras off by over a few mm or half a degree need a board first: tracker calibrate extrinsics"
 
 
@@ -201,3 +202,12 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
 def _smear(one: Sighting) -> float:
     """Return how far the object moved between the first and the last image of a frame [m]."""
     return 0.0 if one.velocity is None else one.skew * float(np.linalg.norm(one.velocity[:3]))
+
+
+def require_each(names: Sequence[str], shown: Sequence[int], what: str) -> None:
+    """Raise CalibrationError for a camera that shows the object in too few frames, of `what`."""
+    for name, count in zip(names, shown, strict=True):
+        if count < LEAST // 3:
+            raise CalibrationError(
+                f"refine: {name}: found that {count} {what}, expected {LEAST // 3} or more: {UNSEEN}"
+            )
