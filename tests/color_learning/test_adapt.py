@@ -40,7 +40,7 @@ def test_the_same_frames_give_the_same_colors(film):
 
 def test_another_object_is_refused(film):
     cuboid = tracker.load_object("cuboid_2x2x8_v2")
-    with pytest.raises(NotBetterError, match="refused"):
+    with pytest.raises(NotBetterError, match=r"refused: found 0 of .*; are the object's size and faces"):
         adapt(cuboid, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=2)
     with pytest.raises(NotBetterError, match=r"no better than by cube_v2 \(see --colors\)"):
         adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=0)

@@ -111,6 +111,9 @@ def adapt(
     return best
 
 
+_HINT = "are the object's size and faces right, and the images BGR?"
+
+
 def _lessons(
     model: CuboidModel, footage: Sequence[Frames], colors: ColorModel, gate: float
 ) -> tuple[list[Lesson], str]:
@@ -127,7 +130,8 @@ def _lessons(
         return found, ""
     count, off = sum(len(one.learned) for one in footage), len(seen) - len(found)
     fault = f"found {len(found)} of {count} frames with a pose of confidence {gate:g} or more, expected {FEW}"
-    return [], f"{fault}; in {off} more, the faces' hues do not match their names" if off else fault
+    hint = f"in {off} more, the faces' hues do not match their names" if off else _HINT
+    return [], f"{fault}; {hint}"
 
 
 def _told_wrong(hues: Mapping[int, float]) -> str:
