@@ -206,7 +206,7 @@ def convert(
 ) -> None:
     """Write a recording and its calibration in another format.
 
-    An HDF5 log (the platform's version 2.1) keeps raw pixels, stamps, poses and the calibration exactly.
+    An HDF5 log (the platform's version 2.1) keeps raw pixels, stamps, measured poses and the calibration.
     Colour images become the mosaic that the platform's cameras would have recorded. A folder of images
     (one PNG per camera) has timestamps as names, and holds the calibration, too.
     """
