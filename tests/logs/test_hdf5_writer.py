@@ -180,6 +180,9 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
                 writer.append(images, 9.0, pose=SimpleNamespace(**pose | change))
         writer.append(images, 1.0)  # what was refused is not remembered
         assert len(writer) == 1
+        writer.append([0 * image for image in images], 2.0, [np.nan] * 3)
+    with tracker.open_log(tmp_path / "poses.h5") as log:  # black images, but images: no driver error
+        assert log[1].camera_timestamps.tolist() == [2.0] * 3
     with tracker.open_log(tmp_path / "log.h5") as log:
         assert [frame.timestamp for frame in log] == [1.0, 2.0]
         assert log[1].camera_timestamps.tolist() == [2.0, 2.0, 2.5]

@@ -126,13 +126,17 @@ class Hdf5LogWriter:
             given = seconds(camera_timestamps, f"{where}: camera_timestamps", LogError)
             if given.shape != stamps.shape:
                 raise LogError(f"{where}: found stamps of shape {given.shape}, expected {stamps.shape}")
-            if raw.any() or not np.isnan(given).all():
-                given = np.where(np.isnan(given), stamps, given)
-                for value in given.tolist():
+            if np.isnan(given).all() and all(image is None for image in images):
+                stamps = given  # a driver error left the frame empty: recorded as zeros
+            else:
+                stamps = np.where(np.isnan(given), stamps, given)
+                for value in stamps.tolist():
                     checked_stamp(value, what=where)
-            stamps = given  # all NaN where a driver error left the frame empty, recorded as zeros
-        rows: dict[str, Any] = {"images": raw, "timestamps": np.nan_to_num(stamps)}
-        rows["sensor_data_timestamps"] = 1000 * stamp
+        rows: dict[str, Any] = {
+            "images": raw,
+            "timestamps": np.nan_to_num(stamps),
+            "sensor_data_timestamps": 1000 * stamp,
+        }
         if "object_pose" in self._file:
             rows |= _pose_rows(pose, where)
         self._order.check(self._count, stamp, stamps, what=where)  # last: it remembers the stamps
