@@ -111,9 +111,6 @@ def adapt(
     return best
 
 
-_HINT = "are the object's size and faces right, and the images BGR?"
-
-
 def _lessons(
     model: CuboidModel, footage: Sequence[Frames], colors: ColorModel, gate: float
 ) -> tuple[list[Lesson], str]:
@@ -130,7 +127,9 @@ def _lessons(
         return found, ""
     count, off = sum(len(one.learned) for one in footage), len(seen) - len(found)
     fault = f"found {len(found)} of {count} frames with a pose of confidence {gate:g} or more, expected {FEW}"
-    hint = f"in {off} more, the faces' hues do not match their names" if off else _HINT
+    hint = "are the object's size and faces right, and the images BGR?"
+    if off:
+        hint = f"in {off} more, the faces' hues do not match their names"
     return [], f"{fault}; {hint}"
 
 
