@@ -209,13 +209,14 @@ def _search() -> None:
     first = estimator.search.begun(sight, _POSITION, range(1))[0]
     estimator.search.near(sight, [(first.rotation, first.position)])
     estimator.search.window(0, _POSITION)
-    estimator.search.judged(sight, np.eye(3), _POSITION)
+    estimator.search.counted(sight, np.eye(3), _POSITION)
     explanation_score(np.zeros(1, SEEN))
 
 
 def _refine() -> None:
     estimator, sight = _estimator(), _sight()
-    fit = estimator.refiner(sight.pictures, np.eye(3), _POSITION, ask=True)
+    fit = estimator.refiner(sight, np.eye(3), _POSITION)
+    estimator.search.resized(sight, fit)
     estimator.refiner.edges(sight.pictures, fit.rotation, fit.position)
 
 

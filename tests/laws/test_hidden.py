@@ -64,7 +64,7 @@ def labelled(images, hidden):
 def counted(truth, images, hidden):
     """What the label maps show of the true pose."""
     sight = labelled(images, hidden)
-    return TRACKER._estimator.search.judged(sight, truth.rotation, truth.position)[0]
+    return TRACKER._estimator.search.counted(sight, truth.rotation, truth.position)
 
 
 def test_colours_of_hidden_pixels_do_not_count_against(truth):
@@ -97,7 +97,7 @@ def around(truth):
 @pytest.mark.parametrize("masks", ["upper", "around"])
 def test_edges_below_a_mask_or_beside_it_are_not_expected(truth, masks, request):
     sights = (labelled(truth.images, hidden) for hidden in (None, request.getfixturevalue(masks)))
-    fits = [TRACKER._estimator.refine(sight, truth.rotation, truth.position) for sight in sights]
+    fits = [TRACKER._estimator.refiner(sight, truth.rotation, truth.position) for sight in sights]
     all_seen, half_seen = (fit.cameras for fit in fits)
     share = half_seen["expected"] / all_seen["expected"]
     assert ((share > 0.1) & (share < 0.8)).all()

@@ -11,9 +11,14 @@ from tracker.objects.box import Box
 from tracker.pose import refine
 from tracker.pose.refine import LIKELY, begin
 from tracker.pose.refiner import Refiner
-from tracker.pose.views import PICTURE
+from tracker.pose.views import PICTURE, reader_of
 
 MODEL = tracker.load_object("cube_v2")
+
+
+def refiner_of(rig):
+    box = Box.of(MODEL)
+    return Refiner(box, rig, reader_of(box, rig, tracker.load_colors("cube_v2")))
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +55,7 @@ def test_numbers_at_their_bounds_end_no_process(rig, still, kind, count):
 def test_every_strip_in_view_has_pixels(size):
     rig = tracker.CameraRig(default_cameras(size))
     image = np.random.default_rng(1).integers(0, 256, (size, size, 3)).astype(np.uint8)
-    refiner = Refiner(Box.of(MODEL), rig.cameras, tracker.load_colors("cube_v2").label_table)
+    refiner = refiner_of(rig)
     pictures = np.zeros(3, PICTURE)
     pictures["used"], pictures["address"] = True, image.__array_interface__["data"][0]
     pictures["height"], pictures["width"], pictures["mosaic"] = size, size, -1
@@ -65,7 +70,7 @@ def test_every_strip_in_view_has_pixels(size):
 def test_cameras_whose_errors_are_not_stated_are_exact(rig, stated):
     std = np.full((4, 4), 1e-3) if stated else None
     cameras = [dataclasses.replace(camera, camera_from_world_std=std) for camera in rig]
-    refiner = Refiner(Box.of(MODEL), cameras, tracker.load_colors("cube_v2").label_table)
+    refiner = refiner_of(tracker.CameraRig(tuple(cameras)))
     solution, states = refiner.begun(np.eye(3), np.zeros(3))
     pictures = np.zeros(3, PICTURE)
     pictures["used"] = True
@@ -74,7 +79,8 @@ def test_cameras_whose_errors_are_not_stated_are_exact(rig, stated):
 
 def test_cameras_at_one_place_see_alike_and_those_around_hardly(rig):
     def alike(*cameras, blind=()):
-        refiner = Refiner(Box.of(MODEL), cameras, tracker.load_colors("cube_v2").label_table)
+        cameras = [dataclasses.replace(camera, name=f"camera{k}") for k, camera in enumerate(cameras)]
+        refiner = refiner_of(tracker.CameraRig(tuple(cameras)))
         solution, states = refiner.begun(np.eye(3), np.zeros(3))
         pictures = np.zeros(len(cameras), PICTURE)
         pictures["used"] = ~np.isin(range(len(cameras)), blind)
@@ -93,6 +99,6 @@ def test_a_pose_that_cannot_be_written_compiles_nothing_again(rig, still):
     before = len(refine.refine.signatures)
     rotation, position = fit.rotation.copy(), fit.position.copy()
     rotation.flags.writeable = position.flags.writeable = False
-    again = one._estimator.refine(sight, rotation, position)
+    again = one._estimator.refiner(sight, rotation, position)
     assert np.linalg.norm(again.position - fit.position) < 1e-3
     assert len(refine.refine.signatures) == before == 1

@@ -8,7 +8,6 @@ from tests.helpers.kept_stills import take
 from tests.helpers.stills import posed_scene
 from tracker.calibration.by_object.edges import EdgeReader
 from tracker.geometry import so3
-from tracker.pose.schedule import SCHEDULE
 
 MODEL = tracker.load_object("cube_v2")
 POSE = np.array([0.03, -0.04, 0.0325]), so3.exp([0.0, 0.0, 0.5])
@@ -21,7 +20,7 @@ def seen():
     still = take(posed_scene(MODEL, POSE, rng), RIG.cameras, Sensor.realistic(), rng)
     reader = EdgeReader(MODEL, RIG, tracker.load_colors(MODEL.colors))
     sight = reader._reader(still.images)
-    return reader, sight, reader._refiner(sight.pictures, POSE[1], POSE[0], SCHEDULE)
+    return reader, sight, reader._refiner(sight, POSE[1], POSE[0])
 
 
 def at(seen, moved, **more):

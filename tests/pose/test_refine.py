@@ -62,7 +62,7 @@ def test_every_start_nearby_leads_to_the_same_pose(trackers, fits, scenes, name)
         for size in (0.0, 1.0, 1.0, 1.0, 2.0):
             rotation = so3.exp(size * rng.normal(0, 0.03, 3)) @ reference.rotation
             position = reference.position + size * rng.normal(0, 1.5e-3, 3)
-            fit = estimator.refine(sight, rotation, position, SCHEDULE)
+            fit = estimator.refiner(sight, rotation, position, SCHEDULE)
             assert fit.converged
             # Ended within `negligible` of the best pose, both of them.
             assert deviation(fit, reference) < 2 * np.sqrt(SCHEDULE.negligible[0])
@@ -78,11 +78,11 @@ def test_a_start_is_left_as_it_was_and_what_was_refined_before_does_not_matter(t
     estimator, sight = cube._estimator, sight_of(cube, scenes["cube_v2"][0].images)
     rotation, position = so3.exp(np.full(3, 0.02)) @ reference.rotation, reference.position + 1e-3
     before = rotation.copy(), position.copy()
-    first = estimator.refine(sight, rotation, position)
+    first = estimator.refiner(sight, rotation, position)
     np.testing.assert_array_equal(rotation, before[0])
     np.testing.assert_array_equal(position, before[1])
-    estimator.refine(sight, so3.exp(np.array([1.0, 2.0, 0.3])), reference.position + 0.02)
-    again = estimator.refine(sight, rotation, position)
+    estimator.refiner(sight, so3.exp(np.array([1.0, 2.0, 0.3])), reference.position + 0.02)
+    again = estimator.refiner(sight, rotation, position)
     for key in ("rotation", "position", "covariance", "cameras"):
         np.testing.assert_array_equal(getattr(again, key), getattr(first, key))
 

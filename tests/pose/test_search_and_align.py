@@ -13,7 +13,7 @@ from tracker.geometry import cuboid, so3
 from tracker.geometry.lens import project, stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.align import WHOLLY, align, count_labels, explanation_score
-from tracker.pose.evidence import NUMBERS, RESIZED, evidence_at, resized_at
+from tracker.pose.evidence import NUMBERS, RESIZED, resized
 from tracker.pose.fit import SEEN
 from tracker.pose.rotations import ROTATIONS, even_rotations, likely_rotations, rotation_grid
 from tracker.pose.scale import label_camera, label_factors
@@ -219,10 +219,10 @@ def gain(scene, faces=FACES, moved=(0.0, 0.0, 0.0), labels=None):
     """By how much another body explains more than a box that is moved along its axes from the truth."""
     cameras, shown, truth = scene
     labels = shown if labels is None else labels
-    seen, place = np.zeros(3, SEEN), (truth.rotation, truth.position + truth.rotation @ moved, STILL)
-    sight = stack_lenses(cameras), labels, pictures_of(labels), faces, place
-    evidence_at(*sight, stands=0.0, left_out=np.zeros(3, bool), seen=seen)
-    return (resized_at(*sight, seen=seen) - NUMBERS.resized) / NUMBERS.end
+    place, seen = (truth.rotation, truth.position + truth.rotation @ moved, STILL), np.zeros(3, SEEN)
+    sight = stack_lenses(cameras), labels, pictures_of(labels), faces
+    count_labels(*sight, *place, seen)
+    return (resized(*sight, place, seen, NUMBERS) - NUMBERS.resized) / NUMBERS.end
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -90,14 +90,14 @@ def test_a_repeated_stamp_gives_the_same_answer_and_changes_nothing(rig, film, e
 def test_what_detect_finds_and_tries_does_not_depend_on_updates(rig, film, shown, monkeypatch):
     images = [image if c in shown else None for c, image in enumerate(film[9])]
     one, tried = new(rig), []
-    refine = one._estimator.refine
+    refine = one._estimator.refiner
 
     def recorded(*arguments, **named):
         fit = refine(*arguments, **named)
         tried.append(fit.position.tobytes() + fit.rotation.tobytes())
         return fit
 
-    monkeypatch.setattr(one._estimator, "refine", recorded)
+    monkeypatch.setattr(one._estimator, "refiner", recorded)
     before, first = bits(one.detect(images)), list(tried)
     one_camera = [[None, None, last] for *_, last in film[5:8]]
     for seen, start in ((film[:5], 0.0), (one_camera, 0.5)):

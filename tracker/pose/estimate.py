@@ -16,7 +16,7 @@ from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import explanation_score
-from tracker.pose.fit import Fit, Lag, OwnViews, Start
+from tracker.pose.fit import Fit, Lag, OwnViews
 from tracker.pose.hypotheses import (
     ENOUGH,
     EVERYWHERE,
@@ -44,7 +44,7 @@ from tracker.pose.result import Status
 from tracker.pose.rivals import lead, turned_about_face
 from tracker.pose.schedule import FIRST, FOLLOWING, FROM_THERE, SCHEDULE, Schedule
 from tracker.pose.support import table_of
-from tracker.pose.views import Hidden, Sight
+from tracker.pose.views import Hidden, Sight, reader_of
 from tracker.segmentation.color_model import ColorModel
 
 REFINED = 3
@@ -98,12 +98,12 @@ class PoseEstimator:
     """Find one cuboid in images of fixed cameras; thread-safe."""
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel, support: bool = True) -> None:
-        self.box, self.arena, self._radius = box, rig.arena, box.radius
+        self.box, self._radius = box, box.radius
         # Whether any file states deviations; otherwise the calibration counts as exact.
         self.stated = any(map(is_stated, rig.cameras))
-        self.search = Search(box, rig, colors)
-        self.reader = self.search.reader
-        self.refiner = Refiner(box, rig.cameras, colors.label_table, table_of(rig.arena, support))
+        self.reader = reader_of(box, rig, colors)
+        self.search = Search(box, rig, self.reader)
+        self.refiner = Refiner(box, rig, self.reader, table_of(rig.arena, support))
 
     def find(
         self,
@@ -202,34 +202,25 @@ class PoseEstimator:
             if all(apart(one, other, self._radius) for other in (*known, *chosen)):
                 chosen.append(one)
         if len(chosen) < 2:
-            return [self._refined(sight, one, SCHEDULE, lag) for one in chosen]
-        begun = [(self._refined(sight, one, FIRST, lag), one) for one in chosen]
-        begun.sort(key=lambda pair: -rank(pair[0]))
+            return [self._fitted(sight, one, SCHEDULE, lag) for one in chosen]
+        begun = sorted((self._fitted(sight, one, FIRST, lag) for one in chosen), key=rank, reverse=True)
         found: list[Fit] = []
-        for fit, one in begun:
-            if len(before) + len(found) == most or rank(fit) < rank(begun[0][0]) - BEHIND:
+        for fit in begun:
+            if len(before) + len(found) == most or rank(fit) < rank(begun[0]) - BEHIND:
                 break
             if all(apart(fit, other, self._radius) for other in known):
-                further = one._replace(rotation=fit.rotation, position=fit.position)
-                found.append(self._refined(sight, further, FROM_THERE, lag))
+                found.append(self._fitted(sight, fit, FROM_THERE, lag))
                 known += [fit, found[-1]]
                 if settled(found[-1]):
                     break
         return found
 
-    def _refined(self, sight: Sight, one: Hypothesis, schedule: Schedule, lag: Lag | None) -> Fit:
-        """Fit a hypothesis by a schedule."""
-        used = sight.without(*one.left_out)
-        fit = self.refine(used, one.rotation, one.position, schedule, lag=lag, ask=schedule is not FIRST)
-        return self.counted(sight, fit, one.left_out) if one.left_out else fit
-
-    def counted(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
-        """Return the fit with the evidence of all cameras; it was made without those in `left_out`."""
-        cameras, evidence = self.search.judged(
-            sight, fit.rotation, fit.position, fit.cameras.copy(), fit.lags, fit.stands, left_out
-        )
-        evidence = evidence._replace(resized=fit.evidence.resized)
-        return fit.changed(cameras=cameras, evidence=evidence, left_out=tuple(left_out))
+    def _fitted(self, sight: Sight, one: Hypothesis | Fit, schedule: Schedule, lag: Lag | None) -> Fit:
+        """Fit a hypothesis, or go on with a fit, by a schedule."""
+        return self.refiner(
+            sight, one.rotation, one.position, schedule,
+            lag=lag, left_out=one.left_out, ask=schedule is not FIRST,
+        )  # fmt: skip
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """Refit without the camera that agrees least; return whichever fit is more certain."""
@@ -239,53 +230,21 @@ class PoseEstimator:
         seen = fit.cameras
         against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
         left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
-        rest = sight.without(*left_out)
-        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag, fit.evidence.resized)
-        other = self.counted(sight, other, left_out)
+        other = self.refiner(
+            sight, fit.rotation, fit.position, FOLLOWING, fit.end, lag, fit.evidence.resized,
+            left_out=left_out,
+        )  # fmt: skip
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
-
-    def refine(
-        self,
-        sight: Sight,
-        rotation: FloatArray,
-        position: FloatArray,
-        schedule: Schedule = SCHEDULE,
-        start: Start | None = None,
-        lag: Lag | None = None,
-        resized: float = -math.inf,
-        *,
-        ask: bool = True,
-    ) -> Fit:
-        """Return the fit nearest to a pose (3, 3), (3,) [m].
-
-        Args:
-            sight: the images.
-            rotation: initial world_from_object.
-            position: initial position of the object's centre in the world.
-            schedule: the steps; FOLLOWING suits a pose that is off by a few pixels.
-            start: initial values of the other unknowns; None: the object's defaults.
-            lag: how old the images are; None: all were taken at the same time.
-            resized: see Evidence, if known.
-            ask: whether to estimate the pose that each camera sees by itself.
-        """
-        fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
-        _, evidence = self.search.judged(sight, fit.rotation, fit.position, fit.cameras, fit.lags, fit.stands)
-        lowest = self.box.lowest(fit.position, fit.rotation)
-        height = float(fit.covariance[2, 2])
-        std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
-        inside = self.arena.holds(fit.position, lowest, std)
-        evidence = evidence._replace(resized=resized)
-        return fit.changed(evidence=evidence, inside=inside)
 
     def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
         """Return fits of other poses that look alike to the only camera, if it sees little but one face."""
         camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
         least = CLOSE * explanation_score(fit.cameras)
         return [
-            self.refine(sight, rotation, fit.position, lag=lag)
+            self.refiner(sight, rotation, fit.position, lag=lag)
             for rotation in turned_about_face(fit.rotation, fit.position, self.box.half, camera)
-            if explanation_score(self.search.judged(sight, rotation, fit.position, lags=fit.lags)[0]) > least
+            if explanation_score(self.search.counted(sight, rotation, fit.position, fit.lags)) > least
         ]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
@@ -314,10 +273,9 @@ class PoseEstimator:
         near = self.search.alone(only, c, fit.rotation, fit.position)
         if near is None:
             return None
-        seen, _ = self.search.judged(only, near.rotation, near.position)
-        if not self._explains_better(seen[c], fit, c):
+        if not self._explains_better(self.search.counted(only, near.rotation, near.position)[c], fit, c):
             return None
-        other = self.refine(only, near.rotation, near.position, start=fit.end, lag=lag)
+        other = self.refiner(only, near.rotation, near.position, start=fit.end, lag=lag)
         turned = so3.log(other.rotation @ fit.rotation.T)
         if other.own is None or other.own.inliers[c] < USED or np.linalg.norm(turned) > TURNED:
             return None

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array
 from tracker.pose.align import count_labels
 from tracker.pose.fit import Evidence
 
@@ -289,10 +288,10 @@ def _clearly_shown(seen, face, label):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
-    """Gain in log likelihood if the label maps show the best body with one edge shorter or longer.
+def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
+    """Log odds of the best body with one edge shorter or longer than an object's.
 
-    See G in equation (21) of docs/how-it-works.md; arguments are as in `judge`.
+    See equation (21) of docs/how-it-works.md; arguments are as in `judge`, which has filled seen.
     """
     (rotation, position, lags), (half, face_labels) = place, box
     prices = np.empty((len(HIDDEN_SHARES), 5))
@@ -326,23 +325,21 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
                     gain = _seen_here(other[c], unknowns[c], face_labels, prices, numbers) - before[c]
                     total, most = total + gain, max(most, gain)
             found = max(found, total - share * most)
-    return found
+    return numbers.end * found + numbers.resized
 
 
 @compiled
-def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
-    """Count what label maps show of an object and return `weighed`; or, if `ask`, return `_resized`.
+def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  # type: ignore[no-untyped-def]
+    """Count what label maps show of an object, and return `weighed`.
 
     Label maps and place (rotation, position, lags) are as in `count_labels`, which fills seen (C,) of SEEN.
-    For cameras left_out (C,), colours beside the object count as seen elsewhere: a noisy or flooded image
-    shows them everywhere. If `ask`, seen must already be filled.
+    In the images that the pose was found without, those not `used` (C,), colours beside the object count as
+    seen elsewhere: a noisy or flooded image shows them everywhere.
     """
-    if ask:
-        return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0, 0.0
     rotation, position, lags = place
     count_labels(lenses, labels, pictures, box, rotation, position, lags, seen)
     for c in range(len(seen)):
-        if left_out[c]:
+        if pictures[c].used and not used[c]:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
     return weighed(seen, box[1], stands, numbers)
 
@@ -353,14 +350,3 @@ def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: f
     other = np.logaddexp(one.temper * (body - here) + one.body, one.temper * (shape - here) + one.shape)
     less = one.temper * (nothing - here) + one.nothing
     return Evidence(float(other), less, one.temper * ahead - one.nothing)
-
-
-def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array) -> Evidence:
-    """Evidence of an object at a place; the first five arguments are those of `judge`."""
-    return evidence_of(*judge(*sight, stands, left_out, seen, NUMBERS, False))
-
-
-def resized_at(*sight: Any, seen: Array) -> float:
-    """Log odds of a body with one edge shorter or longer; arguments as in `evidence_at`."""
-    gain = judge(*sight, 0.0, np.zeros(len(seen), bool), seen, NUMBERS, True)[0]
-    return float(NUMBERS.end * gain + NUMBERS.resized)

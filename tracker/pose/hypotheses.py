@@ -13,14 +13,13 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.align import IMPOSSIBLE, try_hypotheses
-from tracker.pose.evidence import evidence_at, resized_at
-from tracker.pose.fit import SEEN, Evidence, Fit
+from tracker.pose.align import IMPOSSIBLE, count_labels, try_hypotheses
+from tracker.pose.evidence import NUMBERS, resized
+from tracker.pose.fit import SEEN, Fit
 from tracker.pose.rotations import likely_rotations, rotation_grid
 from tracker.pose.scale import window
-from tracker.pose.views import Reader, Sight, reader_of
+from tracker.pose.views import Reader, Sight
 from tracker.pose.votes import PositionSearch
-from tracker.segmentation.color_model import ColorModel
 
 REACHES = np.array([5, 4, 3])
 """Reach of the search for label transitions in each alignment step [px of the label map]."""
@@ -91,12 +90,11 @@ class Search:
     Args:
         box: the object.
         rig: the cameras.
-        colors: the colour model that labels the images.
+        reader: what read the images.
     """
 
-    def __init__(self, box: Box, rig: CameraRig, colors: ColorModel) -> None:
-        self.reader: Reader
-        self.reader, small = reader_of(box, rig, colors)
+    def __init__(self, box: Box, rig: CameraRig, reader: Reader) -> None:
+        small = reader.label_cameras(rig)
         self.lenses = stack_lenses(small)
         self.positions = PositionSearch(small, box, rig.arena)
         self.grid, self.faces = rotation_grid(), (box.half, box.face_labels)
@@ -107,41 +105,20 @@ class Search:
         left, top, right, bottom = window(self.lenses, c, position, self._radius, WINDOW_RIM)
         return left, top, right, bottom
 
-    def judged(
-        self,
-        sight: Sight,
-        rotation: FloatArray,
-        position: FloatArray,
-        seen: Array | None = None,
-        lags: FloatArray | None = None,
-        stands: float = 0.0,
-        left_out: Sequence[int] = (),
-    ) -> tuple[Array, Evidence]:
-        """Count what the label maps show of a pose, (C,) of SEEN, and weigh it as evidence.
-
-        Args:
-            sight: the label maps.
-            rotation: (3, 3) world_from_object.
-            position: (3,) of the object's centre [m].
-            seen: (C,) with the pose's edges, to which the counts are added in place; None: without edges.
-            lags: see Fit.
-            stands: see Fit.
-            left_out: cameras that were not used to find the pose.
-        """
-        seen = np.zeros(len(self._still), SEEN) if seen is None else seen
-        place = rotation, position, self._still if lags is None else lags
-        witnesses = np.zeros(len(seen), bool)
-        witnesses[list(left_out)] = True
-        evidence = evidence_at(
-            self.lenses, sight.labels, sight.pictures, self.faces, place,
-            stands=stands, left_out=witnesses, seen=seen,
-        )  # fmt: skip
-        return seen, evidence
+    def counted(
+        self, sight: Sight, rotation: FloatArray, position: FloatArray, lags: FloatArray | None = None
+    ) -> Array:
+        """Count what the label maps show of a pose (3, 3), (3,) [m]: (C,) of SEEN. lags: see Fit."""
+        seen, lags = np.zeros(len(self._still), SEEN), self._still if lags is None else lags
+        count_labels(self.lenses, sight.labels, sight.pictures, self.faces, rotation, position, lags, seen)
+        return seen
 
     def resized(self, sight: Sight, fit: Fit) -> float:
         """Log odds of a body with one edge shorter or longer than the object of a fit."""
         place = fit.rotation, fit.position, self._still if fit.lags is None else fit.lags
-        return resized_at(self.lenses, sight.labels, sight.pictures, self.faces, place, seen=fit.cameras)
+        return float(
+            resized(self.lenses, sight.labels, sight.pictures, self.faces, place, fit.cameras, NUMBERS)
+        )
 
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()

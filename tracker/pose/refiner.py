@@ -1,30 +1,34 @@
-"""Poses in, fits out: the refinement and its workspace."""
+"""Poses in, fits out: the refinement, its workspace, and the evidence for its result."""
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from tracker.calibration.deviations import calibration_covariance
+from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.edge_fit import OFFSET
 from tracker.pose.edge_model import scratch
+from tracker.pose.evidence import NUMBERS, evidence_of, judge
 from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
 from tracker.pose.refine import refine
 from tracker.pose.schedule import MEASURING, SCHEDULE, Schedule
 from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNOWNS
 from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import NO_TABLE, Table
+from tracker.pose.views import Reader, Sight
 
 SHOWN_RIM_STD = 1e-4
 """Smallest standard deviation of a rim estimated from images [m]: the rim differs from side to side."""
+
+
+_NUMBERS = SOLUTION[["blur", "rim", "stands", "converged", "steps"]]
 
 
 class Model(NamedTuple):
@@ -89,15 +93,23 @@ class LocalSpace(threading.local):
 
 
 class Refiner:
-    """Refine poses of one cuboid in images of fixed cameras; thread-safe."""
+    """Refine poses of one cuboid in images of fixed cameras; thread-safe.
 
-    def __init__(
-        self, box: Box, cameras: Sequence[Camera], label_table: Array, table: Table = NO_TABLE
-    ) -> None:
-        known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in cameras]))
-        self.model = Model(box.half, box.face_labels, stack_lenses(cameras), known, label_table, table)
+    Args:
+        box: the object.
+        rig: the cameras.
+        reader: what read the images.
+        table: the table that the object may stand on.
+    """
+
+    def __init__(self, box: Box, rig: CameraRig, reader: Reader, table: Table = NO_TABLE) -> None:
+        self._box, self._arena = box, rig.arena
+        known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in rig.cameras]))
+        colors, lenses = reader.colors.label_table, stack_lenses(rig.cameras)
+        self.model = Model(box.half, box.face_labels, lenses, known, colors, table)
         self.likely = LIKELY._replace(rim=box.rim[0], rim_std=box.rim[1])
-        self._local = LocalSpace(len(cameras))
+        self._maps, self._faces = stack_lenses(reader.label_cameras(rig)), (box.half, box.face_labels)
+        self._local, self._still = LocalSpace(len(lenses)), np.zeros((len(lenses), 6))
 
     def begun(
         self, rotation: FloatArray, position: FloatArray, lag: Lag | None = None
@@ -113,38 +125,59 @@ class Refiner:
 
     def __call__(
         self,
-        pictures: Array,
+        sight: Sight,
         rotation: FloatArray,
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
         start: Start | None = None,
         lag: Lag | None = None,
+        resized: float = -math.inf,
         *,
-        ask: bool = False,
+        left_out: tuple[int, ...] = (),
+        ask: bool = True,
     ) -> Fit:
-        """Return the fit to pictures (C,) of PICTURE nearest to a pose (3, 3), (3,) [m].
+        """Return the fit nearest to a pose (3, 3), (3,) [m].
 
-        ask: whether to estimate the pose that each camera sees by itself. Label maps are not counted here.
+        Args:
+            sight: the images.
+            rotation: initial world_from_object.
+            position: initial position of the object's centre in the world.
+            schedule: the steps; FOLLOWING suits a pose that is off by a few pixels.
+            start: initial values of the other unknowns; None: the object's defaults.
+            lag: how old the images are; None: all were taken at the same time.
+            resized: see Evidence, if known.
+            left_out: cameras whose images do not move the pose, but are evidence for it or against it.
+            ask: whether to estimate the pose that each camera sees by itself.
         """
-        solution, cameras = self.begun(rotation, position, lag)
-        start = start or self.likely
+        (solution, cameras), start = self.begun(rotation, position, lag), start or self.likely
+        pictures = sight.without(*left_out).pictures
         seen, own = self._run(pictures, schedule, start, solution, cameras, len(cameras) if ask else 0)
-        end, one = start, solution[0]
-        if one["converged"]:
-            rim_std = max(math.sqrt(one["rim"]), SHOWN_RIM_STD)
-            shared = one["shared"]
-            end = Start(float(one["blur"]), float(shared[EXPONENT]), float(shared[RIM]), rim_std)
+        ((blur, rim, stands, converged, steps),) = solution.view(_NUMBERS).tolist()
+        rotation, position, covariance = (solution[key][0] for key in ("rotation", "position", "covariance"))
+        if converged:
+            exponent, width = solution["shared"][0, EXPONENT : RIM + 1].tolist()
+            start = Start(blur, exponent, width, max(math.sqrt(rim), SHOWN_RIM_STD))
+        place = rotation, position, self._still if lag is None else cameras["lag"].copy()
+        weighed = judge(
+            self._maps, sight.labels, sight.pictures, pictures["used"], self._faces, place, stands, seen,
+            NUMBERS,
+        )  # fmt: skip
+        height, lowest = float(covariance[2, 2]), self._box.lowest(position, rotation)
+        std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
         return Fit(
-            one["position"],
-            one["rotation"],
-            one["covariance"],
+            position,
+            rotation,
+            covariance,
             seen,
-            bool(one["converged"]),
-            iterations=int(one["steps"]),
-            end=end,
-            stands=float(one["stands"]),
+            converged,
+            evidence_of(*weighed)._replace(resized=resized),
+            iterations=steps,
+            end=start,
+            inside=self._arena.holds(position, lowest, std),
+            stands=stands,
+            left_out=left_out,
             offsets=cameras["offset"][:, :6].copy(),
-            lags=None if lag is None else cameras["lag"].copy(),
+            lags=None if lag is None else place[2],
             own=own if ask else None,
         )
 

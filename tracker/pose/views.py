@@ -188,13 +188,19 @@ class Reader:
     """Reads images with one colour model, without memory.
 
     Args:
+        rig: the cameras.
         colors: the colour model.
         factors: by which each camera's images are reduced for label maps.
-        shape: cameras, height and width of the label maps.
     """
 
-    def __init__(self, colors: ColorModel, factors: Sequence[int], shape: tuple[int, int, int]) -> None:
-        self.colors, self.factors, self.shape = colors, tuple(factors), shape
+    def __init__(self, rig: CameraRig, colors: ColorModel, factors: Sequence[int]) -> None:
+        self.colors, self.factors = colors, tuple(factors)
+        small = self.label_cameras(rig)
+        self.shape = len(small), max(c.height for c in small), max(c.width for c in small)
+
+    def label_cameras(self, rig: CameraRig) -> list[Camera]:
+        """Return the cameras of the label maps, for a calibration of the cameras."""
+        return [label_camera(camera, by) for camera, by in zip(rig.cameras, self.factors, strict=True)]
 
     def __call__(self, images: Sequence[Image | None]) -> Sight:
         """Read images (H, W, 3), None for a missing one, each in the light estimated from its own greys."""
@@ -263,9 +269,6 @@ def _hide(labels: Array, mask: Array, by: int) -> int:
     return lost
 
 
-def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> tuple[Reader, list[Camera]]:
-    """Return the reader of a rig's images of an object, and the cameras of its label maps."""
-    factors = label_factors(rig.cameras, box, rig.arena)
-    small = [label_camera(camera, factor) for camera, factor in zip(rig.cameras, factors, strict=True)]
-    shape = (len(small), max(c.height for c in small), max(c.width for c in small))
-    return Reader(colors, factors, shape), small
+def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> Reader:
+    """Return the reader of a rig's images of an object."""
+    return Reader(rig, colors, label_factors(rig.cameras, box, rig.arena))

@@ -183,7 +183,7 @@ class Follower:
         sight = estimator.reader.labelled(images, pictures, windows, hidden)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
-        fit = estimator.refine(
+        fit = estimator.refiner(
             sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, memory.resized, ask=due
         )
         if not kept(fit, memory.extra):
@@ -196,7 +196,7 @@ class Follower:
                 hypotheses.append(memory.belief.last_pose)
             best = estimator.search.near(sight, hypotheses)
             if best is not None:
-                far = estimator.refine(
+                far = estimator.refiner(
                     sight, best.rotation, best.position, lag=lag, resized=memory.resized, ask=due
                 )
                 fit = far if refusal(fit) is not None or rank(far) > rank(fit) else fit

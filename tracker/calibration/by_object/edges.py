@@ -139,8 +139,8 @@ class EdgeReader:
     ) -> None:
         self.model, self.rig, self._colors = model, rig, colors
         box = Box.of(model)
-        self._reader = reader or reader_of(box, rig, colors)[0]
-        self._refiner = Refiner(box, rig.cameras, colors.label_table, table_of(rig.arena, support=False))
+        self._reader = reader or reader_of(box, rig, colors)
+        self._refiner = Refiner(box, rig, self._reader, table_of(rig.arena, support=False))
 
     def of(self, rig: CameraRig) -> EdgeReader:
         """Return a reader for the same images with another calibration of the cameras."""
@@ -161,7 +161,7 @@ class EdgeReader:
 
     def refine(self, sight: Sight, rotation: FloatArray, position: FloatArray) -> Fit:
         """Refine a pose (3, 3), (3,) [m] to the edges of the images."""
-        return self._refiner(sight.pictures, rotation, position, FOLLOWING)
+        return self._refiner(sight, rotation, position, FOLLOWING, ask=False)
 
     def contours(
         self,
