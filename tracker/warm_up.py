@@ -221,9 +221,8 @@ def _refine() -> None:
 
 
 def _judge() -> None:
-    lenses = _estimator().search.lenses
     nothing = OwnViews(np.zeros((1, 6, 6)), np.zeros((1, 6)), np.zeros(1))
-    disagreement(nothing, lenses["rotation"], lenses["position"], _POSITION, 0.05)
+    disagreement(nothing, _estimator().search.lenses, _POSITION, 0.05)
 
 
 def _filter() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 
 from tests.helpers.consistency import pose_error
 from tracker.objects.model import load_object
-from tracker.pose.evidence import NUMBERS, evidence_of, weighed
-from tracker.pose.fit import SEEN, Fit
+from tracker.pose.evidence import NUMBERS, log_odds, weighed
+from tracker.pose.fit import SEEN, Evidence, Fit
 
 COVARIANCE = np.diag(np.repeat(np.square([0.3e-3, math.radians(0.3)]), 3))
 HOME = np.array([0.02, -0.03, 0.0325])
@@ -29,7 +29,7 @@ def with_cameras(fit, which=slice(None), **fields):
         # One face is in another's colour.
         one["faces"][VISIBLE[0]][LABELS[VISIBLE[1]]] += one["wrong"]
         one["inner"] = one["faces"]
-    evidence = evidence_of(*weighed(cameras, np.asarray(LABELS), fit.stands, NUMBERS))
+    evidence = Evidence(*log_odds(weighed(cameras, np.asarray(LABELS), fit.stands, NUMBERS), NUMBERS))
     return dataclasses.replace(fit, cameras=cameras, evidence=evidence)
 
 

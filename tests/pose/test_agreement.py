@@ -9,6 +9,7 @@ import tracker
 from tests.helpers import random_rotations
 from tests.helpers.kept_stills import bare
 from tracker.geometry import so3
+from tracker.geometry.lens import LENS
 from tracker.pose.agreement import (
     _FITS,
     ACROSS,
@@ -40,15 +41,16 @@ CLEAR = np.tile(np.diag(KNOWN), (3, 1, 1))
 
 
 def placed(seed=3):
-    """Rotations (3, 3, 3) and positions (3, 3) of cameras around an object."""
-    rng = np.random.default_rng(seed)
-    rotations = random_rotations(rng, 3)
-    return rotations, CENTRE + rng.uniform(0.3, 0.6, (3, 1)) * random_rotations(rng, 3)[:, 0]
+    """(3,) of LENS of cameras around an object."""
+    rng, lenses = np.random.default_rng(seed), np.zeros(3, LENS)
+    lenses["rotation"] = random_rotations(rng, 3)
+    lenses["position"] = CENTRE + rng.uniform(0.3, 0.6, (3, 1)) * random_rotations(rng, 3)[:, 0]
+    return lenses
 
 
 def likelihoods(moved, information=CLEAR, seed=3):
     """Of what each of the cameras sees of the object by itself."""
-    return disagreement(OwnViews(information, moved, np.full(3, 30.0)), *placed(seed), CENTRE, RADIUS)
+    return disagreement(OwnViews(information, moved, np.full(3, 30.0)), placed(seed), CENTRE, RADIUS)
 
 
 def scattered(std, seed=5):
@@ -62,7 +64,7 @@ def test_likelihoods_are_those_of_one_gaussian_over_all_cameras():
         roots = np.random.default_rng(seed).normal(size=(3, 6, 6)) * np.sqrt(KNOWN)
         moved, information = scattered(2e-3, seed), roots @ roots.transpose(0, 2, 1)
         found = likelihoods(moved, information, seed)
-        rotations, positions = placed(seed)
+        rotations, positions = (placed(seed)[name] for name in ("rotation", "position"))
         prior = np.diag([RADIUS**2 / 3] * 3 + [0.1] * 3)
         expected = []
         for scale in SCALES:

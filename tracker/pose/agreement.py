@@ -15,7 +15,6 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise, substitute
-from tracker.pose.fit import OwnViews
 
 SCALES = np.array([1e-4, 2e-4, 4e-4, 7e-4, 1.2e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.7e-2, 3e-2])
 """Candidate standard deviations, along each axis, of the object's displacement in the cameras' views [m]."""
@@ -46,29 +45,34 @@ NEAR_DISTANCE = 5e-3
 
 
 @compiled
-def log_likelihoods(information, moved, rotations, distances, prior, out):  # type: ignore[no-untyped-def]
-    """Log likelihood of each of SCALES, up to a constant: equation (27) of docs/how-it-works.md.
+def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-def]
+    """Return the log likelihood (S,) of each of SCALES, up to a constant, given what each camera sees alone.
+
+    This is equation (27) of docs/how-it-works.md.
 
     Args:
-        information: (C, 6, 6) of the pose that each camera sees by itself [1/m², 1/rad²].
-        moved: (C, 6) that pose minus the joint pose [m, rad].
-        rotations: (C, 3, 3) camera from world.
-        distances: (C,) from each camera to the object [m].
-        prior: (6,) information that constrains directions no camera sees [1/m², 1/rad²].
-        out: (S,), filled.
+        views: OwnViews of all cameras.
+        lenses: (C,) of LENS.
+        position: (3,) of the object [m].
+        radius: of the object [m].
     """
+    information, moved, _ = views
     lower, full = np.empty((6, 6)), np.empty((6, 6))
     column, solved = np.empty(6), np.empty((6, 6))
     joint, pull, update = np.empty((6, 6)), np.empty(6), np.empty(6)
-    weights = np.empty((2, 3))
+    weights, out = np.empty((2, 3)), np.empty(len(SCALES))
     for s in range(len(SCALES)):
         joint[:, :], pull[:], total = 0.0, 0.0, 0.0
         for i in range(6):
-            joint[i, i] = prior[i]
+            # Constrains directions that no camera sees.
+            joint[i, i] = 3.0 / radius**2 if i < 3 else 10.0
         for c in range(len(information)):
-            known, distance = information[c], distances[c]
+            known, lens, distance = information[c], lenses[c], 0.0
             if known[0, 0] <= 0.0:
                 continue
+            for i in range(3):
+                distance += (lens.position[i] - position[i]) ** 2
+            distance = math.sqrt(distance)
             for k in range(3):
                 error, turn = (ACROSS, TILT) if k < 2 else (ALONG, ROLL)
                 weights[0, k] = 1.0 / (SCALES[s] ** 2 + (error * distance) ** 2)
@@ -79,7 +83,7 @@ def log_likelihoods(information, moved, rotations, distances, prior, out):  # ty
                     full[i, j] = known[i, j]
                     if i // 3 == j // 3:
                         for k in range(3):
-                            axes = rotations[c, k, i % 3] * rotations[c, k, j % 3]
+                            axes = lens.rotation[k, i % 3] * lens.rotation[k, j % 3]
                             full[i, j] += weights[i // 3, k] * axes
             if not factorise(full, lower):
                 continue
@@ -104,26 +108,6 @@ def log_likelihoods(information, moved, rotations, distances, prior, out):  # ty
             for i in range(6):
                 total += 2.0 * math.log(lower[i, i]) - pull[i] * update[i]
         out[s] = -0.5 * total
-
-
-def disagreement(
-    views: OwnViews, rotations: FloatArray, positions: FloatArray, position: FloatArray, radius: float
-) -> FloatArray:
-    """Log likelihoods (S,) of SCALES, given what each camera sees by itself.
-
-    Args:
-        views: the pose that each camera sees by itself.
-        rotations: (C, 3, 3) camera from world.
-        positions: (C, 3) of the cameras [m].
-        position: (3,) of the object [m].
-        radius: of the object [m].
-    """
-    distances = np.sqrt(((positions - position) ** 2).sum(axis=1))
-    prior = np.array([3.0 / radius**2] * 3 + [10.0] * 3)
-    out = np.empty(len(SCALES))
-    # As a field of an array of records they are not contiguous.
-    rotations = np.ascontiguousarray(rotations)
-    log_likelihoods(views.information, views.moved, rotations, distances, prior, out)
     return out
 
 

@@ -261,8 +261,7 @@ class PoseEstimator:
                 views.information[c], views.moved[c], views.inliers[c] = other
         if np.count_nonzero(views.information[:, 0, 0] > 0.0) < 2:
             return fit.changed(own=views)
-        lenses = self.search.lenses
-        found = disagreement(views, lenses["rotation"], lenses["position"], fit.position, self._radius)
+        found = disagreement(views, self.search.lenses, fit.position, self._radius)
         return fit.changed(own=views, disagreement=found)
 
     def _own_search(

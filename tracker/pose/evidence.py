@@ -9,7 +9,6 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.pose.align import count_labels
-from tracker.pose.fit import Evidence
 
 HIDDEN_SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
 """Candidate shares of a face that are hidden."""
@@ -329,8 +328,19 @@ def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignor
 
 
 @compiled
+def log_odds(logs, numbers):  # type: ignore[no-untyped-def]
+    """Return the fields of Evidence that follow from the results of `weighed`."""
+    here, body, shape, nothing, ahead = logs
+    other = np.logaddexp(
+        numbers.temper * (body - here) + numbers.body, numbers.temper * (shape - here) + numbers.shape
+    )
+    less = numbers.temper * (nothing - here) + numbers.nothing
+    return other, less, numbers.temper * ahead - numbers.nothing
+
+
+@compiled
 def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  # type: ignore[no-untyped-def]
-    """Count what label maps show of an object, and return `weighed`.
+    """Count what label maps show of an object, and return the evidence for it: see `log_odds`.
 
     Label maps and place (rotation, position, lags) are as in `count_labels`, which fills seen (C,) of SEEN.
     In the images that the pose was found without, those not `used` (C,), colours beside the object count as
@@ -341,12 +351,4 @@ def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  #
     for c in range(len(seen)):
         if pictures[c].used and not used[c]:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
-    return weighed(seen, box[1], stands, numbers)
-
-
-def evidence_of(here: float, body: float, shape: float, nothing: float, ahead: float) -> Evidence:
-    """Return the log odds that follow from the results of `weighed`."""
-    one = NUMBERS
-    other = np.logaddexp(one.temper * (body - here) + one.body, one.temper * (shape - here) + one.shape)
-    less = one.temper * (nothing - here) + one.nothing
-    return Evidence(float(other), less, one.temper * ahead - one.nothing)
+    return log_odds(weighed(seen, box[1], stands, numbers), numbers)

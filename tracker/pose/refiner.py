@@ -15,8 +15,8 @@ from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.edge_fit import OFFSET
 from tracker.pose.edge_model import scratch
-from tracker.pose.evidence import NUMBERS, evidence_of, judge
-from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
+from tracker.pose.evidence import NUMBERS, judge
+from tracker.pose.fit import LIKELY, SEEN, Evidence, Fit, Lag, OwnViews, Start
 from tracker.pose.refine import refine
 from tracker.pose.schedule import MEASURING, SCHEDULE, Schedule
 from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNOWNS
@@ -158,7 +158,7 @@ class Refiner:
             exponent, width = solution["shared"][0, EXPONENT : RIM + 1].tolist()
             start = Start(blur, exponent, width, max(math.sqrt(rim), SHOWN_RIM_STD))
         place = rotation, position, self._still if lag is None else cameras["lag"].copy()
-        weighed = judge(
+        evidence = judge(
             self._maps, sight.labels, sight.pictures, pictures["used"], self._faces, place, stands, seen,
             NUMBERS,
         )  # fmt: skip
@@ -170,7 +170,7 @@ class Refiner:
             covariance,
             seen,
             converged,
-            evidence_of(*weighed)._replace(resized=resized),
+            Evidence(*evidence, resized),
             iterations=steps,
             end=start,
             inside=self._arena.holds(position, lowest, std),

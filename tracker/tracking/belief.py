@@ -22,6 +22,9 @@ ROUNDING = 5e-7
 """Error of a difference between timestamps since the epoch [s]."""
 
 
+_ALONG_POSITION = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+
 @dataclass(frozen=True)
 class TrackingOptions:
     """Limits within which `update` accepts a measurement.
@@ -258,9 +261,7 @@ def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[
 
 def widened(covariance: FloatArray, spread: float) -> FloatArray:
     """Add a variance [m²] along each position axis to a pose's covariance (6, 6)."""
-    wide = covariance.copy()
-    wide.flat[:15:7] += spread
-    return wide
+    return covariance + spread * _ALONG_POSITION
 
 
 def measured(

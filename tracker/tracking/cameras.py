@@ -69,8 +69,8 @@ def usable(
         step = max(image.shape[0] // COMPARED_ROWS, 1)
         rows = image[step // 2 :: step]
         sample, before = rows.tobytes(), memories[c].sample
-        remembered[c] = memories[c]._replace(sample=sample)
-        if rows.max() < BLACK:
+        remembered[c] = CameraMemory(sample, memories[c].age)
+        if np.frombuffer(sample, np.uint8).max() < BLACK:
             result[c], uses[c] = None, CameraUse.BLACK
         elif sample == before:
             unchanged.append(c)
@@ -95,7 +95,7 @@ def looked_at(
     for c, (memory, image) in enumerate(zip(memories, images, strict=True)):
         new = image is not None and (memory.age is None or memory.age + 1 >= EVERY)
         age = memory.age if image is None else c % EVERY if memory.age is None else (memory.age + 1) % EVERY
-        result.append(memory._replace(age=age))
+        result.append(CameraMemory(memory.sample, age))
         fresh.append(new)
     return tuple(result), fresh
 

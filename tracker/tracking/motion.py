@@ -11,7 +11,6 @@ The state is position p, rotation R and velocity (v, ω) along world axes; its e
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -277,8 +276,7 @@ def unknown_velocity() -> tuple[FloatArray, FloatArray]:
     return np.zeros(6), np.diag(np.repeat(np.square(START_STD), 3))
 
 
-@dataclass(frozen=True, eq=False)
-class MotionState:
+class MotionState(NamedTuple):
     """Pose and velocity of the object, with their covariance."""
 
     position: FloatArray
