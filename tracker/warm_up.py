@@ -42,7 +42,7 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
-KERNELS = 17
+KERNELS = 19
 """Number of machine code files that compilation produces."""
 
 _THRESHOLDS = (100_000, 50, 100)

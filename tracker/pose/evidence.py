@@ -343,12 +343,12 @@ def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  #
     """Count what label maps show of an object, and return the evidence for it: see `log_odds`.
 
     Label maps and place (rotation, position, lags) are as in `count_labels`, which fills seen (C,) of SEEN.
-    In the images that the pose was found without, those not `used` (C,), colours beside the object count as
-    seen elsewhere: a noisy or flooded image shows them everywhere.
+    In images that the pose was found without, which `used` (C,) of PICTURE leaves out, colours beside the
+    object count as seen elsewhere: a noisy or flooded image shows them everywhere.
     """
     rotation, position, lags = place
     count_labels(lenses, labels, pictures, box, rotation, position, lags, seen)
     for c in range(len(seen)):
-        if pictures[c].used and not used[c]:
+        if pictures[c].used and not used[c].used:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
     return log_odds(weighed(seen, box[1], stands, numbers), numbers)

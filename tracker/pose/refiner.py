@@ -159,8 +159,7 @@ class Refiner:
             start = Start(blur, exponent, width, max(math.sqrt(rim), SHOWN_RIM_STD))
         place = rotation, position, self._still if lag is None else cameras["lag"].copy()
         evidence = judge(
-            self._maps, sight.labels, sight.pictures, pictures["used"], self._faces, place, stands, seen,
-            NUMBERS,
+            self._maps, sight.labels, sight.pictures, pictures, self._faces, place, stands, seen, NUMBERS
         )  # fmt: skip
         height, lowest = float(covariance[2, 2]), self._box.lowest(position, rotation)
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
