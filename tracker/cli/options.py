@@ -17,14 +17,6 @@ import tracker
 from tracker.cli.outputs import Command, InFile, OutFile
 from tracker.errors import LogError
 
-_ROOMS = Path(__file__).parents[1]
-OBJECTS = tuple(sorted(path.stem for path in (_ROOMS / "objects" / "data").glob("*.toml")))
-"""The objects that come with the package."""
-
-COLORS = tuple(sorted(path.stem for path in (_ROOMS / "segmentation" / "data").glob("*.npz")))
-"""The colour models that come with the package."""
-
-
 _SHORT = {"output": ["-o"], "quiet": ["-q"]}
 
 
@@ -73,10 +65,7 @@ def command(group: Any = click, **how: Any) -> Any:
     """
 
     def make(function: Callable[..., Any]) -> Any:
-        @functools.wraps(function)
-        def called(**values: Any) -> None:
-            _call(function, values)
-
+        called = functools.wraps(function)(lambda **values: _call(function, values))
         return group.command(cls=Command, params=_parameters(function), **how)(called)
 
     return make
@@ -102,14 +91,20 @@ seed = whole("Seed of random choices.", least=0, default=0)
 as_json = flag("Print one JSON object.", name="--json")
 
 
-def _name_or_file(name: str, known: tuple[str, ...], text: str, *, required: bool = False) -> Any:
-    """Make an option for a known name or a file; shells complete matching names, or else files."""
+def _name_or_file(name: str, folder: str, suffix: str, text: str, default: str) -> Any:
+    """Make an option for a name in a folder of the package or a file; shells complete both.
+
+    `text` is the help, with `{}` for the names. The option is required unless `default` says what is used
+    without it.
+    """
+    known = sorted(path.stem for path in (Path(__file__).parents[1] / folder).glob(f"*{suffix}"))
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         found = [CompletionItem(one) for one in known if one.startswith(incomplete)]
         return found or [CompletionItem(incomplete, type="file")]
 
-    return option("NAME", text, InFile(str), name=name, required=required, shell_complete=complete)
+    text = text.format(", ".join(known)) + (default and f"  [default: {default}]")
+    return option("NAME", text, InFile(str), name=name, required=not default, shell_complete=complete)
 
 
 def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
@@ -132,14 +127,13 @@ def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
 
 def object_name(default: str = "") -> Any:
     """Make `--object`; it is required unless `default` says what is used without it."""
-    text = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
-    return _name_or_file("--object", OBJECTS, text, required=not default)
+    return _name_or_file("--object", "objects/data", ".toml", "{}, or a TOML file.", default)
 
 
 def colors(default: str = "the object's") -> Any:
     """Make `--colors`; `default` says what is used without it."""
-    text = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
-    return _name_or_file("--colors", COLORS, text)
+    text = "Colour model: {}, or a file (.npz)."
+    return _name_or_file("--colors", "segmentation/data", ".npz", text, default)
 
 
 @dataclass(frozen=True)
