@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -52,18 +52,16 @@ def print_counts(images: Sequence[LabelledImage]) -> None:
 def _print_overlaps(images: Sequence[LabelledImage], found: Sequence[Image]) -> None:
     overlaps = [intersection_over_union(one, image.labels) for one, image in zip(found, images, strict=True)]
     rows = [["intersection over union", *COLOR_NAMES[1:], "mean"]]
-    for image, overlap in zip(images, overlaps, strict=True):
-        each = ([overlap[k]] if k in overlap else [] for k in LABELS)
-        rows.append([image.name, *map(_mean, each), _mean(overlap.values())])
-    columns = [[overlap[k] for overlap in overlaps if k in overlap] for k in LABELS]
-    rows.append(["mean", *map(_mean, columns), _mean(value for column in columns for value in column)])
+    named = [(image.name, [overlap]) for image, overlap in zip(images, overlaps, strict=True)]
+    for name, its in (*named, ("mean", overlaps)):
+        columns = [[overlap[k] for overlap in its if k in overlap] for k in LABELS]
+        rows.append([name, *map(_mean, columns), _mean([value for column in columns for value in column])])
     click.echo(table(rows))
 
 
-def _mean(values: Iterable[float]) -> str:
+def _mean(values: Sequence[float]) -> str:
     """Format the mean; a dash if there are no values."""
-    numbers = list(values)
-    return f"{sum(numbers) / len(numbers):.3f}" if numbers else "-"
+    return f"{sum(values) / len(values):.3f}" if values else "-"
 
 
 def _print_confusion(counts: Array) -> None:
