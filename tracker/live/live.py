@@ -27,8 +27,8 @@ STAMPS_APART = 1.0
 CLOSING = 5.0
 """How long `close` waits for a source that does not return [s]."""
 
-_PATIENCE = 0.1
-"""How long the thread waits before it checks whether to end [s]."""
+PATIENCE = 0.1
+"""How long a thread waits before it checks whether to end [s]."""
 
 
 def check_arguments(tracker: object, history: object, listeners: Sequence[object] = ()) -> None:
@@ -180,7 +180,7 @@ class Live:
             return
         until = time.monotonic() + CLOSING
         while self._running and (self._working or time.monotonic() < until):
-            self._thread.join(_PATIENCE)
+            self._thread.join(PATIENCE)
         if self._running:
             self._note(f"the source does not return: not closed after {CLOSING:g} s")
             self._end()
@@ -188,7 +188,7 @@ class Live:
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
-                taken = self._source.next(_PATIENCE)
+                taken = self._source.next(PATIENCE)
                 if taken is not None and not self._stopping.is_set():
                     self._working = True
                     self._take_in(taken)

@@ -22,7 +22,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LiveError
-from tracker.live.live import Live, check_arguments
+from tracker.live.live import PATIENCE, Live, check_arguments
 from tracker.live.moment import ImageSource, Moment
 from tracker.logs import open_log
 from tracker.logs.frame import RecordedPose
@@ -32,9 +32,6 @@ from tracker.pose.result import PoseEstimate
 
 HISTORY = 30
 """Number of observations kept, with their images: three seconds at 10 Hz."""
-
-_PATIENCE = 0.1
-"""How long the thread waits before it checks whether to end [s]."""
 
 
 class CameraObservation(NamedTuple):
@@ -189,7 +186,7 @@ class Frontend:
                 if reason is not None or not self._live.running:
                     reason = reason or "the source has ended"
                     raise LiveError(f"observation {t}: will not come: {reason}")
-                self._changed.wait(_PATIENCE)
+                self._changed.wait(PATIENCE)
             return list(self._kept)
 
 
