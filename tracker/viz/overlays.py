@@ -25,7 +25,7 @@ MIN_HEIGHT = 400
 """Smallest height of an image [px]; smaller images are enlarged by the smallest sufficient integer factor."""
 
 GAP = 6
-"""Half the distance up to which patches belong to one object [px at the reference size]."""
+"""Width of the space between images [px]."""
 
 _NAME_SIZE = 14.0
 _EMPTY = (44, 38, 35)
