@@ -282,12 +282,12 @@ def extrinsics(
     from tracker.calibration.files.platform import read_all_calibrated
 
     lenses = read_all_calibrated(intrinsics, pattern)
-    targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}
-    plots = {} if plot is None else {name: plot / f"{name}.png" for name in targets}
+    names = [lens.camera.name for lens in lenses]
+    plots = {} if plot is None else {name: plot / f"{name}.png" for name in names}
     written = {f"--plot for {name}": path for name, path in plots.items()}
     refuse_overwriting(written, folders, intrinsics)
     board = printed.board()
-    paths = _photos_of(folders, [lens.camera.name for lens in lenses])
+    paths = _photos_of(folders, names)
     board, found, faults = _sightings_of(list(paths.values()), board)
     sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
     world_from_board = np.eye(4)
@@ -295,7 +295,7 @@ def extrinsics(
     world_from_board[:3, 3] = (*center, height)
     with _naming(faults):
         placed = place_cameras(lenses, sightings, world_from_board)
-    files = smaller.write((one, targets[one.camera.name]) for one in placed.cameras)
+    files = smaller.write((one, output / f"{one.camera.name}.yml") for one in placed.cameras)
     for number, one in enumerate(placed.cameras):
         if (picture := plots.get(one.camera.name)) is not None:
             own = {at: missed for at, missed in placed.residuals.items() if at[0] == number}
@@ -303,7 +303,7 @@ def extrinsics(
             picture.parent.mkdir(parents=True, exist_ok=True)
             _draw(picture, one, photos)
     summary = [["board", _told_pattern(board)], *_partly_seen(sightings, board), ["files", files]]
-    click.echo("\n\n".join([_placed_table(placed, faults), _camera_table(placed), listing(summary)]))
+    click.echo("\n\n".join([*_placed_tables(placed, faults), listing(summary)]))
 
 
 def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Path]:
@@ -330,28 +330,25 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
     return photos
 
 
-def _placed_table(placed: Placed, faults: dict[str, str]) -> str:
-    from tracker.calibration.board.sighting import rms
-
-    rows = [["photo", "corners", "blur [px]", "RMS [px]"]]
-    for at, residuals in placed.residuals.items():
-        one = placed.sightings[at]
-        rows.append([one.photo, str(len(one)), f"{one.blur:.2f}", f"{rms([residuals]):.2f}"])
-    unused = {placed.sightings[at].photo: fault for at, fault in placed.faults.items()}
-    return _photo_table(rows, unused | faults)
-
-
-def _camera_table(placed: Placed) -> str:
+def _placed_tables(placed: Placed, faults: dict[str, str]) -> list[str]:
+    """Return a table of the photos and one of the cameras."""
     import numpy as np
 
-    rows = [["camera", "x", "y", "z [mm]", "± [mm]", "± [°]", "RMS [px]"]]
+    from tracker.calibration.board.sighting import rms
+
+    photos = [["photo", "corners", "blur [px]", "RMS [px]"]]
+    for at, residuals in placed.residuals.items():
+        seen = placed.sightings[at]
+        photos.append([seen.photo, str(len(seen)), f"{seen.blur:.2f}", f"{rms([residuals]):.2f}"])
+    unused = {placed.sightings[at].photo: fault for at, fault in placed.faults.items()}
+    cameras = [["camera", "x", "y", "z [mm]", "± [mm]", "± [°]", "RMS [px]"]]
     for number, one in enumerate(placed.cameras):
         camera, std = one.camera, one.camera.camera_from_world_std
         assert std is not None
         turned = float(np.rad2deg(np.linalg.norm(std[:3, :3]) / np.sqrt(2)))
         known = [f"{1000 * placed.spreads[number]:.2f}", f"{turned:.3f}", f"{placed.rms(number):.3f}"]
-        rows.append([camera.name, *(f"{1000 * value:.1f}" for value in camera.position), *known])
-    return table(rows)
+        cameras.append([camera.name, *(f"{1000 * value:.1f}" for value in camera.position), *known])
+    return [_photo_table(photos, unused | faults), table(cameras)]
 
 
 def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[str]]:
