@@ -74,12 +74,12 @@ def test_few_poses_are_refined_whatever_the_pictures_show(estimator, images, rig
         "one camera": [images[0], None, None],
         "empty": shot(rig, None, 9),
     }[spoilt]
-    schedules, refine = [], PoseEstimator._refined
+    schedules, refine = [], PoseEstimator._fitted
 
     def noted(self, sight, one, schedule, lag):
         schedules.append(schedule)
         return refine(self, sight, one, schedule, lag)
 
-    monkeypatch.setattr(PoseEstimator, "_refined", noted)
+    monkeypatch.setattr(PoseEstimator, "_fitted", noted)
     estimator.candidates(read(estimator, shown))
     assert sum(one is not FIRST for one in schedules) <= REFINED
