@@ -32,9 +32,7 @@ _EMPTY = (b"", struct.pack("<IQ", 1, 0), struct.pack("<Q", 0))
 _GZIP_MAGIC = b"\x1f\x8b"
 _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 
-_HEADER = struct.Struct("<iiiB")
-"""Size of the header of each event in a log, before channel and message [bytes]."""
-
+_HEADER = struct.Struct("<iiiB")  # of a camera: rows, columns, type, continuous
 _SAME = 12  # bytes of the header that are equal in all records: all but `continuous`
 _CHANNELS = {0: 1, 16: 3}  # channels by OpenCV's type: Bayer pixels, or BGR
 _POSES = ((0, 0), (1, 8), (2, 8), (1, 9), (2, 9))  # variants: number of poses, numbers per pose
