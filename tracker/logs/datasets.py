@@ -28,10 +28,9 @@ CAMERA_RATE = 10.0
 CONTROL_RATE = 50.0
 """Rate of the policy's control steps [Hz], the rows of `obs_to_image_index`."""
 
-TASKS = {97: "push", 139: "lift"}
-"""Task by the length of an observation: a goal is a position (3) in push, and keypoints (24) in lift."""
+_TASKS = {97: ("push", 3), 139: ("lift", 24)}
+"""Task, and length of its goal, by the length of an observation: a position in push, keypoints in lift."""
 
-_GOAL = {"push": 3, "lift": 24}
 _ACTION, _CAMERA = 9, 33
 _IN_CAMERA = {"confidence": (0, 1), "delay": (1, 2), "orientation": (26, 30), "position": (30, 33)}
 _IN_ROBOT = {"joints": (21, 30), "robot": (30, 31)}
@@ -239,13 +238,13 @@ def _checked_ends(ends: StoredArray, store: LmdbFile, path: Path) -> Array:
 def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict[str, FloatArray]]:
     """Return the task and the columns of `StoreSteps.observed`."""
     array = StoredArray.find(store, "observations", str(path))
-    task = TASKS.get(array.shape[-1]) if array is not None else None
-    if array is None or task is None:
+    if array is None or array.shape[-1] not in _TASKS:
         return None, {}
+    task, goal = _TASKS[array.shape[-1]]
     if len(array) != steps:
         raise LogError(f"{path}: observations: found {len(array)} steps, expected {steps}")
-    camera = _GOAL[task] + _ACTION
-    robot = camera + _CAMERA + _GOAL[task]
+    camera = goal + _ACTION
+    robot = camera + _CAMERA + goal
     columns = {name: slice(camera + a, camera + b) for name, (a, b) in _IN_CAMERA.items()}
     columns |= {name: slice(robot + a, robot + b) for name, (a, b) in _IN_ROBOT.items()}
     blocks = [{name: rows[:, one].astype(float) for name, one in columns.items()} for rows in array.blocks()]

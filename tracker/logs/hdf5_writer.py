@@ -126,12 +126,11 @@ class Hdf5LogWriter:
             given = seconds(camera_timestamps, f"{where}: camera_timestamps", LogError)
             if given.shape != stamps.shape:
                 raise LogError(f"{where}: found stamps of shape {given.shape}, expected {stamps.shape}")
-            if np.isnan(given).all() and all(image is None for image in images):
-                stamps = given  # a driver error left the frame empty: recorded as zeros
-            else:
-                stamps = np.where(np.isnan(given), stamps, given)
-                for value in stamps.tolist():
-                    checked_stamp(value, what=where)
+            # A driver error left the frame empty: recorded as zeros.
+            empty = np.isnan(given).all() and all(image is None for image in images)
+            stamps = given if empty else np.where(np.isnan(given), stamps, given)
+            for value in stamps[~np.isnan(stamps)].tolist():
+                checked_stamp(value, what=where)
         rows: dict[str, Any] = {
             "images": raw,
             "timestamps": np.nan_to_num(stamps),

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from itertools import chain, islice
-from typing import BinaryIO, NamedTuple, cast
+from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 
@@ -108,13 +108,10 @@ class RobotLog:
         weight = (places - before)[..., None]
         gap = np.where(outside, np.inf, self.timestamp[before + 1] - self.timestamp[before])[()]  # a scalar
 
-        def between(values: FloatArray) -> FloatArray:
-            result: FloatArray = (1 - weight) * values[before] + weight * values[before + 1]
-            return result
+        def between(values: FloatArray | None) -> Any:
+            return None if values is None else (1 - weight) * values[before] + weight * values[before + 1]
 
-        velocity = None if self.velocity is None else between(self.velocity)
-        torque = None if self.torque is None else between(self.torque)
-        return RobotState(between(self.position), velocity, torque, gap)
+        return RobotState(between(self.position), between(self.velocity), between(self.torque), gap)
 
 
 class Paired(NamedTuple):
