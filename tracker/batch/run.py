@@ -69,7 +69,7 @@ def described(job: Job, tracked: Tracked) -> dict[str, Any]:
 def make_result(task: Task) -> dict[str, Any]:
     """Track a recording and write its table row, or the reason for a failure; called by a worker.
 
-    Return `recording`; `frames` tracked by this call; the `seconds` it took; `failure`, a reason or None.
+    Return `recording`; `frames` tracked by this call; `failure`, a reason or None.
     """
     output = Path(task.output)
     try:
@@ -84,7 +84,7 @@ def make_result(task: Task) -> dict[str, Any]:
         results.failure_file(output).unlink(missing_ok=True)
     except Exception as error:  # any error: the other recordings must still be done
         return _failed(task, error)
-    return {"recording": task.name, "frames": tracked.new, "seconds": tracked.seconds, "failure": None}
+    return {"recording": task.name, "frames": tracked.new, "failure": None}
 
 
 def _failed(task: Task, error: Exception) -> dict[str, Any]:
@@ -96,7 +96,7 @@ def _failed(task: Task, error: Exception) -> dict[str, Any]:
             results.summary_file(output).unlink(missing_ok=True)
             content = {"recording": task.name, "reason": why}
             write_whole(results.failure_file(output), json.dumps(content, indent=1) + "\n")
-    return {"recording": task.name, "frames": 0, "seconds": 0.0, "failure": why}
+    return {"recording": task.name, "frames": 0, "failure": why}
 
 
 @functools.lru_cache(maxsize=2)
