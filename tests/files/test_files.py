@@ -53,7 +53,7 @@ CALIBRATION = "camera60.yml", "arena.toml"
     ("name", "read"),
     [
         ("camera_data.dat", frames_of),
-        ("camera_data.dat", lambda path: NativeSource(path, recover=True)),
+        ("camera_data.dat", NativeSource),
         ("camera_data.h5", check_stated_end),
         ("camera60.mp4", lambda path: frames_of(path.parent)),
         ("camera60.png", lambda path: frames_of(path.parent)),

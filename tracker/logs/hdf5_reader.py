@@ -145,20 +145,18 @@ def _from_heap(file: BufferedReader, reference: bytes) -> bytes:
 class Hdf5Source(Source):
     """An HDF5 log; keeps one block of the images in memory."""
 
-    def __init__(self, path: Path, *, recover: bool) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.opening_fault = check_stated_end(path)
         with faults_as_log_errors(str(path)):
             self._file = open_file(path)
         # In a damaged file any property of a field may raise.
         with on_error(self.close), faults_as_log_errors(str(path)):
-            self._flushed = self._attribute(FLUSHED)
-            # A killed writer leaves such a file, too, but with the attribute FLUSHED.
-            if self.opening_fault and self._flushed is None and not recover:
-                raise LogError(self.opening_fault)
-            self._open(recover)
+            self._open()
 
-    def _open(self, recover: bool) -> None:
+    def _open(self) -> None:
+        self._flushed = self._attribute(FLUSHED)
+        self.unfinished = self._flushed is not None
         self._check_head()
         if (field := find(self._file, "images", "")) is None:
             raise LogError("images is missing, expected a camera log")
@@ -190,8 +188,7 @@ class Hdf5Source(Source):
             self.opening_fault = f"{self.path}: its writer was ended before it had finished the file"
         elif len(counts) > 1:
             self.opening_fault = f"{self.path}: found fields of {sorted(counts)} frames, expected one number"
-            if not recover:
-                raise LogError(self.opening_fault)
+            self.unfinished = False
 
     def read(self, index: int) -> LogFrame:
         """See Source."""

@@ -72,10 +72,13 @@ class Source(ABC):
     """Whether any time may pass between two frames."""
     episode_starts: tuple[int, ...] = (0,)
     """Numbers of the frames that start an episode, unrelated to the frames before."""
+    opening_fault: str | None = None
+    """Fault that shows on opening, but leaves frames to recover."""
+    unfinished: bool = False
+    """Whether that fault is only a killed writer's: all frames that are left are whole."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.opening_fault: str | None = None
 
     @abstractmethod
     def read(self, index: int) -> LogFrame:
@@ -135,7 +138,7 @@ class Log:
     """
 
     def __init__(self, source: Source, *, recover: bool) -> None:
-        """Raise LogError if a camera of the recording has an invalid name."""
+        """Raise LogError for a fault that shows on opening, or if a camera has an invalid name."""
         self._source, self._recover = source, recover
         for name in source.camera_names:
             check_name(name, f"{source.path}: name of a camera", LogError)
@@ -144,6 +147,8 @@ class Log:
         self._faults: dict[int, str] = {}
         self._open = [True]
         if source.opening_fault:
+            if not (recover or source.unfinished):
+                raise LogError(source.opening_fault)
             self._faults[-1] = source.opening_fault
 
     def __repr__(self) -> str:

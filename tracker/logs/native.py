@@ -48,7 +48,7 @@ class NativeSource(Source):
     are copied once either way.
     """
 
-    def __init__(self, path: Path, *, recover: bool) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._alone = OneAtATime(path)
         with told_of(path):
@@ -60,9 +60,9 @@ class NativeSource(Source):
             self._largest = size * _MAX_RATIO if self.sequential else size
             if self.sequential:
                 self._rewind()
-            self._open(recover)
+            self._open()
 
-    def _open(self, recover: bool) -> None:
+    def _open(self) -> None:
         self.format = "native camera log"
         self.count = 0
         head = self._read_at(0, 13)
@@ -80,13 +80,10 @@ class NativeSource(Source):
         size = self._record.itemsize
         fitting, left = divmod(self._largest - self._start, size)
         if stated > fitting if self.sequential else (fitting, left) != (stated, 0):
-            text = (
+            self.opening_fault = (
                 f"{self.path}: found {'at most ' * self.sequential}{self._largest} bytes, that is "
                 f"{fitting} records of {size} bytes and {left} bytes, expected {stated} records"
             )
-            if not recover:
-                raise LogError(text)
-            self.opening_fault = text
         self.count = min(stated, fitting)
         self._end = self._start + self.count * size
 

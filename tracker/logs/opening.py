@@ -52,7 +52,7 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
     check_rate(rate, "rate")
     root = path_of(path, "path of a recording", LogError)
     with told_of(root):
-        source = _source(root, recover, rate)
+        source = _source(root, rate)
         with on_error(source.close):
             return Log(source, recover=recover)
 
@@ -100,7 +100,7 @@ def _calibration_in(folder: Path, _: int) -> list[Path]:
     return [folder / name for name in names if name == "arena.toml" or name.endswith((".yml", ".yaml"))]
 
 
-def _source(path: Path, recover: bool, rate: float) -> Source:
+def _source(path: Path, rate: float) -> Source:
     if path.name == STORE_FILE:
         path = path.parent
     if path.is_dir():
@@ -112,7 +112,7 @@ def _source(path: Path, recover: bool, rate: float) -> Source:
         if len(logs) > 1:
             found = " and ".join(log.name for log in logs)
             raise LogError(f"{path}: found {found}, expected one: name the file")
-        return _source(logs[0], recover, rate) if logs else FolderSource(path, rate=rate)
+        return _source(logs[0], rate) if logs else FolderSource(path, rate=rate)
     if not path.exists():
         raise LogError(f"{path}: no such file or folder")
     if not path.is_file():
@@ -124,10 +124,10 @@ def _source(path: Path, recover: bool, rate: float) -> Source:
     if is_hdf5:
         from tracker.logs.hdf5_reader import Hdf5Source
 
-        return Hdf5Source(path, recover=recover)
+        return Hdf5Source(path)
     from tracker.logs.native import NativeSource
 
-    return NativeSource(path, recover=recover)
+    return NativeSource(path)
 
 
 def fitted_to(
