@@ -14,14 +14,7 @@ import cv2
 import numpy as np
 
 from tracker.calibration.board.sighting import photo_blur
-from tracker.calibration.by_object.health import (
-    HEIGHT,
-    LEVELS,
-    MOST_CLIPPED,
-    brightness,
-    clipped_share,
-    height_over_table,
-)
+from tracker.calibration.by_object import health
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import TrackerError
@@ -202,10 +195,10 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
     """
     if pose is None or pose.confidence < TRUSTED:
         return None
-    height = height_over_table(pose.position, pose.rotation, model, arena)
+    height = health.height_over_table(pose.position, pose.rotation, model, arena)
     std = 1e3 * math.sqrt(pose.covariance[2, 2])
     highest = SLACK * 1e3 * math.hypot(arena.table_std[0], 1e-3 * std)
-    if not max(2.0 * std, HEIGHT.limits[1]) < abs(height) <= highest:
+    if not max(2.0 * std, health.HEIGHT.limits[1]) < abs(height) <= highest:
         return None
     where = "floats {:.1f} mm above" if height > 0 else "sinks {:.1f} mm into"
     return (
@@ -232,14 +225,14 @@ class PictureLook(NamedTuple):
     def of(cls, image: Image) -> PictureLook:
         """Measure an image (H, W, 3); takes a few milliseconds."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        return cls(brightness(image), 100 * clipped_share(image), photo_blur(grey))
+        return cls(health.brightness(image), 100 * health.clipped_share(image), photo_blur(grey))
 
     def faults(self) -> list[str]:
         """Return the faults with possible remedies."""
         found = []
-        if self.level < LEVELS[0]:
+        if self.level < health.LEVELS[0]:
             found.append(f"dark, median grey level {self.level:.0f}: expose longer; is the lens covered?")
-        if self.level > LEVELS[1] or self.clipped > 100 * MOST_CLIPPED:
+        if self.level > health.LEVELS[1] or self.clipped > 100 * health.MOST_CLIPPED:
             found.append(
                 f"over-exposed, median grey level {self.level:.0f}, {self.clipped:.0f} % of its pixels are "
                 "clipped: expose less"
