@@ -32,8 +32,8 @@ from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
 
-POSE = {"position": 3, "orientation": 4, "confidence": 1}
-"""Fields of a pose and their lengths."""
+POSE: dict[str, tuple[int, ...]] = {"position": (3,), "orientation": (4,), "confidence": ()}
+"""Fields of a pose and their shapes."""
 
 MAGIC = 0x3CDA7A00
 
@@ -175,7 +175,7 @@ class Hdf5Source(Source):
         self._camera_stamps = stamps
         self._frame_stamps = self._rows("sensor_data_timestamps", 1)
         self._has_pose = self._rows("object_pose/has_pose", 1)
-        poses = [self._rows(f"object_pose/{name}", width) for name, width in POSE.items()]
+        poses = [self._rows(f"object_pose/{name}", math.prod(shape)) for name, shape in POSE.items()]
         self._poses = [rows for rows in poses if rows is not None]
         if len(self._poses) not in (0, len(POSE)):
             raise LogError("object_pose: expected position, orientation and confidence together")

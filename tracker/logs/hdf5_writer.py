@@ -28,7 +28,6 @@ from tracker.logs.pictures import to_bayer
 VERSION = (2, 1)
 """Values of the attributes `format_version` and `format_version_minor`."""
 
-_POSE_SHAPES = {name: (width,) if width > 1 else () for name, width in POSE.items()}
 _ROWS = 256  # rows per chunk of a small field
 _GZIP = 1  # level; raw pixels are mostly noise: higher ones save one per cent and take several times as long
 
@@ -204,7 +203,7 @@ class Hdf5LogWriter:
         self._rows("sensor_data_timestamps")
         if poses:
             self._rows("object_pose/has_pose", dtype=np.bool_)
-            for name, row_shape in _POSE_SHAPES.items():
+            for name, row_shape in POSE.items():
                 self._rows(f"object_pose/{name}", row_shape)
         file.create_dataset("camera_names", data=np.array([name.encode() for name in self._rig.names]))
         for camera, values in zip(self._rig, settings, strict=True):
@@ -243,8 +242,8 @@ class Hdf5LogWriter:
 
 def _pose_rows(pose: Any, where: str) -> dict[str, Any]:
     """Return a frame's rows of the recorded pose; LogError if it is none that can be read again."""
-    values = {name: np.zeros(shape) for name, shape in _POSE_SHAPES.items()}
-    for name, shape in {} if pose is None else _POSE_SHAPES.items():
+    values = {name: np.zeros(shape) for name, shape in POSE.items()}
+    for name, shape in {} if pose is None else POSE.items():
         if not hasattr(pose, name):
             valid = f"one with {', '.join(POSE)}"
             raise LogError(f"{where}: pose: found {shown(pose)}, expected {valid}")
