@@ -9,18 +9,8 @@ Films may have other names, and so may folders of cameras if their images' names
 nothing but numbered images is that of one camera. Images of one moment have the same name in all
 cameras' folders, or names that are timestamps close together.
 
-If the names do not show which camera took an image, `recording.toml` does, with `stamps.csv` beside it:
-
-    rate = 30.0                    # frame rate [Hz], if neither names nor films give the time
-
-    [cameras]                      # images or film of each camera
-    camera60 = "left/*.png"
-    camera180 = "right_*.jpg"
-    camera300 = "above.mp4"
-
-Patterns are relative to the folder. Images of one moment have the same text in place of `*`; if all these
-texts differ, images are matched by their order. `stamps.csv` has one line per frame, with its time [s] or
-with one time per camera in the order of [cameras].
+If the names do not show which camera took an image, `recording.toml` does, with `stamps.csv` beside it;
+docs/recordings.md describes both.
 """
 
 from __future__ import annotations
@@ -253,13 +243,13 @@ def _fitting(path: Path, camera: str, pattern: Any) -> Mapping[str, Picture]:
     if Path(pattern).is_absolute() or ".." in parts or "**" in parts:
         raise LogError(f"{what}: found {given}, expected one inside of the folder, without **")
     shape = re.compile("([^/]*)".join(map(re.escape, "/".join(parts).split("*"))))
-    there = ((file, file.relative_to(path.parent).as_posix()) for file in sorted(path.parent.glob(pattern)))
-    matches = (
-        (shape.fullmatch(name), file)
-        for file, name in there
-        if file.suffix.lower() in (*SUFFIXES, *FILM_SUFFIXES) and "/." not in f"/{name}" and file.is_file()
-    )
-    found = _by_name((("_".join(match.groups()), file) for match, file in matches if match), "moment")
+    fitting = []
+    for file in sorted(path.parent.glob(pattern)):
+        name = file.relative_to(path.parent).as_posix()
+        readable = file.suffix.lower() in (*SUFFIXES, *FILM_SUFFIXES) and file.is_file()
+        if readable and "/." not in f"/{name}" and (match := shape.fullmatch(name)):
+            fitting.append(("_".join(match.groups()), file))
+    found = _by_name(fitting, "moment")
     if not found:
         raise LogError(f"{what}: found no file that fits {given}, expected images or a film")
     first = next(iter(found.values()))
