@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.data.toml_files import read_toml
 from benchmarks.judge.results import Results
 from benchmarks.score.metrics import NOTHING, Metric, matches
 from benchmarks.score.tables import BY_NAME
+from tracker.errors import TrackerError
+from tracker.files.toml import read_toml
 
 FILE = Path(__file__).with_name("targets.toml")
 
@@ -27,7 +28,7 @@ def judge(results: Results) -> list[dict[str, Any]]:
     """
     return [
         row
-        for target in read_toml(FILE)["target"]
+        for target in read_toml(FILE, TrackerError)["target"]
         for kind in OBJECTS
         for row in _judged(target, kind, results)
     ]
