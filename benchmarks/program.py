@@ -10,11 +10,9 @@ from typing import Any
 import click
 import pandas as pd
 
+from benchmarks.data.plan import CACHE, DEVELOPMENT, FULL, Plan, release
 from benchmarks.data.recorded import real_folder
 from benchmarks.data.scenes import OBJECTS
-from benchmarks.data.seeds import DEVELOPMENT, release
-from benchmarks.data.sets import FULL, Plan
-from benchmarks.data.store import CACHE
 from benchmarks.data.workloads import BY_NAME
 from benchmarks.judge import compare as comparison
 from benchmarks.judge import gate as gates
@@ -244,7 +242,8 @@ def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: s
 @click.option("-o", "--output", type=_FILE, default=Path("noise.toml"), show_default=True)
 def noise(name: str, seed: int, check: int, refined: bool, workers: int, cache: Path, output: Path) -> None:
     """Measure the tracker's errors on films, and write them as a model for simulators."""
-    click.echo(noise_report.measured(name, (seed, check), workers, cache, output, refined=refined))
+    plan = Plan(seed=seed, workers=workers, cache=cache)
+    click.echo(noise_report.measured(name, plan, check, output, refined=refined))
 
 
 main.add_command(likeness, "likeness")

@@ -15,7 +15,7 @@ import click
 import pandas as pd
 
 from benchmarks.data.fingerprint import ROOT
-from benchmarks.data.sets import Plan
+from benchmarks.data.plan import Plan
 from benchmarks.data.workloads import WORKLOADS, Workload
 from benchmarks.judge.origin import origin
 from benchmarks.judge.results import (
@@ -111,17 +111,17 @@ def recorded(run: Run) -> Frames:
 
 def films(run: Run) -> Frames:
     """Tracking over time: accuracy, losses, single cameras, a vanishing object, and time."""
-    return {"films": measure_films(run.plan, run.say)}
+    return {"films": measure_films(run.plan)}
 
 
 def motion(run: Run) -> Frames:
     """Fast motions: cameras grabbed one after another, and the pose a moment ahead."""
-    return {"motion": measure_motion(run.plan, run.say)}
+    return {"motion": measure_motion(run.plan)}
 
 
 def dice(run: Run) -> Frames:
     """Masks, positions and time of the dice task; the recorded picture where there is one."""
-    return measure_dice(run.plan, run.real, run.say)
+    return measure_dice(run.plan, run.real)
 
 
 def start_up(run: Run) -> Frames:

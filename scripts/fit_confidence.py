@@ -21,8 +21,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 import tracker
-from benchmarks.data.scenes import LOOK_ALIKE, OBJECTS
-from benchmarks.data.sets import SHARES, Plan, scene_set
+from benchmarks.data.plan import LOOK_ALIKE, SHARES, Plan
+from benchmarks.data.scenes import OBJECTS
+from benchmarks.data.sets import scene_set
 from benchmarks.data.store import prepare
 from benchmarks.data.workloads import WORKLOADS, case
 from benchmarks.score.errors import pose_errors, true_pose

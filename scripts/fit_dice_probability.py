@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.data.dice import KINDS, dice_store
+from benchmarks.data.plan import Plan
 from benchmarks.score.dice import judge_positions
 from synthetic.camera.rigs import sized, standard_rig
 from tracker.conventions import Array, FloatArray
@@ -31,7 +32,7 @@ def gains_and_truth(scenes: int, *, shaded: bool) -> tuple[FloatArray, Array, Ar
     rig = sized(standard_rig(), 270)
     rows = []
     for kind in KINDS:
-        for scene in dice_store(kind, SEED).scenes(range(scenes)):
+        for scene in dice_store(kind, Plan(seed=SEED)).scenes(range(scenes)):
             masks = [segment_dice(image) for image in scene.images]
             dice = finder.locate(rig, masks, scene.images if shaded else None)
             right = judge_positions(scene.positions, dice).right

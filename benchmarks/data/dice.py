@@ -5,14 +5,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.data.plan import Plan, stream
 from benchmarks.data.scenes import SIZE
-from benchmarks.data.seeds import stream
-from benchmarks.data.store import CACHE, Store, each
-from synthetic.frames import Frame, FrameMaker, FrameOptions
+from benchmarks.data.store import Store, each
+from synthetic.frames import FrameMaker, FrameOptions
 from tracker.conventions import FloatArray, Image
 
 KINDS = {"thrown": "dice_thrown", "laid": "dice_goal"}
@@ -37,18 +36,11 @@ class DiceScene:
     """(B, 3, 2) smallest and largest x, y, z [m] of the bars of the cross on the table; B = 0: no cross."""
 
 
-def dice_store(kind: str, seed: int, workers: int = 2, cache: Path = CACHE) -> Store[DiceScene]:
-    """Return the scenes of one kind, by number.
-
-    Args:
-        kind: key of KINDS.
-        seed: seed of the benchmark.
-        workers: number of processes that render missing scenes.
-        cache: folder of rendered scenes.
-    """
-    own = stream(seed, "dice", kind)
+def dice_store(kind: str, plan: Plan) -> Store[DiceScene]:
+    """Return the scenes of one of KINDS, by number."""
+    own = stream(plan.seed, "dice", kind)
     make = functools.partial(each, _scenes, kind, own)
-    return Store(f"dice, {kind}", DiceScene, make, (__name__,), own, workers=workers, cache=cache)
+    return Store(f"dice, {kind}", DiceScene, make, (__name__,), own, plan)
 
 
 def _scenes(kind: str, seed: int) -> Callable[[int], DiceScene]:
@@ -56,22 +48,18 @@ def _scenes(kind: str, seed: int) -> Callable[[int], DiceScene]:
 
     def make(index: int) -> DiceScene:
         (frame,) = frames.chunk(index)
-        return _scene_of(frame)
+        bars = []
+        for body in frame.scene.bodies:
+            if body.name.startswith("cross_"):
+                world = body.mesh.vertices @ body.world_from_body[:3, :3].T + body.world_from_body[:3, 3]
+                bars.append(np.stack([world.min(axis=0), world.max(axis=0)], axis=1))
+        return DiceScene(
+            frame.index,
+            frame.images,
+            frame.labels,
+            np.array([state.position for state in frame.objects]),
+            np.array([state.rotation for state in frame.objects]),
+            np.array(bars).reshape(-1, 3, 2),
+        )
 
     return make
-
-
-def _scene_of(frame: Frame) -> DiceScene:
-    bars = []
-    for body in frame.scene.bodies:
-        if body.name.startswith("cross_"):
-            world = body.mesh.vertices @ body.world_from_body[:3, :3].T + body.world_from_body[:3, 3]
-            bars.append(np.stack([world.min(axis=0), world.max(axis=0)], axis=1))
-    return DiceScene(
-        frame.index,
-        frame.images,
-        frame.labels,
-        np.array([state.position for state in frame.objects]),
-        np.array([state.rotation for state in frame.objects]),
-        np.array(bars).reshape(-1, 3, 2),
-    )

@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 PROJECT = ("tracker", "synthetic", "benchmarks")
 
-KEEPERS = ("benchmarks.data.store", "benchmarks.data.fingerprint", "benchmarks.data.seeds")
-"""Modules that store images; they do not affect pixels."""
+KEEPERS = ("benchmarks.data.store", "benchmarks.data.fingerprint", "benchmarks.data.plan")
+"""Modules that choose and store images; they do not affect pixels."""
 
 LIBRARIES = ("numpy", "opencv-python-headless", "pybullet", "pyrender", "trimesh")
 

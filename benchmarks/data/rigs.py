@@ -11,13 +11,12 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.data.plan import Plan, stream
 from benchmarks.data.scenes import OBJECTS, Scene
-from benchmarks.data.seeds import stream
-from benchmarks.data.store import CACHE, Store, each
+from benchmarks.data.store import Store, each
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.scene import drawn
@@ -212,45 +211,22 @@ NEAR = 0.2
 
 
 def rig_scene(case: RigCase, model: CuboidModel, seed: int, index: int) -> Scene:
-    """Return a scene of an object at world scale; all rigs get the same scene for a number and stage size.
-
-    Args:
-        case: the rig.
-        model: one of its objects.
-        seed: seed of all scenes.
-        index: number of the scene.
-    """
+    """Return a scene of one of a rig's objects; all rigs get the same scene for a number and stage size."""
     on_stage = case.on_stage(model)
     rng = np.random.default_rng([seed, index])
     scene = scene_with_fingers(on_stage, rng, near=NEAR) if index % 2 else bare_scene(on_stage, rng)
     # Larger images need more noise draws, so the noise has its own stream.
     noise = np.random.default_rng([seed, index, 1])
     made = take(scene, case.stage_cameras, Sensor.realistic(), noise)
-    return Scene(
-        index,
-        tuple(made.images),
-        tuple(made.labels),
-        made.visible_fraction,
-        *case.placement.pose(made.position, made.rotation),
-    )
+    pose = case.placement.pose(made.position, made.rotation)
+    return Scene(tuple(made.images), made.visible_fraction, *pose, index=index, labels=tuple(made.labels))
 
 
-def rig_store(
-    case_name: str, object_name: str, seed: int, workers: int = 2, cache: Path = CACHE
-) -> Store[Scene]:
-    """Return the scenes of one rig and object, by number.
-
-    Args:
-        case_name: name of the rig in `CASES`.
-        object_name: name of one of its objects.
-        seed: seed of the benchmark.
-        workers: number of processes that render missing scenes.
-        cache: folder of rendered scenes.
-    """
-    own = stream(seed, "rigs")
+def rig_store(case_name: str, object_name: str, plan: Plan) -> Store[Scene]:
+    """Return the scenes of one of CASES and one of its objects, by number."""
+    own = stream(plan.seed, "rigs")
     make = functools.partial(each, _scenes, case_name, object_name, own)
-    name = f"{object_name}, rig, {case_name}"
-    return Store(name, Scene, make, (__name__,), own, workers=workers, cache=cache)
+    return Store(f"{object_name}, rig, {case_name}", Scene, make, (__name__,), own, plan)
 
 
 def _scenes(case_name: str, object_name: str, seed: int) -> Callable[[int], Scene]:

@@ -9,13 +9,12 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.data.seeds import stream
-from benchmarks.data.store import CACHE, Store, each
+from benchmarks.data.plan import EFFECT, LOOK_ALIKE, Plan, stream
+from benchmarks.data.store import Store, each
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.effects import NAMES as EFFECTS
 from synthetic.frames import Frame, FrameMaker, FrameOptions
@@ -35,23 +34,13 @@ OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 STILL_EFFECTS = tuple(name for name in EFFECTS if name != "timing")
 """Effects that are visible in scenes without motion."""
 
-EFFECT = "effect: "
-"""Prefix of the styles with a single effect."""
-
-LOOK_ALIKE = "look-alike: "
-"""Prefix of the styles with one kind of look-alike."""
-
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Moment:
     """One image of each camera, and the ground truth."""
 
-    index: int
-    """Number of the scene in its stream."""
     images: tuple[Image, ...]
     """(H, W, 3) uint8 BGR."""
-    labels: tuple[Image, ...]
-    """(H, W) uint8 label map, by majority in each pixel: 0 other, 1 red ... 6 yellow."""
     visible_fraction: FloatArray
     """(cameras,) visible share of the object's pixels."""
     position: FloatArray | None
@@ -63,12 +52,22 @@ class Scene:
 
     def rigs(self, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
         """Return the true rig, and the stated one, which is given to a user; `usual` is the set's rig."""
-        return rigs_of(self.cameras, usual)
+        if self.cameras is None:
+            return usual, usual
+        true, stated = (
+            dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in self.cameras
+        )
+        return true, stated
 
-    @property
-    def visible(self) -> float:
-        """Mean visible fraction over all cameras."""
-        return float(np.mean(self.visible_fraction))
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene(Moment):
+    """A moment without a past, and what each pixel shows."""
+
+    index: int
+    """Number of the scene in its stream."""
+    labels: tuple[Image, ...]
+    """(H, W) uint8 label map, by majority in each pixel: 0 other, 1 red ... 6 yellow."""
 
 
 def rig(size: int = SIZE) -> CameraRig:
@@ -76,21 +75,11 @@ def rig(size: int = SIZE) -> CameraRig:
     return sized(standard_rig(), size)
 
 
-def scene_store(
-    object_name: str, style: str, seed: int, workers: int = 2, cache: Path = CACHE
-) -> Store[Scene]:
-    """Return the scenes of an object, by number.
-
-    Args:
-        object_name: name of the object.
-        style: key of STYLES.
-        seed: seed of the benchmark.
-        workers: number of processes that render missing scenes.
-        cache: folder of rendered scenes.
-    """
-    own = stream(seed, "scenes", object_name, style)
+def scene_store(object_name: str, style: str, plan: Plan) -> Store[Scene]:
+    """Return the scenes of an object in a style of STYLES, by number."""
+    own = stream(plan.seed, "scenes", object_name, style)
     make = functools.partial(each, STYLES[style], object_name, own)
-    return Store(f"{object_name}, {style}", Scene, make, (__name__,), own, workers=workers, cache=cache)
+    return Store(f"{object_name}, {style}", Scene, make, (__name__,), own, plan)
 
 
 def _frames(object_name: str, seed: int, **options: Any) -> Callable[[int], Scene]:
@@ -98,37 +87,21 @@ def _frames(object_name: str, seed: int, **options: Any) -> Callable[[int], Scen
 
     def make(index: int) -> Scene:
         (frame,) = frames.chunk(index)
-        return _scene_of(frame)
+        return Scene(*moment_of(frame), index=frame.index, labels=frame.labels)
 
     return make
 
 
-def _scene_of(frame: Frame) -> Scene:
-    pose = frame.objects[0] if frame.objects else None
-    return Scene(
-        frame.index,
-        frame.images,
-        frame.labels,
-        frame.visible_fraction,
-        None if pose is None else np.array(pose.position),
-        None if pose is None else np.array(pose.rotation),
-        cameras_of(frame),
-    )
-
-
-def rigs_of(cameras: FloatArray | None, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
-    """Return the true and the stated rig from the output of `cameras_of`."""
-    if cameras is None:
-        return usual, usual
-    true, stated = (dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in cameras)
-    return true, stated
-
-
-def cameras_of(frame: Frame) -> FloatArray | None:
-    """Return (2, cameras, 46) true and stated cameras of a frame; None if both are the set's own."""
-    if frame.given is frame.rig:
-        return None
-    return np.array([[_row(camera) for camera in rig] for rig in (frame.rig, frame.given)])
+def moment_of(
+    frame: Frame,
+) -> tuple[tuple[Image, ...], FloatArray, FloatArray | None, FloatArray | None, FloatArray | None]:
+    """Return the fields of a `Moment` in a rendered frame."""
+    position = rotation = cameras = None
+    if frame.objects:
+        position, rotation = np.array(frame.objects[0].position), np.array(frame.objects[0].rotation)
+    if frame.given is not frame.rig:
+        cameras = np.array([[_row(camera) for camera in rig] for rig in (frame.rig, frame.given)])
+    return frame.images, frame.visible_fraction, position, rotation, cameras
 
 
 _PARTS = {"matrix": (3, 3), "distortion": (5,), "camera_from_world": (4, 4), "camera_from_world_std": (4, 4)}

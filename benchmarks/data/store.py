@@ -18,12 +18,10 @@ from typing import Any, Generic, TypeVar
 import click
 import numpy as np
 
-from benchmarks.data.fingerprint import ROOT, fingerprint
+from benchmarks.data.fingerprint import fingerprint
+from benchmarks.data.plan import Plan
 from synthetic.export.workers import run_tasks
 from tracker.files import write_whole
-
-CACHE = ROOT / "build" / "scenes"
-"""Default folder of rendered scenes; not in the repository."""
 
 S = TypeVar("S")
 
@@ -72,29 +70,25 @@ class Store(Generic[S]):
     modules: tuple[str, ...]
     """Modules that determine the pixels, see `fingerprint`."""
     seed: int
+    """Seed of these items alone, see `stream`."""
+    plan: Plan
+    """Where they are cached, and the number of processes that render missing ones."""
     chunk: int = 1
     """Number of items that are made together."""
-    workers: int = 2
-    """Number of processes that render missing items."""
-    cache: Path = CACHE
 
     @property
     def folder(self) -> Path:
         """Folder that holds only these items."""
         name = self.name.replace(", ", "-").replace(" ", "_")
-        return self.cache / f"{name}-{self.seed}-{fingerprint(*self.modules)}"
+        return self.plan.cache / f"{name}-{self.seed}-{fingerprint(*self.modules)}"
 
     def file(self, number: int) -> Path:
         """Return the file of an item."""
         return self.folder / f"{number:05d}.npz"
 
-    def missing(self, numbers: Iterable[int]) -> list[int]:
-        """Return the numbers of the items that are not rendered yet."""
-        return [number for number in numbers if not self.file(number).is_file()]
-
     def prepare(self, numbers: Iterable[int]) -> None:
         """Render the missing items."""
-        prepare([(self, numbers)], self.workers)
+        prepare([(self, numbers)], self.plan.workers)
 
     def scenes(self, numbers: Sequence[int]) -> Iterator[S]:
         """Yield the items with these numbers, in this order."""
@@ -121,39 +115,36 @@ def prepare(requests: Iterable[tuple[Store[Any], Iterable[int]]], workers: int) 
     tasks: list[tuple[Store[Any], int, list[int]]] = []
     for store, numbers in requests:
         chunks: dict[int, list[int]] = {}
-        for number in store.missing(numbers):
-            chunks.setdefault(number // store.chunk, []).append(number)
+        for number in numbers:
+            if not store.file(number).is_file():
+                chunks.setdefault(number // store.chunk, []).append(number)
         tasks += [(store, chunk, own) for chunk, own in chunks.items()]
     count = sum(len(numbers) for _, _, numbers in tasks)
     if not count:
         return
     # Starting processes costs more than rendering a few scenes.
-    done = run_tasks(_Renders(), tasks, workers if count > 4 else 1)
+    done = run_tasks(_rendering, tasks, workers if count > 4 else 1)
     with click.progressbar(done, length=count, label="rendering", file=sys.stderr) as bar:
         for _ in bar:
             pass
 
 
-@dataclass(frozen=True)
-class _Renders:
-    """Makes the function that a worker runs."""
+def _rendering() -> Callable[[tuple[Store[Any], int, list[int]]], Iterator[int]]:
+    """Return the function with which a worker renders the items of a chunk into their files."""
+    known: dict[Path, Maker[Any]] = {}
 
-    def __call__(self) -> Callable[[tuple[Store[Any], int, list[int]]], Iterator[int]]:
-        """Return the function that renders the items of a chunk into their files."""
-        known: dict[Path, Maker[Any]] = {}
+    def work(task: tuple[Store[Any], int, list[int]]) -> Iterator[int]:
+        store, chunk, numbers = task
+        if store.folder not in known:
+            # Tasks come store by store, so the last store's maker is no longer needed.
+            known.clear()
+            known[store.folder] = store.maker()
+            store.folder.mkdir(parents=True, exist_ok=True)
+        for number, item in known[store.folder](chunk, numbers):
+            write_whole(store.file(number), packed(item))
+            yield number
 
-        def work(task: tuple[Store[Any], int, list[int]]) -> Iterator[int]:
-            store, chunk, numbers = task
-            if store.folder not in known:
-                # Tasks come store by store, so the last store's maker is no longer needed.
-                known.clear()
-                known[store.folder] = store.maker()
-                store.folder.mkdir(parents=True, exist_ok=True)
-            for number, item in known[store.folder](chunk, numbers):
-                write_whole(store.file(number), packed(item))
-                yield number
-
-        return work
+    return work
 
 
 def each(begin: Callable[..., Callable[[int], S]], *arguments: Any) -> Maker[S]:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.data import disturbances
+from benchmarks.data.plan import EFFECT, LOOK_ALIKE, RIG, stream
 from benchmarks.data.recorded import another
 from benchmarks.data.rigs import CASES
-from benchmarks.data.scenes import EFFECT, LOOK_ALIKE, OBJECTS, STILL_EFFECTS, Scene
-from benchmarks.data.seeds import stream
+from benchmarks.data.scenes import OBJECTS, STILL_EFFECTS, Scene
 from synthetic.world.look_alikes import KINDS
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
@@ -44,7 +44,7 @@ class Workload:
     """Whether it is measured by default."""
 
 
-_PLAIN = (
+WORKLOADS = (
     Workload("realistic", "fingers, realistic cameras, exact calibration"),
     Workload("world", "realistic, with every effect of the real world, calibration errors too", "world"),
     Workload("absent", "as world, without an object", "absent"),
@@ -64,9 +64,26 @@ _PLAIN = (
     Workload(
         "poor images", "realistic, blur σ 1.5 px, noise σ 16, JPEG 60", disturb=disturbances.poor_images
     ),
-)
-
-_PACKAGE = (
+    Workload("JPEG", "realistic, JPEG 60 alone", disturb=disturbances.jpeg),
+    Workload("flooded", "realistic, one camera dazzled", disturb=disturbances.flooded),
+    Workload("black", "realistic, one camera black", disturb=disturbances.black),
+    Workload("swapped", "realistic, two cameras mixed up", disturb=disturbances.swapped),
+    Workload("other moment", "realistic, one camera of another scene", other_moment=True),
+    Workload(
+        "other calibration",
+        "realistic, the calibration of another robot (recorded data)",
+        believed=another,
+    ),
+    *(
+        Workload(LOOK_ALIKE + kind, "realistic, but what is shown is not the object", LOOK_ALIKE + kind)
+        for kind in KINDS
+    ),
+    Workload("540 px", "realistic, three 540×540", "large"),
+    Workload("other cubes", "realistic, cube_v1 and cube_v3", "other cubes", objects=("cube_v1", "cube_v3")),
+    *(
+        Workload(EFFECT + name, f"realistic, with the effect {name} alone", EFFECT + name, usual=False)
+        for name in STILL_EFFECTS
+    ),
     Workload("simulation package", "the platform's simulation package, as it draws", "package"),
     Workload("simulation package, smooth", "the same, 4×4 points per pixel", "smooth package"),
     Workload(
@@ -86,60 +103,24 @@ _PACKAGE = (
         "lens package",
         disturb=disturbances.slight_blur,
     ),
-)
-
-_PACKAGE_LIGHT = tuple(
-    Workload(f"simulation package, {name}", f"as it draws; {about}", "package", disturb=disturb)
-    for name, about, disturb in (
-        ("light", "gains ±20 % per channel, exposure 0.6-1.4", disturbances.light),
-        ("hard light", "gains, exposure, gamma and ramps of hard light", disturbances.hard_light),
-    )
-)
-
-_FAULTS = (
-    Workload("JPEG", "realistic, JPEG 60 alone", disturb=disturbances.jpeg),
-    Workload("flooded", "realistic, one camera dazzled", disturb=disturbances.flooded),
-    Workload("black", "realistic, one camera black", disturb=disturbances.black),
-    Workload("swapped", "realistic, two cameras mixed up", disturb=disturbances.swapped),
-    Workload("other moment", "realistic, one camera of another scene", other_moment=True),
     Workload(
-        "other calibration",
-        "realistic, the calibration of another robot (recorded data)",
-        believed=another,
+        "simulation package, light",
+        "as it draws; gains ±20 % per channel, exposure 0.6-1.4",
+        "package",
+        disturb=disturbances.light,
+    ),
+    Workload(
+        "simulation package, hard light",
+        "as it draws; gains, exposure, gamma and ramps of hard light",
+        "package",
+        disturb=disturbances.hard_light,
+    ),
+    *(
+        Workload(RIG + name, case.about, RIG + name, objects=tuple(model.name for model in case.objects))
+        for name, case in CASES.items()
     ),
 )
-
-_OTHERS = (
-    Workload("540 px", "realistic, three 540×540", "large"),
-    Workload("other cubes", "realistic, cube_v1 and cube_v3", "other cubes", objects=("cube_v1", "cube_v3")),
-)
-
-_LOOK_ALIKES = tuple(
-    Workload(LOOK_ALIKE + kind, "realistic, but what is shown is not the object", LOOK_ALIKE + kind)
-    for kind in KINDS
-)
-"""See `synthetic.world.look_alikes`."""
-
-_EFFECTS = tuple(
-    Workload(EFFECT + name, f"realistic, with the effect {name} alone", EFFECT + name, usual=False)
-    for name in STILL_EFFECTS
-)
-"""See `synthetic.effects.Effects`."""
-
-RIG = "rig: "
-"""Prefix of the workloads, and of the sets of scenes, with other rigs."""
-
-_RIGS = tuple(
-    Workload(
-        RIG + name,
-        case.about,
-        RIG + name,
-        objects=tuple(model.name for model in case.objects),
-    )
-    for name, case in CASES.items()
-)
-
-WORKLOADS = (*_PLAIN, *_FAULTS, *_LOOK_ALIKES, *_OTHERS, *_EFFECTS, *_PACKAGE, *_PACKAGE_LIGHT, *_RIGS)
+"""See `synthetic.world.look_alikes` and `synthetic.effects.Effects` for those with these prefixes."""
 
 BY_NAME = {workload.name: workload for workload in WORKLOADS}
 
@@ -176,15 +157,9 @@ def case(
     seed: int,
     other: Scene | None = None,
 ) -> Case:
-    """Return the scene as changed by the workload.
+    """Return a scene of the workload's set, taken by its `usual` rig, as changed by the workload.
 
-    Args:
-        workload: the workload.
-        object_name: name of the object.
-        scene: a scene of the workload's set.
-        usual: cameras of the set.
-        seed: seed of the benchmark.
-        other: another scene, if the workload needs one.
+    `other` is another scene, if the workload needs one.
     """
     rng = np.random.default_rng([stream(seed, "workload", workload.name, object_name), scene.index])
     true_rig, stated = scene.rigs(usual)

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from benchmarks.data.scenes import LOOK_ALIKE
-from benchmarks.data.sets import Plan
+from benchmarks.data.plan import LOOK_ALIKE, Plan
 from benchmarks.data.workloads import WORKLOADS as ALL
 from benchmarks.judge.compare import pairs_of, side
 from benchmarks.judge.results import Results

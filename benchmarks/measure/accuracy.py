@@ -12,9 +12,10 @@ import pandas as pd
 
 import tracker
 from benchmarks.data.package.environment import PackageError
+from benchmarks.data.plan import Plan
 from benchmarks.data.recorded import another, robots
 from benchmarks.data.scenes import Scene
-from benchmarks.data.sets import Plan, SceneSet, scene_set
+from benchmarks.data.sets import SceneSet, scene_set
 from benchmarks.data.store import Store, prepare
 from benchmarks.data.workloads import BY_NAME, Case, Workload, case
 from benchmarks.measure.timing import in_turn, one_thread

@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
 import cv2
 import numpy as np
 import pandas as pd
 
 from benchmarks.data.dice import KINDS, DiceScene, dice_store
+from benchmarks.data.plan import Plan
 from benchmarks.data.scenes import rig as exact_rig
-from benchmarks.data.sets import Plan
 from benchmarks.measure.timing import in_turn, one_thread
 from benchmarks.score.dice import cross_pixels, judge_mask, judge_positions, visible_fractions
 from tracker.calibration.rig import CameraRig
@@ -31,22 +32,17 @@ GOAL_SEED = 31
 Rows = list[dict[str, Any]]
 
 
-def measure_dice(
-    plan: Plan, real: Path | None, say: Callable[[str], None] = lambda line: None
-) -> dict[str, pd.DataFrame]:
+def measure_dice(plan: Plan, real: Path | None) -> dict[str, pd.DataFrame]:
     """Return rows of `dice, masks` (views), `dice, positions` (true dice), `dice, reported`, `dice, time`.
 
-    Args:
-        plan: which scenes.
-        real: folder of recorded data, or None.
-        say: called with lines about the progress.
+    real: folder of recorded data, or None.
     """
     rig = exact_rig()
     rows: dict[str, Rows] = {f"dice, {part}": [] for part in ("masks", "positions", "reported", "time")}
     with one_thread():
         for kind in KINDS:
-            say(f"dice, {kind}")
-            store = dice_store(kind, plan.seed, plan.workers, plan.cache)
+            click.echo(f"dice, {kind}", err=True)
+            store = dice_store(kind, plan)
             for scene in store.scenes(range(plan.count(kind))):
                 for part, found in judge_scene(kind, scene, rig).items():
                     rows[part] += found

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
+import click
 import numpy as np
 import pandas as pd
 
 import tracker
 from benchmarks.data.films import FilmFrame, FilmStore, vanishing_film, vanishing_frames
-from benchmarks.data.scenes import OBJECTS, rig, rigs_of
-from benchmarks.data.sets import Plan
+from benchmarks.data.plan import Plan
+from benchmarks.data.scenes import OBJECTS, rig
 from benchmarks.measure.timing import in_turn, one_thread
 from benchmarks.score.errors import UNITS, pose_errors, true_pose
 from benchmarks.score.films import at_rest
@@ -40,19 +41,14 @@ READ = 100
 """Number of frames read at once."""
 
 
-def measure_films(plan: Plan, say: Callable[[str], None] = lambda line: None) -> pd.DataFrame:
-    """Return a row for each frame and mode: `group`, `object`, and the columns of `play`.
-
-    Args:
-        plan: which films.
-        say: called with lines about the progress.
-    """
+def measure_films(plan: Plan) -> pd.DataFrame:
+    """Return a row for each frame and mode: `group`, `object`, and the columns of `play`."""
     parts = []
     for name, (style, count) in itertools.product(OBJECTS, FILMS.items()):
         length = max(SHORTEST, plan.count("film") * FILMS["realistic"] // count)
-        store = FilmStore(name, style, length, plan.seed, plan.workers, plan.cache)
-        say(f"films, {style}, {name}")
-        store.store.prepare(store.prepared(range(count), vanishing=style == "realistic"))
+        store = FilmStore(name, style, length, plan)
+        click.echo(f"films, {style}, {name}", err=True)
+        store.prepare(range(count), vanishing=style == "realistic")
         with one_thread():
             play_films = _realistic if style == "realistic" else _world
             played = play_films(name, store, count)
@@ -83,7 +79,7 @@ def _world(name: str, store: FilmStore, count: int) -> Iterator[pd.DataFrame]:
     """Play films with all cameras and with each one alone, using the calibration given to a user."""
     films = [list(store.frames(film, range(store.length))) for film in range(count)]
     model = tracker.load_object(name)
-    trackers = [tracker.ObjectTracker(model, rigs_of(film[0].cameras, rig())[1]) for film in films]
+    trackers = [tracker.ObjectTracker(model, film[0].rigs(rig())[1]) for film in films]
     for camera in (None, *range(len(trackers[0].rig))):
         group = "world" if camera is None else f"world, camera {camera + 1}"
         for number, (own, film) in enumerate(zip(trackers, films, strict=True)):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
+import click
 import pandas as pd
 
 import tracker
 from benchmarks.data.motion import AHEAD, FRAMES, MotionFrame, motion_store, rig
+from benchmarks.data.plan import Plan
 from benchmarks.data.scenes import OBJECTS
-from benchmarks.data.sets import Plan
 from benchmarks.measure.timing import one_thread
 from benchmarks.score.errors import UNITS, pose_errors
 from synthetic.scene import drawn
@@ -31,28 +32,20 @@ FILMS = 2
 """Number of films for each object."""
 
 
-def measure_motion(
-    plan: Plan, say: Callable[[str], None] = lambda line: None, ways: Sequence[str] = tuple(GIVEN)
-) -> pd.DataFrame:
-    """Return a row for each frame, object and mode, with the columns of `play`.
-
-    Args:
-        plan: which films.
-        say: called with lines about the progress.
-        ways: keys of GIVEN.
-    """
+def measure_motion(plan: Plan) -> pd.DataFrame:
+    """Return a row for each frame, object and way of GIVEN, with the columns of `play`."""
     parts = []
     length = min(FRAMES, max(12, plan.count("motion")))
     for name in OBJECTS:
-        store = motion_store(name, plan.seed, plan.workers, plan.cache)
+        store = motion_store(name, plan)
         numbers = [range(film * FRAMES, film * FRAMES + length) for film in range(FILMS)]
-        say(f"motion, {name}")
+        click.echo(f"motion, {name}", err=True)
         store.prepare([number for film in numbers for number in film])
         own = tracker.ObjectTracker(drawn(name), rig())
         with one_thread():
             parts += [
-                play(own, store.scenes(film), GIVEN[way]).assign(object=name, group=way)
-                for way in ways
+                play(own, store.scenes(film), given).assign(object=name, group=way)
+                for way, given in GIVEN.items()
                 for film in numbers
             ]
     return pd.concat(parts, ignore_index=True)

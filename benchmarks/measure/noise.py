@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable
-from pathlib import Path
+from collections.abc import Iterable
 
 import cv2
 import numpy as np
 
 import tracker
 from benchmarks.data.films import RATE, FilmFrame, FilmStore
-from benchmarks.data.scenes import rig, rigs_of
+from benchmarks.data.plan import Plan
+from benchmarks.data.scenes import rig
 from benchmarks.measure.timing import one_thread
 from benchmarks.score.errors import placed, projected
 from synthetic.camera.miscalibration import stated
@@ -36,26 +36,19 @@ COVERED = 1.0
 
 
 def measure_noise(
-    object_name: str,
-    seed: int,
-    workers: int,
-    cache: Path,
-    *,
-    refined: bool = False,
-    say: Callable[[str], None] = lambda line: None,
+    object_name: str, plan: Plan, *, refined: bool = False
 ) -> tuple[list[Array], list[int], list[float]]:
     """Return episodes, the film number of each, and the processor time of all updates [s]."""
-    store = FilmStore(object_name, "errors", LENGTH, seed, workers, cache)
-    store.store.prepare(store.prepared(range(FILMS), vanishing=False))
+    store = FilmStore(object_name, "errors", LENGTH, plan)
+    store.prepare(range(FILMS), vanishing=False)
     model = tracker.load_object(object_name)
     episodes, films, spent = [], [], []
     with one_thread():
         for film in range(FILMS):
-            say(f"film {film + 1} of {FILMS}")
             frames = list(store.frames(film, range(LENGTH)))
-            true, given = rigs_of(frames[0].cameras, rig())
+            true, given = frames[0].rigs(rig())
             for k in range(CALIBRATIONS):
-                rng = np.random.default_rng([seed, film, k])
+                rng = np.random.default_rng([plan.seed, film, k])
                 own = given if k == 0 else stated(true, rng)
                 own = mended(true, own, rng) if refined else own
                 shown = covered(frames, true, model.size, rng) if k % 2 else frames

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.data.sets import FULL
+from benchmarks.data.plan import FULL
 from benchmarks.score.metrics import NOTHING, Table, matches
 from benchmarks.score.tables import TABLES
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.data.plan import Plan
 from benchmarks.measure.noise import measure_noise
 from benchmarks.score.noise import FITTED, Values, agreement, fit, simulated, to_toml
 from tracker.conventions import Array
@@ -19,15 +21,13 @@ IMAGES = 0.036
 that its tracker takes."""
 
 
-def measured(
-    name: str, seeds: tuple[int, int], workers: int, cache: Path, output: Path, *, refined: bool
-) -> str:
-    """Fit a model to the films of one seed, write it, and compare it with the films of the other seed.
+def measured(name: str, plan: Plan, check: int, output: Path, *, refined: bool) -> str:
+    """Fit a model to the plan's films, write it, and compare it with films of the seed `check`.
 
     Returns:
         The table of the comparison, with the processor time of a step.
     """
-    episodes, films, spent = measure_noise(name, seeds[0], workers, cache, refined=refined)
+    episodes, films, spent = measure_noise(name, plan, refined=refined)
     start: Values = {
         group: {key: pair[part] for key, pair in FITTED.items()}
         for part, group in enumerate(("position", "rotation"))
@@ -47,7 +47,7 @@ def measured(
         f"three cameras of 270 x 270 at 10 Hz, cameras {cameras}; written by python -m benchmarks noise"
     )
     write_whole(output, to_toml(about, found))
-    fresh = np.stack(measure_noise(name, seeds[1], workers, cache, refined=refined)[0])
+    fresh = np.stack(measure_noise(name, dataclasses.replace(plan, seed=check), refined=refined)[0])
     model = NoiseModel.load(output)
     values = {
         group: {key: number.value for key, number in numbers.items()}

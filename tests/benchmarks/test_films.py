@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.data.films import ABSENT, FilmFrame, FilmStore, vanishing_film, vanishing_frames
+from benchmarks.data.plan import Plan
 from benchmarks.judge.results import read_results
 from benchmarks.measure import films
 from benchmarks.score import films as score
@@ -16,7 +17,7 @@ from tests.helpers.synthetic_needs import skip_without_platform
 def frame_of(number, position=(0.0, 0.0, 0.0), rotation=None) -> FilmFrame:
     image = np.full((4, 4, 3), number, np.uint8)
     turn = np.eye(3) if rotation is None else rotation
-    return FilmFrame(number / 10, (image,) * 3, np.ones(3), np.array(position), turn)
+    return FilmFrame((image,) * 3, np.ones(3), np.array(position), turn, timestamp=number / 10)
 
 
 def test_a_frame_survives_the_disk(rng):
@@ -118,7 +119,7 @@ def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     assert counts["world"] == counts["world, camera 3"] == 2 * 3
     assert (frames.ratio > 0).all()
     assert len(list(cache.rglob("*.npz"))) == (3 + 1) + 2 * 3
-    store = FilmStore("cube_v2", "realistic", 3, 5, 1, cache)
+    store = FilmStore("cube_v2", "realistic", 3, Plan(seed=5, workers=1, cache=cache))
     before = next(store.frames(0, [1]))
     store.store.file(1).write_bytes(b"broken")
     again = next(store.frames(0, [1]))

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 import tracker
-from benchmarks.data.store import CACHE
+from benchmarks.data.plan import CACHE
 from benchmarks.judge import gate
 from benchmarks.judge.compare import compare, text
 from benchmarks.judge.results import Results, ResultsError, read_results, write_results

@@ -6,9 +6,22 @@ import numpy as np
 import pytest
 
 from benchmarks.data import motion as motion_films
-from benchmarks.data.motion import AHEAD, SKEW, STEADY, MotionFrame, delays, film_motion, rig
-from benchmarks.data.paths import BULGE, HEIGHTS, LEAST, REACH, SPEED, random_motion
-from benchmarks.data.sets import Plan
+from benchmarks.data.motion import (
+    AHEAD,
+    BULGE,
+    HEIGHTS,
+    LEAST,
+    REACH,
+    SKEW,
+    SPEED,
+    STEADY,
+    MotionFrame,
+    delays,
+    film_motion,
+    random_motion,
+    rig,
+)
+from benchmarks.data.plan import Plan
 from benchmarks.measure import motion as measured_motion
 from benchmarks.measure.motion import GIVEN, measure_motion, play
 from benchmarks.score.errors import pose_errors
@@ -71,7 +84,7 @@ def test_a_motion_has_no_jumps_and_stays_in_view(seed):
 
 
 def test_there_is_a_next_turning_point_wherever_one_is(rng):
-    from benchmarks.data.paths import _leg
+    from benchmarks.data.motion import _leg
 
     assert LEAST < REACH
     middle = np.array([0.0, 0.0, np.mean(HEIGHTS)])

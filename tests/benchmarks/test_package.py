@@ -9,9 +9,17 @@ import pytest
 from benchmarks.data import disturbances
 from benchmarks.data.package import environment as package
 from benchmarks.data.package.environment import PACKAGE, VARIABLE, VERSION, PackageError, interpreter, run
-from benchmarks.data.package.lens import bend_map, bent, normalised
-from benchmarks.data.package.scenes import LENS_MARGIN, Drawing, as_drawn, face_map
-from benchmarks.data.sets import PACKAGES, Plan, scene_set
+from benchmarks.data.package.scenes import (
+    LENS_MARGIN,
+    Drawing,
+    as_drawn,
+    bend_map,
+    bent,
+    face_map,
+    normalised,
+)
+from benchmarks.data.plan import Plan
+from benchmarks.data.sets import PACKAGES, scene_set
 from benchmarks.data.workloads import BY_NAME
 from tests.helpers import make_camera, opencv_pixels
 from tracker.errors import CalibrationError

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import tracker
 from benchmarks import program, run
-from benchmarks.data.seeds import release
+from benchmarks.data.plan import release
 from benchmarks.judge.origin import origin
 from benchmarks.judge.results import ResultsError, write_published
 from benchmarks.judge.targets import judge

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import program
 from benchmarks import run as runs
-from benchmarks.data.sets import Plan
+from benchmarks.data.plan import Plan
 from benchmarks.data.workloads import WORKLOADS
 from benchmarks.judge.origin import origin
 from benchmarks.judge.results import Results, ResultsError, read_results, write_results

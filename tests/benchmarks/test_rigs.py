@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.data.plan import Plan
 from benchmarks.data.rigs import CASES, Placement, RigCase, rig_scene, rig_store
 from benchmarks.judge.results import read_results
 from benchmarks.score.errors import projected
@@ -92,5 +93,5 @@ def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     assert frame.ratio[0] > 0
     (file,) = cache.rglob("*.npz")
     file.write_bytes(b"broken")
-    store = rig_store("large box", "box_100", 5, 1, cache)
+    store = rig_store("large box", "box_100", Plan(seed=5, workers=1, cache=cache))
     assert next(store.scenes([0])).images[0].shape == (200, 200, 3)

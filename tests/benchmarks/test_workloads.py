@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.data import disturbances, fingerprint, scenes, workloads
+from benchmarks.data.plan import DEVELOPMENT, FULL, SHARES, Plan, release, stream
 from benchmarks.data.recorded import another
 from benchmarks.data.scenes import SIZE, Scene, rig, scene_store
-from benchmarks.data.seeds import DEVELOPMENT, release, stream
-from benchmarks.data.sets import FULL, SHARES, Plan
 from benchmarks.data.workloads import BY_NAME, case
 from benchmarks.measure.accuracy import signature
 from tests.benchmarks.made_up import assert_survives
@@ -19,7 +18,8 @@ from tracker.geometry import so3
 def scene(rng, index=0):
     images = tuple(rng.integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8) for _ in range(3))
     labels = tuple(rng.integers(0, 7, (SIZE, SIZE), dtype=np.uint8) for _ in range(3))
-    return Scene(index, images, labels, np.array([0.2, 0.5, 0.8]), np.zeros(3), np.eye(3))
+    seen = np.array([0.2, 0.5, 0.8])
+    return Scene(images, seen, np.zeros(3), np.eye(3), index=index, labels=labels)
 
 
 ALL = (disturbances.light, disturbances.hard_light, disturbances.poor_images, disturbances.slightly_poor)
@@ -189,9 +189,11 @@ def test_no_two_kinds_of_scenes_and_no_two_commits_share_a_seed():
 @pytest.mark.usefixtures("sketched")
 def test_scenes_do_not_depend_on_the_cache(tmp_path):
     skip_without_platform()
-    store = scene_store("cube_v2", "realistic", 5, 1, tmp_path)
-    first = [(s.index, s.visible) for s in store.scenes([0, 3])]
+    plan = Plan(seed=5, workers=1, cache=tmp_path)
+    store = scene_store("cube_v2", "realistic", plan)
+    first = [(s.index, *s.visible_fraction) for s in store.scenes([0, 3])]
     # Broken and from the cache, in another order.
     next(tmp_path.rglob("00003.npz")).write_bytes(b"broken")
-    again = [(s.index, s.visible) for s in scene_store("cube_v2", "realistic", 5, 1, tmp_path).scenes([3, 0])]
+    fresh = scene_store("cube_v2", "realistic", plan)
+    again = [(s.index, *s.visible_fraction) for s in fresh.scenes([3, 0])]
     assert again == first[::-1]

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.data.fingerprint import fingerprint
-from benchmarks.data.store import CACHE
+from benchmarks.data.plan import CACHE
 from synthetic.camera.sensor import Sensor
 from synthetic.scene import PlatformScene
 from tests.helpers import stills

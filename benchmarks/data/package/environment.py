@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.data.store import CACHE
+from benchmarks.data.plan import CACHE
 from tracker.errors import TrackerError
 
 PACKAGE, VERSION = "trifinger-simulation", "2.0.0"

@@ -9,15 +9,17 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from benchmarks.data.package.environment import run
-from benchmarks.data.package.lens import bend_map, bent, normalised
+from benchmarks.data.plan import Plan, stream
 from benchmarks.data.scenes import Scene
-from benchmarks.data.seeds import stream
-from benchmarks.data.store import CACHE, Maker, Store
+from benchmarks.data.store import Maker, Store
+from synthetic.camera.lens import rays_of
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, corners, visible_faces
 from tracker.objects.model import CuboidModel, load_object
@@ -30,7 +32,6 @@ KINDS = {"cube_v2": "cube", "cuboid_2x2x8_v2": "cuboid"}
 
 ROWS_TOO_HIGH = 1.0
 """How many rows of its own grid too high the package's camera renders everything [px]."""
-
 
 LENS_MARGIN = 27
 """Margin on each side of images that will be distorted: the package's own padding [px]."""
@@ -75,24 +76,13 @@ def as_drawn(camera: Camera, drawing: Drawing) -> Camera:
     return dataclasses.replace(camera, matrix=matrix, distortion=np.zeros(5), camera_from_world_std=None)
 
 
-def package_store(
-    object_name: str, drawing: Drawing, python: Path, seed: int, workers: int = 2, cache: Path = CACHE
-) -> Store[Scene]:
-    """Return the package's scenes of one object, by number.
-
-    Args:
-        object_name: name of the object.
-        drawing: how they are rendered.
-        python: interpreter that can import the package.
-        seed: seed of the benchmark.
-        workers: number of processes that render missing scenes.
-        cache: folder of rendered scenes.
-    """
-    own = stream(seed, "package", object_name)
+def package_store(object_name: str, drawing: Drawing, python: Path, plan: Plan) -> Store[Scene]:
+    """Return the package's scenes of one object, by number; `python` can import the package."""
+    own = stream(plan.seed, "package", object_name)
     make = functools.partial(_maker, object_name, drawing, python, own)
     name = f"{object_name}, package, {drawing.scale}, {drawing.margin}"
     modules = (__name__, "benchmarks.data.package.script")
-    return Store(name, Scene, make, modules, own, CHUNK, workers, cache)
+    return Store(name, Scene, make, modules, own, plan, CHUNK)
 
 
 def _maker(object_name: str, drawing: Drawing, python: Path, seed: int) -> Maker[Scene]:
@@ -117,7 +107,7 @@ def _maker(object_name: str, drawing: Drawing, python: Path, seed: int) -> Maker
             share = [np.count_nonzero(label) for label in labels] / np.maximum(
                 1, [np.count_nonzero(face) for face in faces]
             )
-            yield number, Scene(number, tuple(own), labels, share, position, rotation)
+            yield number, Scene(tuple(own), share, position, rotation, index=number, labels=labels)
 
     return make
 
@@ -140,3 +130,45 @@ def face_map(camera: Camera, model: CuboidModel, position: Array, rotation: Floa
             inside &= dx * offset[..., 1] <= dy * offset[..., 0]
         result[inside] = model.face_labels[face]
     return result
+
+
+@functools.lru_cache(maxsize=8)
+def normalised(camera: Camera) -> FloatArray:
+    """Return normalised coordinates X/Z, Y/Z (H, W, 2) of the rays through a camera's pixel centres.
+
+    Uses OpenCV's inverse of the lens model, iterated to convergence, not the tracker's own projection.
+
+    Raises:
+        CalibrationError: the lens model cannot be inverted everywhere in the image.
+    """
+    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
+    points = rays_of(camera.name, pixels, camera.matrix, camera.distortion)
+    points.flags.writeable = False
+    return points.reshape(camera.height, camera.width, 2)
+
+
+def bend_map(camera: Camera, margin: int) -> Array:
+    """Return (H, W, 2) float32: where the rays of a camera's pixels meet an undistorted image [px].
+
+    Args:
+        camera: camera with its distortion.
+        margin: width by which that image extends beyond the camera's own on each side [px].
+
+    Raises:
+        CalibrationError: the lens model cannot be inverted everywhere, or the margin is too small.
+    """
+    places = normalised(camera) * camera.matrix[(0, 1), (0, 1)] + camera.matrix[:2, 2] + margin
+    last = np.array([camera.width, camera.height]) + 2 * margin - 1
+    beyond = float(max(-places.min(), (places - last).max()))
+    if beyond > 0:
+        raise CalibrationError(
+            f"{camera.name}: its lens shows {margin + beyond:.1f} px more than the image, expected at most "
+            f"the margin of {margin} px"
+        )
+    return places.astype(np.float32)
+
+
+def bent(picture: Array, places: Array) -> Array:
+    """Sample an undistorted image (H', W', ...) bilinearly at `places` (H, W, 2) [px]; keeps its type."""
+    return np.asarray(cv2.remap(picture, places[..., 0], places[..., 1], cv2.INTER_LINEAR))
