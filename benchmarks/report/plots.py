@@ -19,12 +19,10 @@ from benchmarks.score.tables import by_confidence
 GROUPS = {"realistic": "#1f5fbf", "world": "#d1603d"}
 """Plotted workloads, and their colours."""
 
-STATUSES = ("found", "tracking", "refound", "coasting", "lost")
-
 
 def write_plots(frames: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]:
     """Draw the plots for which there are answers; return the files."""
-    plots: dict[str, tuple[str, Callable[[Any, pd.DataFrame], None]]] = {
+    plots: dict[str, tuple[str, Callable[[Figure, pd.DataFrame], None]]] = {
         "errors": ("accuracy", _errors),
         "visible": ("accuracy", _visible),
         "trust": ("accuracy", _trust),
@@ -41,47 +39,38 @@ def write_plots(frames: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]:
     return files
 
 
-def _shown(frames: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield group, object and answers."""
-    for (group, name), own in frames[frames.group.isin(list(GROUPS))].groupby(
-        ["group", "object"], sort=False
-    ):
-        yield str(group), str(name), own
-
-
-def _panels(figure: Figure, frames: pd.DataFrame) -> dict[str, Axes]:
-    """Return one panel for each object."""
-    names = list(dict.fromkeys(name for _, name, _ in _shown(frames)))
+def _panels(
+    figure: Figure, frames: pd.DataFrame, **settings: Any
+) -> Iterator[tuple[Axes, str, pd.DataFrame]]:
+    """Yield the answers to each workload of an object, with its name and the object's panel to draw in."""
+    shown = frames[frames.group.isin(list(GROUPS))]
+    names = shown.object.unique()
     axes = figure.subplots(1, max(len(names), 1), squeeze=False)[0]
     for name, panel in zip(names, axes, strict=False):
         panel.set_title(name, loc="left")
         panel.grid(alpha=0.3)
-    return dict(zip(names, axes, strict=False))
+        panel.set(**settings)
+        for group, own in shown[shown.object == name].groupby("group", sort=False):
+            yield panel, str(group), own
+        panel.legend(frameon=False)
 
 
 def _errors(figure: Figure, frames: pd.DataFrame) -> None:
     """Plot the share of all scenes with at most a given error; scenes without a pose count as larger."""
-    panels = _panels(figure, frames)
-    for group, name, own in _shown(frames):
+    labels = {"xlabel": "position error [mm]", "ylabel": "scenes within it [%]"}
+    for panel, group, own in _panels(figure, frames, xscale="log", ylim=(0, 101), **labels):
         errors = np.sort(own.mm.dropna())
         share = 100 * np.arange(1, len(errors) + 1) / len(own)
-        panels[name].step(errors, share, where="post", color=GROUPS[group], label=f"{group} ({len(own)})")
-    for panel in panels.values():
-        panel.set(xscale="log", xlabel="position error [mm]", ylabel="scenes within it [%]", ylim=(0, 101))
-        panel.legend(frameon=False)
+        panel.step(errors, share, where="post", color=GROUPS[group], label=f"{group} ({len(own)})")
 
 
 def _visible(figure: Figure, frames: pd.DataFrame) -> None:
     """Plot each scene as a point; crosses at the upper edge are scenes without a pose."""
-    panels = _panels(figure, frames)
-    for group, name, own in _shown(frames):
-        panel = panels[name]
+    labels = {"xlabel": "visible fraction", "ylabel": "position error [mm]"}
+    for panel, group, own in _panels(figure, frames, yscale="log", **labels):
         panel.plot(own.visible, own.mm, ".", ms=4, color=GROUPS[group], label=group)
         none = own[~own.found.astype(bool)]
         panel.plot(none.visible, np.full(len(none), 1.0), "x", color=GROUPS[group], transform=_top(panel))
-    for panel in panels.values():
-        panel.set(yscale="log", xlabel="visible fraction", ylabel="position error [mm]")
-        panel.legend(frameon=False)
 
 
 def _top(panel: Axes) -> Any:
@@ -113,18 +102,14 @@ def _trust(figure: Figure, frames: pd.DataFrame) -> None:
 
 def _times(figure: Figure, frames: pd.DataFrame) -> None:
     """Plot the share of scenes that take longer than a given multiple of the reference work."""
-    panels = _panels(figure, frames)
-    for group, name, own in _shown(frames):
+    labels = {"xlabel": "time of detect [× reference]", "ylabel": "slower [%]"}
+    for panel, group, own in _panels(figure, frames, xscale="log", yscale="log", **labels):
         times = np.sort(own.ratio)
-        panels[name].step(
-            times, 100 * np.arange(len(times), 0, -1) / len(times), color=GROUPS[group], label=group
-        )
-    for panel in panels.values():
-        panel.set(xscale="log", yscale="log", xlabel="time of detect [× reference]", ylabel="slower [%]")
+        slower = 100 * np.arange(len(times), 0, -1) / len(times)
+        panel.step(times, slower, color=GROUPS[group], label=group)
         ticks = (1, 2, 5, 10, 20, 50, 100)
         panel.set_xticks(ticks, map(str, ticks))
         panel.minorticks_off()
-        panel.legend(frameon=False)
 
 
 def _films(figure: Figure, frames: pd.DataFrame) -> None:
