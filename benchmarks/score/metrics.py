@@ -17,14 +17,12 @@ import pandas as pd
 from scipy.stats import chi2
 
 from benchmarks.score.shares import (
-    RIGHT_MM,
     SURE,
     bootstrap_interval,
     mean,
     percent,
     quantile,
     wilson_interval,
-    within,
 )
 from tracker.conventions import Array
 
@@ -157,14 +155,27 @@ def typical(column: str) -> Callable[[Rows], float]:
     return lambda rows: math.exp(mean(np.log(np.maximum(rows[column].dropna(), 1e-9))))
 
 
-def share(flags: Callable[[Rows], Array]) -> Callable[[Rows], float]:
-    """Return a function for the share of rows that meet a condition [%]."""
-    return lambda rows: percent(np.asarray(flags(rows), bool))
+def share(
+    name: str,
+    title: str,
+    flags: Callable[[Rows], Array],
+    better: str = "lower",
+    *,
+    form: str = "{:.1f} %",
+    step: float | None = None,
+) -> Metric:
+    """Return a metric for the share of rows that meet a condition [%]."""
+
+    def of(rows: Rows) -> float:
+        return percent(np.asarray(flags(rows), bool))
+
+    return Metric(name, title, of, form, better, step=step, share=True)
 
 
-def right(rows: Rows, prefix: str = "", millimetres: float = RIGHT_MM) -> Array:
-    """Return (N,) whether poses are within `millimetres` and 5° of the truth."""
-    return within(rows[[f"{prefix}mm", f"{prefix}deg"]].to_numpy(), millimetres)
+def right(rows: Rows, prefix: str = "", millimetres: float = 5.0) -> Array:
+    """Return (N,) whether poses are within `millimetres` and 5° of the truth; False for nan."""
+    errors = rows[[f"{prefix}mm", f"{prefix}deg"]].to_numpy(np.float64)
+    return np.asarray((errors <= (millimetres, 5.0)).all(axis=1))
 
 
 def sure(rows: Rows) -> Array:
@@ -185,15 +196,8 @@ def _dishonesty(rows: Rows) -> float:
 
 MEDIAN = Metric("median_mm", "position, median", at("mm", 0.5), "{:.3f} mm")
 P90 = Metric("p90_mm", "90th percentile", at("mm", 0.9), "{:.2f} mm", factor=1.1)
-RIGHT = Metric("within_5", "within 5 mm and 5°", share(right), "{:.1f} %", "higher", step=0.7, share=True)
-WRONG_AND_SURE = Metric(
-    "wrong_and_sure",
-    "wrong and sure",
-    share(lambda rows: sure(rows) & ~right(rows)),
-    "{:.1f} %",
-    step=0.3,
-    share=True,
-)
+RIGHT = share("within_5", "within 5 mm and 5°", right, "higher", step=0.7)
+WRONG_AND_SURE = share("wrong_and_sure", "wrong and sure", lambda rows: sure(rows) & ~right(rows), step=0.3)
 INSIDE = Metric(
     "inside_95",
     "inside the 95 % ellipsoid",
@@ -214,7 +218,7 @@ ANSWERS = (
     Metric("p90_deg", "90th percentile", at("deg", 0.9), "{:.2f}°", factor=1.1),
     Metric("median_roll_deg", "roll, median", at("roll_deg", 0.5), "{:.2f}°"),
     RIGHT,
-    Metric("none", "no pose", share(lambda rows: ~rows.found), "{:.1f} %", share=True),
+    share("none", "no pose", lambda rows: ~rows.found),
     WRONG_AND_SURE,
 )
 """Errors of the poses found, and shares of all answers."""
@@ -237,9 +241,9 @@ TIMES = (
 """Time of an answer [ms], and as a multiple of the reference work on the same images."""
 
 FINDS = (
-    Metric("found", "given a pose", share(lambda rows: rows.found), "{:.1f} %", share=True),
-    Metric("above_5", "above 0.5", share(sure), "{:.1f} %", step=4.0, share=True),
-    Metric("above_9", "above 0.9", share(lambda rows: rows.confidence > 0.9), "{:.1f} %", share=True),
+    share("found", "given a pose", lambda rows: rows.found),
+    share("above_5", "above 0.5", sure, step=4.0),
+    share("above_9", "above 0.9", lambda rows: rows.confidence > 0.9),
     Metric("greatest", "greatest confidence", lambda rows: quantile(rows.confidence, 1.0), "{:.3f}"),
 )
 """Figures for images that do not show the object."""
@@ -252,12 +256,8 @@ TYPICAL = (
 """Figures for the gate, sensitive to any change in its few scenes."""
 
 PAIRED = (
-    Metric(
-        "grown",
-        "errors grown by more than 1 mm",
-        share(lambda rows: rows.mm_after > rows.mm_before + 1.0),
-        "{:.1f} %",
-        step=1.5,
+    share(
+        "grown", "errors grown by more than 1 mm", lambda rows: rows.mm_after > rows.mm_before + 1.0, step=1.5
     ),
     Metric(
         "moved",

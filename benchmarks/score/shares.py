@@ -9,20 +9,10 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from tracker.conventions import Array
-
-RIGHT_MM, RIGHT_DEG = 5.0, 5.0
-"""Largest errors with which a pose counts as right [mm], [°]."""
-
 SURE = 0.5
 """Confidence above which a wrong pose counts as wrong and sure."""
 
 RESAMPLES = 999
-
-
-def within(errors: Array, millimetres: float = RIGHT_MM, degrees: float = RIGHT_DEG) -> Array:
-    """Return (N,) bool: whether errors (N, 2) [mm], [°] are within these limits; False for nan."""
-    return np.asarray((np.asarray(errors, dtype=np.float64) <= (millimetres, degrees)).all(axis=1))
 
 
 def quantile(values: Any, q: float) -> float:

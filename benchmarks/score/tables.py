@@ -210,23 +210,13 @@ TABLES: tuple[Table, ...] = (
         "film of them. Right: within 20 mm and 5° of the pose of all cameras, since one camera hardly sees "
         "depth.",
         (
-            Metric(
-                "posed",
-                "given a pose",
-                share(lambda rows: rows.found),
-                "{:.1f} %",
-                "higher",
-                step=2.0,
-                share=True,
-            ),
-            Metric(
+            share("posed", "given a pose", lambda rows: rows.found, "higher", step=2.0),
+            share(
                 "right_20",
                 "posed and right",
-                share(lambda rows: right(rows, millimetres=films.NEAR_MM)),
-                "{:.1f} %",
+                lambda rows: right(rows, millimetres=films.NEAR_MM),
                 "higher",
                 step=2.0,
-                share=True,
             ),
             Metric(
                 "confidence",
@@ -370,7 +360,7 @@ TABLES: tuple[Table, ...] = (
         "Of the true dice, by visible fraction; reported dice are paired with true ones within half a "
         "die's edge.",
         (
-            Metric("found", "found", share(lambda rows: rows.mm.notna()), "{:.1f} %", "higher", share=True),
+            share("found", "found", lambda rows: rows.mm.notna(), "higher"),
             Metric("median_mm", "error, median", at("mm", 0.5), "{:.2f} mm"),
             Metric("p90_mm", "90th percentile", at("mm", 0.9), "{:.2f} mm"),
         ),
@@ -384,9 +374,7 @@ TABLES: tuple[Table, ...] = (
         "Dice: reported",
         "Those that are none, and whether the stated probability is true.",
         (
-            Metric(
-                "invented", "invented", share(lambda rows: ~rows.right.astype(bool)), "{:.2f} %", share=True
-            ),
+            share("invented", "invented", lambda rows: ~rows.right.astype(bool), form="{:.2f} %"),
             Metric("stated", "mean probability", lambda rows: 100 * rows.probability.mean(), "{:.1f} %"),
             Metric("brier", "Brier score", dice.brier, "{:.4f}"),
         ),
