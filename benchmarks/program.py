@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-import pandas as pd
 
 from benchmarks.data.plan import CACHE, DEVELOPMENT, FULL, Plan, release
 from benchmarks.data.recorded import real_folder
@@ -19,13 +19,12 @@ from benchmarks.judge import gate as gates
 from benchmarks.judge.origin import origin
 from benchmarks.judge.results import Results, ResultsError, read_results, write_published, write_results
 from benchmarks.judge.targets import judge
-from benchmarks.measure.accuracy import again
 from benchmarks.measure.likeness import main as likeness
 from benchmarks.report import noise as noise_report
 from benchmarks.report import readme
 from benchmarks.report.markdown import document
 from benchmarks.report.plots import write_plots
-from benchmarks.report.worst import Shown, write_worst
+from benchmarks.report.worst import again, write_worst
 from benchmarks.run import OUTPUT, PARTS, Run, measure
 
 QUICK = 6
@@ -106,30 +105,12 @@ def _measuring(parts: Sequence[str], *, whole: bool = False, **chosen: Any) -> R
     if chosen["only"]:
         run.workloads = [BY_NAME[name] for name in chosen["only"]]
     results = measure(run, parts, whole=whole)
-    _draw(run, results)
-    return results
-
-
-def _draw(run: Run, results: Results) -> None:
-    """Write plots and, for development scenes, the worst answers."""
     files = write_plots(results.frames, run.output)
     if run.draw == "development" and "accuracy" in results.frames:
-        answers = results.frames["accuracy"]
-        files.append(write_worst(answers, lambda row: _shown(run.plan, row), run.output))
+        files.append(write_worst(results.frames["accuracy"], partial(again, run.plan), run.output))
     for file in files:
         run.say(str(file))
-
-
-def _shown(plan: Plan, row: pd.Series) -> Shown:
-    given, model, answer = again(plan, row)
-    pose, scene = answer.object_pose, given.scene
-    return Shown(
-        given.images,
-        given.true_rig,
-        model,
-        None if pose is None else (pose.position, pose.rotation),
-        None if scene.position is None or scene.rotation is None else (scene.position, scene.rotation),
-    )
+    return results
 
 
 def _drawn(released: bool, seed: int | None) -> tuple[str, int]:

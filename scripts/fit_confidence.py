@@ -119,7 +119,7 @@ def collect(scenes: int) -> Cases:
                 )
                 fit = estimator.examined(sight, candidate)
                 pose = PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, 0.0)
-                error = dict(zip(("mm", "deg"), pose_errors(pose, truth), strict=False))
+                error = pose_errors(pose, truth)
                 found.append(fit)
                 right.append(bool(error["mm"] < 5 and error["deg"] < 5))
             cases.add(found, right, one.model, group, number)

@@ -92,14 +92,10 @@ class Motion:
     legs: tuple[Leg, ...]
     """The first begins with the motion."""
 
-    def leg(self, time: float) -> Leg:
-        """Return the leg at a time [s]; the first and the last also cover times outside the motion."""
-        ends = [leg.end for leg in self.legs]
-        return self.legs[min(int(np.searchsorted(ends, time, side="right")), len(ends) - 1)]
-
     def pose(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Return position (3,) [m] and rotation (3, 3) world_from_object at a time [s]."""
-        return self.leg(time).pose(time)
+        """Return position (3,) [m] and rotation (3, 3) at a time [s]; before and after, those of the ends."""
+        ends = [leg.end for leg in self.legs]
+        return self.legs[min(int(np.searchsorted(ends, time, side="right")), len(ends) - 1)].pose(time)
 
     def speed(self, time: float) -> float:
         """Return the speed of the object's centre [m/s] over the preceding millisecond."""
@@ -157,8 +153,8 @@ AHEAD = 0.050
 SLOW = 0.1
 """Speed below which an object does not count as moving [m/s]."""
 
-STEADY = 0.2
-"""Time that a steadily moving object has spent on its current leg [s]; it also stays on it for AHEAD."""
+BEFORE = 0.2
+"""Time by which a film's motion begins before its first frame [s]."""
 
 FRAMES = 100
 """Number of frames of each film."""
@@ -174,16 +170,12 @@ class MotionFrame:
     """(H, W, 3) uint8 BGR of each camera, all at the latest of these timestamps."""
     skewed: tuple[Image, ...]
     """(H, W, 3) uint8 BGR of each camera at its own timestamp."""
-    at_stamps: FloatArray
-    """(cameras, 3, 4) rotation and position [m] of the object, world_from_object, at each timestamp."""
     latest: FloatArray
-    """(3, 4) pose at the latest timestamp."""
+    """(3, 4) rotation and position [m] of the object, world_from_object, at the latest timestamp."""
     ahead: FloatArray
     """(3, 4) pose AHEAD after the latest timestamp."""
     moving: bool
     """Whether the object is faster than SLOW at the latest timestamp."""
-    steady: bool
-    """Whether it is moving steadily."""
 
     @property
     def timestamp(self) -> float:
@@ -205,7 +197,7 @@ def motion_store(object_name: str, plan: Plan) -> Store[MotionFrame]:
 
 def film_motion(seed: int, film: int) -> Motion:
     """Return the motion in a film, from before its first frame until after its last."""
-    return random_motion(np.random.default_rng([seed, film]), -STEADY, FRAMES / RATE + STEADY + AHEAD)
+    return random_motion(np.random.default_rng([seed, film]), -BEFORE, FRAMES / RATE + BEFORE + AHEAD)
 
 
 def delays(rng: np.random.Generator, cameras: int) -> FloatArray:
@@ -237,17 +229,8 @@ def _frames(object_name: str, seed: int) -> Callable[[int], MotionFrame]:
             picture(camera, stamp) if stamp < time else same
             for camera, stamp, same in zip(cameras, stamps.tolist(), together, strict=True)
         )
-        leg, moving = motion.leg(time), motion.speed(time) > SLOW
-        return MotionFrame(
-            stamps,
-            together,
-            skewed,
-            np.stack([_pose(motion, stamp) for stamp in stamps.tolist()]),
-            _pose(motion, time),
-            _pose(motion, time + AHEAD),
-            moving,
-            moving and leg.begin <= time - STEADY and leg.end >= time + AHEAD,
-        )
+        latest, ahead = _pose(motion, time), _pose(motion, time + AHEAD)
+        return MotionFrame(stamps, together, skewed, latest, ahead, motion.speed(time) > SLOW)
 
     return make
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,11 @@ import tracker
 from benchmarks.data.package.environment import PackageError
 from benchmarks.data.plan import Plan
 from benchmarks.data.recorded import another, robots
-from benchmarks.data.scenes import Scene
 from benchmarks.data.sets import SceneSet, scene_set
-from benchmarks.data.store import Store, prepare
-from benchmarks.data.workloads import BY_NAME, Case, Workload, case
+from benchmarks.data.store import prepare
+from benchmarks.data.workloads import Case, Workload, case
 from benchmarks.measure.timing import in_turn, one_thread
-from benchmarks.score.errors import UNITS, longest_axis, pose_errors, roll_error, true_pose
+from benchmarks.score.errors import longest_axis, pose_errors, roll_error, true_pose
 from tracker.conventions import Image
 from tracker.errors import CalibrationError
 from tracker.objects.model import CuboidModel
@@ -39,23 +38,26 @@ def measure_accuracy(
     keep: Keep = lambda name, make: make(),
     rounds: int = 1,
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Run workloads.
+    """Return one row per answer, by workload and object, and the reasons for skipped workloads.
 
     Args:
         plan: which scenes.
-        workloads: workloads to run.
+        workloads: the workloads to run.
         objects: names of the objects to use, if a workload has them; None: all.
         keep: stores the answers to each set of scenes, so that an interrupted run can continue there.
         rounds: how often to run each detection; the fastest run counts.
-
-    Returns:
-        One row per answer, by workload and object, and the reasons for skipped workloads.
     """
     answers: list[dict[str, Any]] = []
     skipped: dict[str, str] = {}
     pairs = ((name, workload.base) for workload in workloads for name in workload.objects)
     sets = dict.fromkeys((name, base) for name, base in pairs if objects is None or name in objects)
-    prepare(_wanted(sets, plan), plan.workers)
+    needed = []
+    for name, base in sets:
+        # An unavailable package is reported later, when its scenes are measured.
+        with contextlib.suppress(PackageError):
+            scenes = scene_set(name, base, plan)
+            needed.append((scenes.store, scenes.numbers))
+    prepare(needed, plan.workers)
     for name, base in sets:
         own = [workload for workload in workloads if workload.base == base and name in workload.objects]
         made = keep(f"{name}, {base}", functools.partial(_of_set, plan, name, base, own, rounds))
@@ -65,14 +67,6 @@ def measure_accuracy(
     names = list(dict.fromkeys(answer["object"] for answer in answers))
     answers.sort(key=lambda row: (places[row["group"]], names.index(row["object"]), row["index"]))
     return pd.DataFrame(answers), skipped
-
-
-def _wanted(sets: Iterable[tuple[str, str]], plan: Plan) -> Iterator[tuple[Store[Scene], Sequence[int]]]:
-    for name, base in sets:
-        # An unavailable package is reported later, when its scenes are measured.
-        with contextlib.suppress(PackageError):
-            scenes = scene_set(name, base, plan)
-            yield scenes.store, scenes.numbers
 
 
 def _of_set(plan: Plan, name: str, base: str, workloads: Sequence[Workload], rounds: int) -> Made:
@@ -125,7 +119,7 @@ def answer_row(model: CuboidModel, given: Case, answer: Observation) -> dict[str
         "confidence": np.nan if pose is None else float(pose.confidence),
         "roll_deg": np.nan,
     }
-    row |= dict(zip(UNITS, pose_errors(pose, true), strict=True))
+    row |= pose_errors(pose, true)
     axis = longest_axis(model.size)
     if pose is not None and axis is not None and row["present"]:
         row["roll_deg"] = float(np.degrees(roll_error(true[:, :3], pose.rotation, axis)))
@@ -148,13 +142,3 @@ def signature(images: Sequence[Image | None]) -> float:
 @functools.lru_cache(maxsize=16)
 def _weights(shape: tuple[int, ...], camera: int) -> np.ndarray[Any, Any]:
     return np.random.default_rng(camera).choice(np.array([-1.0, 1.0], np.float32), shape)
-
-
-def again(plan: Plan, row: pd.Series) -> tuple[Case, CuboidModel, Observation]:
-    """Repeat an answer: return the tracker's input, the object, and the new answer."""
-    workload = BY_NAME[row.group]
-    scenes = scene_set(row.object, workload.base, plan)
-    (scene,) = scenes.store.scenes([int(row["index"])])
-    given = case(workload, row.object, scene, scenes.rig, plan.seed, scenes.another(scene))
-    detector = tracker.ObjectTracker(scenes.model, given.rig, scenes.colors)
-    return given, scenes.model, detector.detect(given.images)

@@ -19,10 +19,9 @@ from benchmarks.data.films import FilmFrame, FilmStore, vanishing_film, vanishin
 from benchmarks.data.plan import Plan
 from benchmarks.data.scenes import OBJECTS, rig
 from benchmarks.measure.timing import in_turn, one_thread
-from benchmarks.score.errors import UNITS, pose_errors, true_pose
+from benchmarks.score.errors import pose_errors, true_pose
 from benchmarks.score.films import at_rest
 from synthetic.scene import drawn
-from tracker.conventions import FloatArray
 
 STRIDES = (2, 4, 8)
 """Strides at which films are subsampled, in addition to whole films."""
@@ -125,7 +124,7 @@ def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | 
             "measured_given": measured is not None,
         }
         for prefix, pose in (("", filtered), ("measured_", measured)):
-            row |= {f"{prefix}{u}": x for u, x in zip(UNITS, pose_errors(pose, true), strict=True)}
+            row |= pose_errors(pose, true, prefix)
         rows.append(row | times)
         poses.append(true)
     return pd.DataFrame(rows).assign(at_rest=at_rest(np.array(poses)))
@@ -140,9 +139,8 @@ def _read_ahead(frames: Iterable[FilmFrame]) -> Iterator[FilmFrame]:
 
 def _single_shots(own: tracker.ObjectTracker, films: list[list[FilmFrame]]) -> pd.DataFrame:
     """Return the errors of `detect`, which has no memory: a row for each frame of all films."""
-    frames = itertools.chain.from_iterable(films)
-    errors: list[FloatArray] = [
-        np.array(pose_errors(own.detect(frame.images).object_pose, true_pose(frame.position, frame.rotation)))
-        for frame in frames
-    ]
-    return pd.DataFrame(errors, columns=[f"single_{unit}" for unit in UNITS])
+    rows = []
+    for frame in itertools.chain.from_iterable(films):
+        true = true_pose(frame.position, frame.rotation)
+        rows.append(pose_errors(own.detect(frame.images).object_pose, true, "single_"))
+    return pd.DataFrame(rows)

@@ -13,7 +13,7 @@ from benchmarks.data.motion import AHEAD, FRAMES, MotionFrame, motion_store, rig
 from benchmarks.data.plan import Plan
 from benchmarks.data.scenes import OBJECTS
 from benchmarks.measure.timing import one_thread
-from benchmarks.score.errors import UNITS, pose_errors
+from benchmarks.score.errors import pose_errors
 from synthetic.scene import drawn
 from tracker.conventions import Image
 
@@ -57,20 +57,20 @@ def play(
     """Play a film to a reset tracker.
 
     Returns:
-        A row for each frame: `moving`, `steady`, and mm, deg, nees of the measured and the filtered pose, and
-        of the pose predicted AHEAD of it.
+        A row for each frame: `moving`, and mm, deg, nees of the measured and the filtered pose, and of the
+        pose predicted AHEAD of it.
     """
     own.reset()
     rows = []
     for frame in frames:
         answer = own.update(*given(frame))
         poses = (
-            ("measured", answer.object_pose, frame.latest),
-            ("filtered", answer.filtered_object_pose, frame.latest),
-            ("predicted", own.predict(frame.timestamp + AHEAD), frame.ahead),
+            ("measured_", answer.object_pose, frame.latest),
+            ("filtered_", answer.filtered_object_pose, frame.latest),
+            ("predicted_", own.predict(frame.timestamp + AHEAD), frame.ahead),
         )
-        row: dict[str, Any] = {"moving": frame.moving, "steady": frame.steady}
-        for name, pose, true in poses:
-            row |= {f"{name}_{u}": x for u, x in zip(UNITS, pose_errors(pose, true), strict=True)}
+        row: dict[str, Any] = {"moving": frame.moving}
+        for prefix, pose, true in poses:
+            row |= pose_errors(pose, true, prefix)
         rows.append(row)
     return pd.DataFrame(rows)

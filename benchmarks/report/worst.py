@@ -11,11 +11,15 @@ import numpy as np
 import pandas as pd
 
 import tracker
+from benchmarks.data.plan import Plan
+from benchmarks.data.sets import scene_set
+from benchmarks.data.workloads import BY_NAME, case
 from tracker.conventions import FloatArray, Image
 from tracker.files import write_whole
-from tracker.geometry import cuboid
+from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.viz import paint
+from tracker.viz.overlays import edges_in_view
 
 EACH = 5
 """Number of frames shown for each object."""
@@ -42,8 +46,6 @@ TRUTH_BGR: paint.Color = (255, 255, 255)
 ESTIMATE_BGR: paint.Color = (20, 120, 255)
 QUALITY = 88
 
-_SAMPLES = 33
-
 
 @dataclass(frozen=True, eq=False)
 class Shown:
@@ -55,10 +57,23 @@ class Shown:
     """The true cameras, which may differ from the tracker's calibration."""
     model: tracker.CuboidModel
     """The object."""
-    estimate: tuple[FloatArray, FloatArray] | None
-    """The tracker's (3,) position [m] and (3, 3) world_from_object; None: no pose."""
-    truth: tuple[FloatArray, FloatArray] | None
-    """The true position and rotation; None: no object."""
+    estimate: tracker.PoseEstimate | None
+    truth: tracker.PoseEstimate | None
+    """The true pose; None: no object."""
+
+
+def again(plan: Plan, row: pd.Series) -> Shown:
+    """Repeat an answer of `benchmarks.measure.accuracy`."""
+    workload = BY_NAME[row.group]
+    scenes = scene_set(row.object, workload.base, plan)
+    (scene,) = scenes.store.scenes([int(row["index"])])
+    given = case(workload, row.object, scene, scenes.rig, plan.seed, scenes.another(scene))
+    answer = tracker.ObjectTracker(scenes.model, given.rig, scenes.colors).detect(given.images)
+    truth = None
+    if scene.position is not None and scene.rotation is not None:
+        turn = so3.quaternion_from_matrix(scene.rotation)
+        truth = tracker.PoseEstimate(scene.position, turn, np.eye(6), 1.0)
+    return Shown(given.images, given.true_rig, scenes.model, answer.object_pose, truth)
 
 
 def badness(record: pd.Series) -> tuple[int, float]:
@@ -83,13 +98,7 @@ def worst_records(frames: pd.DataFrame, each: int = EACH) -> pd.DataFrame:
 
 
 def write_worst(frames: pd.DataFrame, shown_of: Callable[[pd.Series], Shown], folder: Path) -> Path:
-    """Write the page of the worst answers of each object; return the file.
-
-    Args:
-        frames: the answers to choose from.
-        shown_of: returns images, truth and estimate of an answer.
-        folder: folder of the results.
-    """
+    """Write the page of the worst answers of each object into the folder of the results; return the file."""
     rows = [_captioned(record, shown_of(record)) for _, record in worst_records(frames).iterrows()]
     width = max(row.shape[1] for row in rows)
     page = np.concatenate([np.pad(row, ((0, GAP), (0, width - row.shape[1]), (0, 0))) for row in rows])
@@ -100,7 +109,7 @@ def write_worst(frames: pd.DataFrame, shown_of: Callable[[pd.Series], Shown], fo
 
 def _captioned(record: pd.Series, view: Shown) -> Image:
     picture = worst_picture(view)
-    line: Image = np.full((CAPTION, picture.shape[1], 3), paint.BACKGROUND, np.uint8)
+    line = paint.canvas(picture.shape[1], CAPTION)
     paint.put_text(line, caption(record), (4, 16), paint.BRIGHT, size=12)
     return np.concatenate([line, picture])
 
@@ -126,17 +135,19 @@ def worst_picture(view: Shown) -> Image:
     parts: list[Image] = []
     for image, camera in zip(view.images, view.rig, strict=True):
         if parts:
-            parts.append(np.full((PANEL, GAP, 3), paint.BACKGROUND, np.uint8))
+            parts.append(paint.canvas(GAP, PANEL))
         parts.append(_panel(image, camera, view))
     return np.concatenate(parts, axis=1)
 
 
 def _panel(image: Image | None, camera: Camera, view: Shown) -> Image:
-    panel: Image = np.full((PANEL, PANEL, 3), paint.BACKGROUND, np.uint8)
     if image is None:
+        panel = paint.canvas(PANEL, PANEL)
         paint.put_text(panel, "no image", (PANEL / 2, PANEL / 2), paint.FAINT, size=14, align=0.5)
         return panel
-    true, found = (_outline(camera, view.model, pose) if pose else [] for pose in (view.truth, view.estimate))
+    true, found = (
+        edges_in_view(camera, view.model, pose)[0] if pose else [] for pose in (view.truth, view.estimate)
+    )
     # Centre on the true outline if there is one, so that an estimate that is far off leaves the panel.
     center, side = _region(true or found, camera)
     scale = PANEL / side
@@ -156,19 +167,6 @@ def _panel(image: Image | None, camera: Camera, view: Shown) -> Image:
     return panel
 
 
-def _outline(
-    camera: Camera, model: tracker.CuboidModel, pose: tuple[FloatArray, FloatArray]
-) -> list[FloatArray]:
-    """Return lines (N, 2) [px] of the edges that the object itself does not hide."""
-    position, rotation = pose
-    seen = cuboid.visible_faces(model.size, rotation.T @ (camera.position - position))
-    ends = position + cuboid.corners(model.size) @ rotation.T
-    share = np.linspace(0, 1, _SAMPLES)[:, None]
-    edges = [ends[a] + share * (ends[b] - ends[a]) for a, b, f, g in cuboid.EDGES if seen[f] or seen[g]]
-    lines = [camera.project(points) for points in edges]
-    return [line for line in lines if np.isfinite(line).all()]
-
-
 def _region(lines: list[FloatArray], camera: Camera) -> tuple[FloatArray, float]:
     """Return the centre (2,) and side [px] of the square that a panel shows."""
     if not lines:
@@ -180,5 +178,5 @@ def _region(lines: list[FloatArray], camera: Camera) -> tuple[FloatArray, float]
 
 
 def _dashes(line: FloatArray) -> list[FloatArray]:
-    """Return every other stretch of three samples of a line (N, 2) [px]."""
-    return [line[start : start + 3] for start in range(0, len(line) - 1, 4)]
+    """Return every other stretch between samples of a line (N, 2) [px]."""
+    return [line[start : start + 2] for start in range(0, len(line) - 1, 2)]

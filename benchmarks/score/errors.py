@@ -14,9 +14,6 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.pose.result import PoseEstimate
 
-UNITS = ("mm", "deg", "nees")
-"""Names of the values that `pose_errors` returns."""
-
 
 def longest_axis(size: Array) -> int | None:
     """Return the index of the longest edge's axis; None if several are about as long."""
@@ -74,17 +71,16 @@ def apart(one: PoseEstimate | None, other: PoseEstimate | None) -> tuple[float, 
     return shift, float(np.degrees(so3.angle_between(one.rotation, other.rotation)))
 
 
-def pose_errors(pose: PoseEstimate | None, true: Array) -> tuple[float, float, float]:
-    """Return the errors of a pose against the true one (3, 4): mm, degrees, NEES; nan if one is missing."""
-    if pose is None or not np.isfinite(true).all():
-        return np.nan, np.nan, np.nan
-    exact = true[:, 3], true[:, :3]
-    found = pose.position, so3.matrix_from_quaternion(pose.orientation)
-    return (
-        1e3 * float(np.linalg.norm(exact[0] - found[0])),
-        float(np.degrees(so3.angle_between(exact[1], found[1]))),
-        float(nees(exact, found, pose.covariance)),
-    )
+def pose_errors(pose: PoseEstimate | None, true: Array, prefix: str = "") -> dict[str, float]:
+    """Return `mm`, `deg` and `nees` of a pose against the true one (3, 4), after a prefix; nan if missing."""
+    errors = np.full(3, np.nan)
+    if pose is not None and np.isfinite(true).all():
+        exact = true[:, 3], true[:, :3]
+        found = pose.position, so3.matrix_from_quaternion(pose.orientation)
+        errors[0] = 1e3 * np.linalg.norm(exact[0] - found[0])
+        errors[1] = np.degrees(so3.angle_between(exact[1], found[1]))
+        errors[2] = nees(exact, found, pose.covariance)
+    return dict(zip((f"{prefix}mm", f"{prefix}deg", f"{prefix}nees"), errors.tolist(), strict=True))
 
 
 def true_pose(position: Array | None, rotation: Array | None) -> FloatArray:

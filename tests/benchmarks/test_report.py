@@ -69,7 +69,8 @@ def test_false_finds_are_worse_than_wrong_poses_than_misses_than_right_poses():
 def shown(rng) -> worst.Shown:
     rig = tracker.CameraRig(default_cameras())
     images = [rng.integers(0, 255, (270, 270, 3), dtype=np.uint8), None, np.zeros((270, 270, 3), np.uint8)]
-    truth = np.array([0.02, 0.01, 0.04]), so3.exp([0.1, 0.2, 0.3])
+    turn = so3.quaternion_from_matrix(so3.exp([0.1, 0.2, 0.3]))
+    truth = tracker.PoseEstimate(np.array([0.02, 0.01, 0.04]), turn, np.eye(6), 1.0)
     return worst.Shown(images, rig, tracker.load_object("cube_v2"), None, truth)
 
 
@@ -99,8 +100,8 @@ def test_outlines_lie_where_the_camera_sees_the_edges(shown):
     panel = worst.worst_picture(shown)[:, -worst.PANEL :]
     rows, columns = np.nonzero(panel[40:].min(axis=2) > 128)
     extent = [columns.min(), columns.max(), rows.min() + 40, rows.max() + 40]
-    position, rotation = shown.truth
-    projected = opencv_pixels(camera, corners(shown.model.size) @ rotation.T + position)
+    ends = corners(shown.model.size) @ shown.truth.rotation.T + shown.truth.position
+    projected = opencv_pixels(camera, ends)
     low, high = projected.min(axis=0), projected.max(axis=0)
     side = max(worst.MIN_CROP, worst.MARGIN * (high - low).max())
     ends = (np.stack([low, high]) - (low + high) / 2) * worst.PANEL / side + worst.PANEL / 2 - 0.5
