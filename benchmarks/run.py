@@ -70,10 +70,6 @@ class Run:
         self.say(f"left out: {what}: {why}")
         self.results.about.setdefault("skipped", {})[what] = why
 
-    def about(self) -> dict[str, Any]:
-        """Return the origin of the results."""
-        return origin() | {"draw": self.draw, "seed": self.plan.seed, "scenes": self.plan.scenes}
-
 
 def accuracy(run: Run) -> Frames:
     """Errors, confidence, covariance and time of `detect` on all workloads."""
@@ -146,17 +142,14 @@ IDENTITY = ("code", "seed", "scenes")
 def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
     """Measure parts, and add them to the results in the run's folder.
 
-    Args:
-        run: what is measured, and where results go.
-        parts: keys of PARTS, or `gate`.
-        whole: whether the parts form a run of their own: if so, an interrupted run is continued, and results
-            for other sources or scenes are replaced.
+    `parts` are keys of PARTS, or `gate`. If they form a `whole` run of their own, an interrupted run is
+    continued, and results for other sources or scenes are replaced.
 
     Raises:
         ResultsError: the folder holds results for other sources or scenes, or sources have changed since.
     """
     run.output.mkdir(parents=True, exist_ok=True)
-    about = run.about()
+    about = origin() | {"draw": run.draw, "seed": run.plan.seed, "scenes": run.plan.scenes}
     run.results = _begun(run.output / RESULTS_FILE, about, parts, whole=whole)
     for part in parts:
         if whole and part in run.results.about.get("parts", {}):

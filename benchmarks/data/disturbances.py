@@ -53,7 +53,7 @@ def poor_images(images: Sequence[Image], rng: np.random.Generator) -> list[Image
     result = []
     for image in images:
         blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.5)
-        result.append(_jpeg(_bytes(blurred + rng.normal(0, 16, image.shape)), 60))
+        result.append(_jpeg(_bytes(blurred + rng.normal(0, 16, image.shape))))
     return result
 
 
@@ -74,7 +74,7 @@ def slightly_poor(images: Sequence[Image], rng: np.random.Generator) -> list[Ima
 
 def jpeg(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     """Compress to JPEG of quality 60, with chroma at half the resolution, and nothing else."""
-    return [_jpeg(image, 60) for image in images]
+    return [_jpeg(image) for image in images]
 
 
 def flooded(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
@@ -147,6 +147,6 @@ def _bytes(values: Array) -> Image:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 
-def _jpeg(image: Image, quality: int) -> Image:
-    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+def _jpeg(image: Image) -> Image:
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 60])
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)

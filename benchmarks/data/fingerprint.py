@@ -17,6 +17,7 @@ from synthetic.render.renderer import shared_renderer
 ROOT = Path(__file__).resolve().parents[2]
 
 PROJECT = ("tracker", "synthetic", "benchmarks")
+"""Folders whose files determine the figures."""
 
 KEEPERS = ("benchmarks.data.store", "benchmarks.data.fingerprint", "benchmarks.data.plan")
 """Modules that choose and store images; they do not affect pixels."""

@@ -110,13 +110,8 @@ def _camera(
 
     Other parameters vary slightly from camera to camera, as on a real platform.
 
-    Args:
-        azimuth: azimuth of the camera seen from the centre [°]; also its name.
-        elevation: elevation above the table [°].
-        distance: distance from the centre [m].
-        size: width and height of the image [px].
-        focal: focal length [px].
-        lens: strength of the distortion; 1 as on the platform.
+    `size` is the width and height of the image [px], `focal` the focal length [px], `lens` the strength of
+    the distortion; 1 as on the platform.
     """
     rng = np.random.default_rng([int(azimuth), *size])
     around, above = np.radians([azimuth, elevation])

@@ -8,12 +8,9 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from benchmarks.data.fingerprint import ROOT, version_of
+from benchmarks.data.fingerprint import PROJECT, ROOT, version_of
 from synthetic.render.renderer import shared_renderer
 from tracker import compiled
-
-SOURCES = ("tracker", "synthetic", "benchmarks")
-"""Folders whose files determine the figures."""
 
 LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "pybullet", "trimesh", "pyrender")
 
@@ -25,7 +22,7 @@ def origin() -> dict[str, Any]:
     """Return `commit`, whether the tree is `clean`, hashes of `code` and `kernels`, and the machine."""
     return {
         "commit": _git("rev-parse", "HEAD") or "unknown",
-        "clean": not _git("status", "--porcelain", "--", *SOURCES),
+        "clean": not _git("status", "--porcelain", "--", *PROJECT),
         "code": code(),
         "kernels": compiled.fingerprint("tracker"),
         "processor": _processor(),
@@ -38,7 +35,7 @@ def origin() -> dict[str, Any]:
 def code() -> str:
     """Return a hash of all sources and their data, as they are on disk now."""
     digest = hashlib.sha256()
-    for folder in SOURCES:
+    for folder in PROJECT:
         for file in sorted((ROOT / folder).rglob("*")):
             counts = file.suffix != ".md" and file.name not in _OWN and "__pycache__" not in file.parts
             if counts and file.is_file():

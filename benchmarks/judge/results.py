@@ -48,36 +48,32 @@ class Results:
 
 def write_results(path: str | os.PathLike[str], results: Results) -> None:
     """Write results as JSON, with null for numbers that are not finite."""
-    frames = {part: _split(frame) for part, frame in results.frames.items()}
-    write_whole(path, _text({"about": plain(results.about)}, frames))
+    frames = {
+        part: {"columns": list(frame.columns), "rows": frame.to_numpy(object).tolist()}
+        for part, frame in results.frames.items()
+    }
+    write_whole(path, _text(results.about, frames))
 
 
 def write_published(path: str | os.PathLike[str], results: Results, judged: list[dict[str, Any]]) -> None:
     """Write the parts of a run that documents show: origin, figures and targets, but not the answers."""
-    rows = {"figures": plain(results.figures), "targets": plain(judged)}
-    content = {"about": plain(results.about)}
-    write_whole(path, _text(content, {key: {"rows": lines} for key, lines in rows.items()}))
+    write_whole(
+        path, _text(results.about, {"figures": {"rows": results.figures}, "targets": {"rows": judged}})
+    )
 
 
-def _split(frame: pd.DataFrame) -> dict[str, Any]:
-    return {"columns": list(frame.columns), "rows": plain(frame.to_numpy(object).tolist())}
-
-
-def _text(content: Mapping[str, Any], lists: Mapping[str, Mapping[str, Any]]) -> str:
+def _text(about: Mapping[str, Any], lists: Mapping[str, Mapping[str, Any]]) -> str:
     """Return JSON with one line per row, which people can read and compare."""
-    parts = [f" {json.dumps(key)}: {json.dumps(item, ensure_ascii=False)}" for key, item in content.items()]
+    parts = [f' "about": {json.dumps(plain(about), ensure_ascii=False)}']
     for key, item in lists.items():
-        rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in item["rows"])
+        rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in plain(item["rows"]))
         columns = f'"columns": {json.dumps(item["columns"])}, ' if "columns" in item else ""
         parts.append(f' {json.dumps(key)}: {{{columns}"rows": [\n{rows}\n]}}')
     return "{\n" + ",\n".join(parts) + "\n}\n"
 
 
 def read_results(path: str | os.PathLike[str]) -> Results:
-    """Read what `write_results` wrote.
-
-    Args:
-        path: the file, or the folder that holds it.
+    """Read what `write_results` wrote, given the file or the folder that holds it.
 
     Raises:
         ResultsError: there is no such file, or it is not a file of results.

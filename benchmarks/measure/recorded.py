@@ -33,12 +33,7 @@ Rows = list[dict[str, Any]]
 
 
 def measure_triplets(real: Path, draws: int) -> dict[str, pd.DataFrame]:
-    """Return the rows of the parts `triplets` and `two sizes`, each row with a group.
-
-    Args:
-        real: folder of recorded data.
-        draws: number of random lightings for each triplet.
-    """
+    """Return the rows of the parts `triplets`, each in `draws` random lightings, and `two sizes`."""
     whole_rows: Rows = []
     sizes: Rows = []
     for name, group, detector, labelled in triplets(real):
@@ -53,12 +48,7 @@ def measure_triplets(real: Path, draws: int) -> dict[str, pd.DataFrame]:
 
 
 def measure_agreement(real: Path, films: int) -> dict[str, pd.DataFrame]:
-    """Return the rows of the parts `third camera` and `recorded, one camera`, each row with a group.
-
-    Args:
-        real: folder of recorded data.
-        films: number of films for each single camera.
-    """
+    """Return the rows of the parts `third camera` and `recorded, one camera`, of `films` films each."""
     third: Rows = []
     single: Rows = []
     for name, group, detector, labelled in triplets(real):

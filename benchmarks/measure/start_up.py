@@ -58,11 +58,6 @@ def measure_start_up() -> list[dict[str, Any]]:
     ]
 
 
-def kernels_in(cache: Path) -> dict[str, str]:
-    """Return the environment of a process that keeps compiled kernels in a separate folder."""
-    return {"NUMBA_CACHE_DIR": str(cache)}
-
-
 def _started(name: str, folder: Path, cache: Path) -> dict[str, float]:
     from tracker.errors import TrackerError
 
@@ -70,7 +65,7 @@ def _started(name: str, folder: Path, cache: Path) -> dict[str, float]:
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.measure.start_up", name, str(folder)],
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": path, **kernels_in(cache)},
+        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(cache)},
         capture_output=True,
         text=True,
         check=False,

@@ -59,13 +59,10 @@ def judge_positions(true: FloatArray, dice: Sequence[Die]) -> Answer:
 
 
 def judge_mask(mask: Image, image: Image, labels: Image, cross: Array) -> dict[str, int]:
-    """Compare a mask with the truth, in pixels.
+    """Compare the mask of an image with the truth, in pixels.
 
-    Args:
-        mask: the mask.
-        image: its image.
-        labels: label map, by majority in each pixel.
-        cross: (H, W) bool: whether the table's cross is in a pixel, occluded or not.
+    `labels` go by the majority in each pixel. `cross` (H, W) is True where the table's cross is, occluded or
+    not.
 
     Returns:
         `true`, `found`, `both`: pixels of dice, of the mask, of both. `cross`: unoccluded pixels of the cross

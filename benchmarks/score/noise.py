@@ -116,10 +116,7 @@ def figures(episodes: Array, part: int) -> FloatArray:
 def fit(episodes: Sequence[Array], films: Sequence[int], values: Values) -> dict[str, dict[str, Any]]:
     """Fit a model's numbers, each a value and a 95 % interval by bootstrapping over films.
 
-    Args:
-        episodes: episodes of the same length.
-        films: film number of each episode.
-        values: initial values of the model; those of the delay stay as they are.
+    `films` has the film number of each episode, `values` the initial values; those of the delay stay.
     """
     whole, rng = np.stack(episodes), np.random.default_rng(0)
     of_film = [np.flatnonzero(np.array(films) == film) for film in np.unique(films)]

@@ -27,11 +27,7 @@ class PackageError(TrackerError):
 
 
 def interpreter(folder: Path = CACHE, *, install: bool = True) -> Path:
-    """Return an interpreter that can import the package; create its environment if necessary.
-
-    Args:
-        folder: folder of the environment.
-        install: whether to create a missing environment.
+    """Return an interpreter that can import the package; `install`: create a missing environment in `folder`.
 
     Raises:
         PackageError: there is no such interpreter; the message has the reason.

@@ -151,9 +151,7 @@ def normalised(camera: Camera) -> FloatArray:
 def bend_map(camera: Camera, margin: int) -> Array:
     """Return (H, W, 2) float32: where the rays of a camera's pixels meet an undistorted image [px].
 
-    Args:
-        camera: camera with its distortion.
-        margin: width by which that image extends beyond the camera's own on each side [px].
+    That image extends beyond the camera's own by `margin` [px] on each side.
 
     Raises:
         CalibrationError: the lens model cannot be inverted everywhere, or the margin is too small.
