@@ -16,13 +16,19 @@ from benchmarks.data.scenes import OBJECTS
 from benchmarks.data.workloads import BY_NAME
 from benchmarks.judge import compare as comparison
 from benchmarks.judge import gate as gates
-from benchmarks.judge.origin import origin
-from benchmarks.judge.results import Results, ResultsError, read_results, write_published, write_results
+from benchmarks.judge.results import (
+    Results,
+    ResultsError,
+    origin,
+    read_results,
+    write_published,
+    write_results,
+)
 from benchmarks.judge.targets import judge
 from benchmarks.measure.likeness import main as likeness
-from benchmarks.report import noise as noise_report
-from benchmarks.report import readme
-from benchmarks.report.markdown import document
+from benchmarks.measure.noise import measured as measured_noise
+from benchmarks.report import documents
+from benchmarks.report.documents import document
 from benchmarks.report.plots import write_plots
 from benchmarks.report.worst import again, write_worst
 from benchmarks.run import OUTPUT, PARTS, Run, measure
@@ -156,8 +162,8 @@ def everything(publish: bool, **chosen: Any) -> None:
     results = _measuring(list(PARTS), whole=True, **chosen)
     judged = judge(results)
     if publish:
-        write_published(readme.PUBLISHED, results, judged)
-        readme.write_documents(readme.read_published())
+        write_published(documents.PUBLISHED, results, judged)
+        documents.write_documents(documents.read_published())
     else:
         click.echo(document(results.about, results.figures, judged))
 
@@ -224,7 +230,7 @@ def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: s
 def noise(name: str, seed: int, check: int, refined: bool, workers: int, cache: Path, output: Path) -> None:
     """Measure the tracker's errors on films, and write them as a model for simulators."""
     plan = Plan(seed=seed, workers=workers, cache=cache)
-    click.echo(noise_report.measured(name, plan, check, output, refined=refined))
+    click.echo(measured_noise(name, plan, check, output, refined=refined))
 
 
 main.add_command(likeness, "likeness")

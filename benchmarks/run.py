@@ -17,11 +17,11 @@ import pandas as pd
 from benchmarks.data.fingerprint import ROOT
 from benchmarks.data.plan import Plan
 from benchmarks.data.workloads import WORKLOADS, Workload
-from benchmarks.judge.origin import origin
 from benchmarks.judge.results import (
     RESULTS_FILE,
     Results,
     ResultsError,
+    origin,
     plain,
     read_results,
     typed,

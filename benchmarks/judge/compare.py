@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.judge.results import Results, ResultsError
-from benchmarks.score.metrics import ANSWERS, TIMES, TRUST, Metric, right
-from benchmarks.score.shares import bootstrap_interval, median
+from benchmarks.score.metrics import ANSWERS, TIMES, TRUST, Metric, bootstrap_interval, median, right
 
 KEYS = ["group", "object", "index"]
 

@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from benchmarks.score.metrics import right
-from benchmarks.score.shares import percent, wilson_interval
+from benchmarks.score.metrics import percent, right, wilson_interval
 from benchmarks.score.tables import by_confidence
 
 GROUPS = {"realistic": "#1f5fbf", "world": "#d1603d"}

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks.score.metrics import right
-from benchmarks.score.shares import SURE, median, percent
+from benchmarks.score.metrics import SURE, median, percent, right
 from tracker import Status
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3

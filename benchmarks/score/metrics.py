@@ -1,7 +1,7 @@
 """Figures, each declared once: name, function, format, which direction is better, and what the gate allows.
 
 A metric is computed from the rows of a data frame, one row per answer of the tracker.
-`benchmarks.score.tables` chooses the rows.
+`benchmarks.score.tables` chooses the rows. Quantiles and shares have confidence intervals.
 """
 
 from __future__ import annotations
@@ -14,16 +14,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
+from scipy.stats import binomtest, chi2
 
-from benchmarks.score.shares import (
-    SURE,
-    bootstrap_interval,
-    mean,
-    percent,
-    quantile,
-    wilson_interval,
-)
 from tracker.conventions import Array
 
 Rows: TypeAlias = pd.DataFrame
@@ -35,11 +27,55 @@ SLOWER = 2.0
 """Factor by which the gate lets times grow: processors and their other work change those of unchanged code by
 up to 1.6, even relative to the reference work. `compare` shows less, of two runs on one machine."""
 
+SURE = 0.5
+"""Confidence above which a wrong pose counts as wrong and sure."""
+
+RESAMPLES = 999
+
 NOTHING = "–"
 """Text for a figure that was not measured."""
 
 ELLIPSOID_95 = float(chi2.ppf(0.95, 6))
 """Largest NEES inside the stated 95 % ellipsoid."""
+
+
+def quantile(values: Any, q: float) -> float:
+    """Return a quantile of the finite values; nan if there are none."""
+    values = np.asarray(values, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    return float(np.quantile(values, q)) if len(values) else float("nan")
+
+
+def median(values: Any) -> float:
+    """Return the median of the finite values; nan if there are none."""
+    return quantile(values, 0.5)
+
+
+def mean(values: Any) -> float:
+    """Return the mean of all values; nan if there are none."""
+    return float(np.mean(values)) if len(values) else float("nan")
+
+
+def percent(flags: Any) -> float:
+    """Return the share of flags that are set [%]; nan if there are none."""
+    return 100 * mean(np.asarray(flags))
+
+
+def wilson_interval(share: float, count: int) -> tuple[float, float]:
+    """Return Wilson's 95 % interval [%] of a share [%] of `count`."""
+    if count == 0:
+        return 0.0, 100.0
+    found = binomtest(round(share * count / 100), count).proportion_ci(method="wilson")
+    return 100 * float(found.low), 100 * float(found.high)
+
+
+def bootstrap_interval(of: Callable[[Rows], float], rows: Rows) -> tuple[float, float]:
+    """Return the 2.5 and 97.5 % quantiles of a figure over bootstrap samples of the rows, of a fixed seed."""
+    rng = np.random.default_rng(1)
+    drawn = [
+        of(rows.iloc[rng.integers(len(rows), size=len(rows))]) for _ in range(RESAMPLES if len(rows) else 0)
+    ]
+    return quantile(drawn, 0.025), quantile(drawn, 0.975)
 
 
 @dataclass(frozen=True)

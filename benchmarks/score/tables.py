@@ -30,11 +30,11 @@ from benchmarks.score.metrics import (
     Table,
     at,
     by_visibility,
+    percent,
     right,
     share,
     value,
 )
-from benchmarks.score.shares import percent
 
 VISIBLE = ((0.9, 1.0), (0.7, 0.9), (0.5, 0.7), (0.3, 0.5), (0.0, 0.3))
 """Bins of the mean visible fraction."""

@@ -1,6 +1,6 @@
 import pytest
 
-from benchmarks.score import shares
+from benchmarks.score import metrics
 from synthetic.camera.shot import QUALITIES
 from tests.helpers.synthetic_needs import platforms_stay_open  # noqa: F401
 
@@ -8,7 +8,7 @@ from tests.helpers.synthetic_needs import platforms_stay_open  # noqa: F401
 @pytest.fixture(autouse=True)
 def _few_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Intervals of tests need not be as fine as published ones."""
-    monkeypatch.setattr(shares, "RESAMPLES", 19)
+    monkeypatch.setattr(metrics, "RESAMPLES", 19)
 
 
 @pytest.fixture

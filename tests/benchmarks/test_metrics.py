@@ -7,8 +7,15 @@ import pytest
 
 import tracker
 from benchmarks.score import errors, metrics
-from benchmarks.score.metrics import INSIDE, Metric, Table, by_visibility
-from benchmarks.score.shares import bootstrap_interval, median, wilson_interval
+from benchmarks.score.metrics import (
+    INSIDE,
+    Metric,
+    Table,
+    bootstrap_interval,
+    by_visibility,
+    median,
+    wilson_interval,
+)
 from benchmarks.score.tables import BY_NAME, TABLES, VISIBLE, by_confidence, figures
 from tests.benchmarks.made_up import answer, answers, figures_of, results
 from tests.helpers import random_rotations

@@ -2,8 +2,7 @@ import numpy as np
 
 from benchmarks.data.films import FilmFrame
 from benchmarks.data.scenes import rig
-from benchmarks.measure.noise import covered, mended
-from benchmarks.report.noise import write_plot
+from benchmarks.measure.noise import covered, mended, write_plot
 from benchmarks.score import noise as score
 from synthetic.camera.miscalibration import stated
 from tracker.noise import NoiseModel

@@ -9,11 +9,10 @@ from click.testing import CliRunner
 import tracker
 from benchmarks import program, run
 from benchmarks.data.plan import release
-from benchmarks.judge.origin import origin
-from benchmarks.judge.results import ResultsError, write_published
+from benchmarks.judge.results import ResultsError, origin, write_published
 from benchmarks.judge.targets import judge
-from benchmarks.report import readme, worst
-from benchmarks.report.markdown import document
+from benchmarks.report import documents, worst
+from benchmarks.report.documents import document
 from benchmarks.report.plots import write_plots
 from benchmarks.score.tables import BY_NAME, TABLES
 from synthetic.camera.rigs import default_cameras
@@ -116,19 +115,19 @@ DEFINITIONS = {"README.md": {"5 mm", "5°", "0.09 mm", "1.4 ms", "65 mm"}, "docs
 
 
 def test_every_figure_in_the_documents_is_of_the_published_run():
-    published = readme.read_published()
-    assert readme.block(readme.README) == readme.brief(published)
-    assert readme.block(readme.PAGE) == readme.figures(published)
+    published = documents.read_published()
+    assert documents.block(documents.README) == documents.brief(published)
+    assert documents.block(documents.PAGE) == documents.figures(published)
     about, figures, targets = (published[key] for key in ("about", "figures", "targets"))
-    assert readme.RESULTS.read_text(encoding="utf-8") == document(about, figures, targets)
-    for path in (readme.README, readme.PAGE):
-        text = path.read_text(encoding="utf-8").replace(readme.block(path), "")
-        name = str(path.relative_to(readme.ROOT))
+    assert documents.RESULTS.read_text(encoding="utf-8") == document(about, figures, targets)
+    for path in (documents.README, documents.PAGE):
+        text = path.read_text(encoding="utf-8").replace(documents.block(path), "")
+        name = str(path.relative_to(documents.ROOT))
         assert set(FIGURE.findall(text)) <= DEFINITIONS[name], name
 
 
 def test_the_published_run_is_of_unseen_scenes_and_enough_of_them():
-    about = readme.read_published()["about"]
+    about = documents.read_published()["about"]
     assert about["draw"] == "release"
     assert about["seed"] == release(about["commit"])
     assert about["clean"]
@@ -144,18 +143,18 @@ def pages(tmp_path, monkeypatch):
     """README.md and the page of figures with empty blocks, in a folder of their own."""
     for key in ("README", "PAGE"):
         path = tmp_path / f"{key.lower()}.md"
-        path.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n", encoding="utf-8")
-        monkeypatch.setattr(readme, key, path)
-    monkeypatch.setattr(readme, "RESULTS", tmp_path / "results.md")
-    monkeypatch.setattr(readme, "PUBLISHED", tmp_path / "published.json")
-    return readme.README, readme.PAGE
+        path.write_text(f"before\n{documents.BEGIN}\nold\n{documents.END}\nafter\n", encoding="utf-8")
+        monkeypatch.setattr(documents, key, path)
+    monkeypatch.setattr(documents, "RESULTS", tmp_path / "results.md")
+    monkeypatch.setattr(documents, "PUBLISHED", tmp_path / "published.json")
+    return documents.README, documents.PAGE
 
 
 def publish():
     made = results(8)
-    write_published(readme.PUBLISHED, made, judge(made))
-    published = readme.read_published()
-    readme.write_documents(published)
+    write_published(documents.PUBLISHED, made, judge(made))
+    published = documents.read_published()
+    documents.write_documents(published)
     return published
 
 
@@ -165,15 +164,15 @@ def test_only_the_blocks_are_written(pages):
         text = path.read_text(encoding="utf-8")
         assert text.startswith("before\n")
         assert text.endswith("\nafter\n")
-    assert readme.block(readme.README) == readme.brief(published)
-    assert readme.block(readme.PAGE) == readme.figures(published)
+    assert documents.block(documents.README) == documents.brief(published)
+    assert documents.block(documents.PAGE) == documents.figures(published)
     row = next(row for row in published["figures"] if row["group"] == "hard light")
-    assert f"{row['median_mm']:.3f} mm" in readme.PAGE.read_text(encoding="utf-8")
-    before = readme.README.read_text(encoding="utf-8")
-    readme.PAGE.write_text("no marks", encoding="utf-8")
+    assert f"{row['median_mm']:.3f} mm" in documents.PAGE.read_text(encoding="utf-8")
+    before = documents.README.read_text(encoding="utf-8")
+    documents.PAGE.write_text("no marks", encoding="utf-8")
     with pytest.raises(ResultsError, match="no block"):
         publish()
-    assert readme.README.read_text(encoding="utf-8") == before
+    assert documents.README.read_text(encoding="utf-8") == before
 
 
 @pytest.fixture
@@ -197,10 +196,10 @@ def test_publishing_writes_all_documents_of_release_scenes(published):
     runs, tree, folder = published
     done = runs()
     assert done.exit_code == 0, done.output
-    found = readme.read_published()
+    found = documents.read_published()
     assert (found["about"]["draw"], found["about"]["seed"]) == ("release", release(tree["commit"]))
     assert "release scenes" in (folder / "results.md").read_text(encoding="utf-8")
-    assert readme.block(readme.README) == readme.brief(found)
+    assert documents.block(documents.README) == documents.brief(found)
     # Single scenes are nobody's business.
     assert not (folder / "out" / "worst.jpg").exists()
 
@@ -209,4 +208,4 @@ def test_nothing_is_published_of_a_tree_with_changes(published):
     runs, tree, _ = published
     tree["clean"] = False
     assert isinstance(runs().exception, ResultsError)
-    assert not readme.PUBLISHED.exists()
+    assert not documents.PUBLISHED.exists()

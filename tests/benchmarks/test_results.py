@@ -11,8 +11,7 @@ from benchmarks import program
 from benchmarks import run as runs
 from benchmarks.data.plan import Plan
 from benchmarks.data.workloads import WORKLOADS
-from benchmarks.judge.origin import origin
-from benchmarks.judge.results import Results, ResultsError, read_results, write_results
+from benchmarks.judge.results import Results, ResultsError, origin, read_results, write_results
 from benchmarks.judge.targets import judge
 from benchmarks.run import Run, measure
 from tests.benchmarks.made_up import ABOUT, answers, film, printed_by, results

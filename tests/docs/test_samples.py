@@ -129,7 +129,7 @@ def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
     monkeypatch.setattr("synthetic.export.dataset.run_tasks", lambda *given: run_tasks(*given[:2], 1))
     monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
-    monkeypatch.setattr("benchmarks.score.shares.RESAMPLES", 39)
+    monkeypatch.setattr("benchmarks.score.metrics.RESAMPLES", 39)
     monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
     other = {"frames": 10, "rounds": 2, "speed": 1.5}
     for option in (*adapt.params, *live.params):

@@ -1,14 +1,27 @@
-"""Presents results as Markdown: all figures, and those shown in the documentation."""
+"""Presents results as Markdown: all figures, and those in marked blocks of README.md and docs/figures.md."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.data.fingerprint import ROOT
 from benchmarks.data.plan import FULL
+from benchmarks.data.scenes import OBJECTS
+from benchmarks.judge.results import ResultsError
 from benchmarks.score.metrics import NOTHING, Table, matches
 from benchmarks.score.tables import TABLES
+from tracker.files import write_whole
+
+README, PAGE, RESULTS = ROOT / "README.md", ROOT / "docs" / "figures.md", ROOT / "benchmarks" / "results.md"
+"""Files with a few figures, with many, and with all."""
+
+PUBLISHED = ROOT / "benchmarks" / "published.json"
+"""Origin, figures and targets of the last published run."""
+
+BEGIN, END = "<!-- figures: written by python -m benchmarks, of published.json -->", "<!-- /figures -->"
 
 NOTES = Path(__file__).with_name("notes.md")
 """File with hand-written remarks on the figures: causes of missed targets, and what was tried."""
@@ -28,14 +41,7 @@ def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
     parts += targets(judged)
     if judged and NOTES.is_file():
         parts += ["## What limits what was missed", NOTES.read_text(encoding="utf-8").strip()]
-    return "\n\n".join([*parts, *missing(figures), *tables(figures, TABLES)]) + "\n"
-
-
-def page(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
-    """Return the content of the figures page."""
-    groups = {table.name: table.page for table in TABLES}
-    shown = [row for row in figures if matches(row["group"], groups[row["table"]])]
-    return "\n\n".join([summary(about), *_counted(judged), *missing(figures), *tables(shown, TABLES)])
+    return "\n\n".join([*parts, *missing(figures), *tables(figures)]) + "\n"
 
 
 def missing(figures: Figures) -> list[str]:
@@ -45,10 +51,10 @@ def missing(figures: Figures) -> list[str]:
     return [f"Not measured in this run: {', '.join(names)}."] if figures and names else []
 
 
-def tables(figures: Figures, chosen: Iterable[Table]) -> list[str]:
+def tables(figures: Figures) -> list[str]:
     """Return title, text and table for each table that has rows."""
     parts: list[str] = []
-    for table in chosen:
+    for table in TABLES:
         rows = [row for row in figures if row["table"] == table.name]
         if rows:
             parts += [f"## {table.title}", table.text, _table(table, rows)]
@@ -134,3 +140,80 @@ def _made(about: Mapping[str, Any]) -> list[str]:
 def spoken(seconds: float) -> str:
     """Return a duration as text."""
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def read_published() -> dict[str, Any]:
+    """Return origin (`about`), `figures` and `targets` of the last published run."""
+    content = json.loads(PUBLISHED.read_text(encoding="utf-8"))
+    return {"about": content["about"]} | {key: content[key]["rows"] for key in ("figures", "targets")}
+
+
+def brief(published: Mapping[str, Any]) -> str:
+    """Return README.md's block without its marks."""
+    found = {
+        (row["table"], row["group"], row["object"]): row for row in published["figures"] if not row["bin"]
+    }
+
+    def both(table: str, group: str, form: str) -> str:
+        rows = [found.get((table, group, name)) for name in OBJECTS]
+        return " / ".join(form.format(**row) if row else "not measured" for row in rows)
+
+    def line(head: str, table: str, form: str, films: bool = False) -> list[str]:
+        groups = ("world", "all" if films else "realistic")
+        return [head, *(both(table, group, form) for group in groups)]
+
+    lines = [
+        line("median error", "accuracy", "{median_mm:.2f} mm, {median_deg:.1f}°"),
+        line("90th percentile", "accuracy", "{p90_mm:.2f} mm, {p90_deg:.1f}°"),
+        line("within 5 mm and 5°", "accuracy", "{within_5:.1f} %"),
+        line("wrong but confident", "accuracy", "{wrong_and_sure:.1f} %"),
+        line("inside the 95 % ellipsoid", "trust", "{inside_95:.0f} %"),
+        line("`detect`, median", "detect", "{median_ms:.1f} ms"),
+        line("`update`, median", "update", "{median_ms:.1f} ms", films=True),
+    ]
+    heads = ("cube / cuboid", "like a real platform ¹", "exact calibration ²")
+    notes = (
+        "Three 270×270 images, rendered with exact truth; one thread. ¹ Every effect that the generator "
+        "knows, calibration errors too. ² Sharp edges."
+    )
+    about = published["about"]
+    origin = f"Commit {str(about['commit'])[:12]}, {about['scenes']} fresh scenes an object."
+    return f"{grid(heads, lines, 1)}\n\n{notes} {origin}"
+
+
+def figures(published: Mapping[str, Any]) -> str:
+    """Return the figures page's block without its marks."""
+    groups = {table.name: table.page for table in TABLES}
+    shown = [row for row in published["figures"] if matches(row["group"], groups[row["table"]])]
+    parts = [summary(published["about"]), *_counted(published["targets"]), *missing(published["figures"])]
+    return "\n\n".join([*parts, *tables(shown)])
+
+
+def block(path: Path) -> str:
+    """Return the text between the marks of a file.
+
+    Raises:
+        ResultsError: there are no marks.
+    """
+    return _parts(path)[1].strip()
+
+
+def _parts(path: Path) -> Sequence[str]:
+    before, begin, rest = path.read_text(encoding="utf-8").partition(BEGIN)
+    inside, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ResultsError(f"{path.name}: found no block between {BEGIN} and {END}")
+    return before, inside, after
+
+
+def write_documents(published: Mapping[str, Any]) -> None:
+    """Write results.md, and the figures into the blocks of README.md and docs/figures.md.
+
+    Raises:
+        ResultsError: one of them has no block.
+    """
+    texts = {README: brief(published), PAGE: figures(published)}
+    parts = {path: _parts(path) for path in texts}
+    for path, inside in texts.items():
+        write_whole(path, f"{parts[path][0]}{BEGIN}\n{inside}\n{END}{parts[path][2]}")
+    write_whole(RESULTS, document(published["about"], published["figures"], published["targets"]))
