@@ -111,23 +111,21 @@ def moved_rig(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
 
 
 def _moved(camera: Camera, rng: np.random.Generator) -> Camera:
-    turn, shift = rng.normal(0, TURN_STD, 3), rng.normal(0, SHIFT_STD, 3)
-    transform = camera.camera_from_world.copy()
-    transform[:3, :3] = so3.exp(turn) @ transform[:3, :3]
-    transform[:3, 3] += shift
-    return dataclasses.replace(
-        camera, camera_from_world=transform, camera_from_world_std=element_std(transform)
-    )
-
-
-def element_std(camera_from_world: Array) -> FloatArray:
-    """Return element-wise standard deviations (4, 4) of a transform that `moved_rig` perturbed."""
+    moved = shifted(camera, rng.normal(0, TURN_STD, 3), rng.normal(0, SHIFT_STD, 3))
     # ω_k changes element (i, j) of exp(ω) R by element (i, j) of [e_k]× R.
-    parts = so3.hat(np.eye(3)) @ np.asarray(camera_from_world)[:3, :3]
+    parts = so3.hat(np.eye(3)) @ moved.camera_from_world[:3, :3]
     std = np.zeros((4, 4))
     std[:3, :3] = TURN_STD * np.sqrt((parts**2).sum(axis=0))
     std[:3, 3] = SHIFT_STD
-    return std
+    return dataclasses.replace(moved, camera_from_world_std=std)
+
+
+def shifted(camera: Camera, turn: FloatArray, shift: FloatArray) -> Camera:
+    """Return the camera with camera_from_world [exp(turn) R | t + shift]."""
+    transform = camera.camera_from_world.copy()
+    transform[:3, :3] = so3.exp(turn) @ transform[:3, :3]
+    transform[:3, 3] += shift
+    return dataclasses.replace(camera, camera_from_world=transform)
 
 
 def _slope(rng: np.random.Generator) -> FloatArray:

@@ -19,7 +19,7 @@ from benchmarks.data.scenes import OBJECTS, Scene
 from benchmarks.data.store import Store, each
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.scene import drawn
+from synthetic.scene import drawn, transform
 from synthetic.stills import bare_scene, scene_with_fingers, take
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -46,20 +46,16 @@ class Placement:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """The stage's origin in the world [m]."""
 
-    @property
-    def world_from_stage(self) -> FloatArray:
-        """(3, 3) rotation."""
-        return so3.exp([0.0, 0.0, self.yaw])
-
     def pose(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return position (3,) [m] and rotation (3, 3), in the world, of an object on the stage."""
-        turn = self.world_from_stage
+        turn = so3.exp([0.0, 0.0, self.yaw])
         return self.scale * turn @ position + self.origin, turn @ rotation
 
     def camera(self, camera: Camera) -> Camera:
         """Return the camera in the world that takes the same images as a camera on the stage."""
         position, rotation = self.pose(camera.position, camera.camera_from_world[:3, :3].T)
-        return dataclasses.replace(camera, camera_from_world=_camera_from_world(position, rotation.T))
+        camera_from_world = transform(rotation.T, -rotation.T @ position)
+        return dataclasses.replace(camera, camera_from_world=camera_from_world)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +92,6 @@ class RigCase:
         return dataclasses.replace(model, size=model.size / self.placement.scale)
 
 
-def _camera_from_world(position: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Return camera_from_world (4, 4) of a camera at `position` (3,) [m] with this rotation (3, 3)."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = rotation, -rotation @ position
-    return transform
-
-
 def _camera(
     azimuth: float, elevation: float, distance: float, size: tuple[int, int], focal: float, lens: float = 1.0
 ) -> Camera:
@@ -130,7 +119,7 @@ def _camera(
         height=size[1],
         matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
         distortion=lens * _DISTORTION * rng.uniform(0.97, 1.03, 5),
-        camera_from_world=_camera_from_world(position, rotation),
+        camera_from_world=transform(rotation, -rotation @ position),
         camera_from_world_std=np.zeros((4, 4)),
     )
 

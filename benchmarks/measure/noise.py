@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tracker
+from benchmarks.data.disturbances import shifted
 from benchmarks.data.films import RATE, FilmFrame, FilmStore
 from benchmarks.data.plan import Plan
 from benchmarks.data.scenes import rig
@@ -27,7 +28,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.files import write_whole
 from tracker.geometry import so3
-from tracker.geometry.camera import Camera
+from tracker.geometry.cuboid import corners
 from tracker.noise import NoiseModel
 
 FILMS, LENGTH, CALIBRATIONS = 12, 60, 24
@@ -110,17 +111,13 @@ def measure_noise(
 
 def mended(true: CameraRig, given: CameraRig, rng: np.random.Generator) -> CameraRig:
     """Draw the cameras that a refinement would yield."""
-
-    def one(camera: Camera, before: Camera) -> Camera:
-        transform, std = camera.camera_from_world.copy(), before.camera_from_world_std
+    cameras = []
+    for camera, before in zip(true, given, strict=True):
         turn, shift = (size / np.sqrt(3.0) * rng.standard_normal(3) for size in REFINED[::-1])
-        transform[:3, :3] = so3.exp(turn) @ transform[:3, :3]
-        transform[:3, 3] += shift
-        return dataclasses.replace(
-            camera, camera_from_world=transform, camera_from_world_std=None if std is None else 0.3 * std
-        )
-
-    return dataclasses.replace(true, cameras=tuple(map(one, true, given)))
+        std = before.camera_from_world_std
+        std = None if std is None else 0.3 * std
+        cameras.append(dataclasses.replace(shifted(camera, turn, shift), camera_from_world_std=std))
+    return dataclasses.replace(true, cameras=tuple(cameras))
 
 
 def played(own: tracker.ObjectTracker, frames: Iterable[FilmFrame]) -> tuple[FloatArray, list[float]]:
@@ -153,12 +150,11 @@ def covered(
         shares[at:end] = np.clip(own, 0.0, 1.0)
         at = end
     angles, grey = rng.uniform(0.0, 2.0 * np.pi, len(true)), int(rng.integers(30, 160))
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     result = []
     for frame, share in zip(frames, shares, strict=True):
-        corners = placed(0.5 * size * signs, frame.position, frame.rotation)  # type: ignore[arg-type]
+        ends = placed(corners(size), frame.position, frame.rotation)  # type: ignore[arg-type]
         images = tuple(
-            _with_cover(image, projected(camera, corners), float(part), float(angle), grey)
+            _with_cover(image, projected(camera, ends), float(part), float(angle), grey)
             for image, camera, part, angle in zip(frame.images, true, share, angles, strict=True)
         )
         seen = frame.visible_fraction * (1.0 - share)
@@ -166,15 +162,15 @@ def covered(
     return result
 
 
-def _with_cover(image: Image, corners: FloatArray, share: float, angle: float, grey: int) -> Image:
+def _with_cover(image: Image, ends: FloatArray, share: float, angle: float, grey: int) -> Image:
     outline = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillConvexPoly(outline, cv2.convexHull(np.round(corners).astype(np.int32)), (1,))
+    cv2.fillConvexPoly(outline, cv2.convexHull(np.round(ends).astype(np.int32)), (1,))
     if share <= 0.0 or not outline.any():
         return image
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     across = np.cos(angle) * x + np.sin(angle) * y
-    center = corners.mean(axis=0)
-    reach = 1.2 * np.linalg.norm(corners - center, axis=1).max()
+    center = ends.mean(axis=0)
+    reach = 1.2 * np.linalg.norm(ends - center, axis=1).max()
     near = np.hypot(x - center[0], y - center[1]) < reach
     result = image.copy()
     result[near & (across <= np.quantile(across[outline > 0], share))] = grey

@@ -126,12 +126,11 @@ def _in_light(
 ) -> dict[str, float]:
     shift, turn, sure = np.array(list(light_changes(detector, [i.image for i in images], draws))).T
     same = (shift < 3) & (turn < 3)
+    # Cosine of the angle between the vertical and the nearest axis of the object.
+    upright = np.nan if pose is None else min(1.0, np.abs(pose.rotation[2]).max())
     return {
         "inside": 100 * float(np.mean(inside_distances(detector, images) >= 0)),
-        # Angle between the vertical and the nearest axis of the object.
-        "tilt_deg": np.nan
-        if pose is None
-        else float(np.degrees(np.arccos(min(1.0, np.abs(pose.rotation[2]).max())))),
+        "tilt_deg": float(np.degrees(np.arccos(upright))),
         "same": 100 * float(np.mean(same)),
         "light_wrong": 100 * float(np.mean(~same & (sure > 0.5))),
     }
@@ -202,10 +201,10 @@ def _other_size(
     height = detector.rig[0].height
     size = height // 2 if height > 400 else 2 * height
     method = cv2.INTER_AREA if size < height else cv2.INTER_CUBIC
-    rig = tracker.CameraRig(tuple(camera.resized(size, size) for camera in detector.rig), detector.rig.arena)
-    shape = (size, size)
-    resized = [np.asarray(cv2.resize(image, shape, interpolation=method), np.uint8) for image in images]
-    return tracker.ObjectTracker(detector.model, rig), resized
+    resized = [
+        np.asarray(cv2.resize(image, (size, size), interpolation=method), np.uint8) for image in images
+    ]
+    return tracker.ObjectTracker(detector.model, detector.rig.resized(size, size)), resized
 
 
 def measure_segmentation(real: Path) -> pd.DataFrame:

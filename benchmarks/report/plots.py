@@ -69,11 +69,8 @@ def _visible(figure: Figure, frames: pd.DataFrame) -> None:
     for panel, group, own in _panels(figure, frames, yscale="log", **labels):
         panel.plot(own.visible, own.mm, ".", ms=4, color=GROUPS[group], label=group)
         none = own[~own.found.astype(bool)]
-        panel.plot(none.visible, np.full(len(none), 1.0), "x", color=GROUPS[group], transform=_top(panel))
-
-
-def _top(panel: Axes) -> Any:
-    return panel.get_xaxis_transform()
+        top = panel.get_xaxis_transform()
+        panel.plot(none.visible, np.full(len(none), 1.0), "x", color=GROUPS[group], transform=top)
 
 
 def _trust(figure: Figure, frames: pd.DataFrame) -> None:
@@ -120,7 +117,8 @@ def _films(figure: Figure, frames: pd.DataFrame) -> None:
         panel.plot(own.timestamp, own.measured_mm, ".", ms=3, color="#b0b7c3", label="measured")
         panel.plot(own.timestamp, own.mm, lw=1, color="#1f5fbf", label="filtered")
         gone = own[~own.found.astype(bool)]
-        panel.plot(gone.timestamp, np.full(len(gone), 1.0), "x", color="#d1603d", transform=_top(panel))
+        top = panel.get_xaxis_transform()
+        panel.plot(gone.timestamp, np.full(len(gone), 1.0), "x", color="#d1603d", transform=top)
         panel.set_title(f"{name}, {group}", loc="left", fontsize=9)
         panel.set(yscale="log", ylabel="error [mm]")
         panel.grid(alpha=0.3)

@@ -12,7 +12,7 @@ import pandas as pd
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.data.dice import DiceScene
-from benchmarks.score.errors import projected
+from benchmarks.score.errors import placed, projected
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
@@ -92,7 +92,7 @@ def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArr
     An unoccluded die is the convex hull of its corners, projected by OpenCV; its edges are too short for the
     distortion to bend them.
     """
-    points = scene.positions[:, None] + corners(np.full(3, DIE_WIDTH)) @ np.swapaxes(scene.rotations, 1, 2)
+    points = placed(corners(np.full(3, DIE_WIDTH)), scene.positions, scene.rotations)
     alone, visible = np.zeros(len(points)), np.zeros(len(points))
     for camera, labels in zip(cameras, scene.labels, strict=True):
         pixels = projected(camera, points.reshape(-1, 3)).reshape(-1, 8, 2)

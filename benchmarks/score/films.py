@@ -35,9 +35,7 @@ COAST = TrackingOptions().coast_seconds
 def at_rest(poses: FloatArray) -> Array:
     """Return (N,) whether the object is at rest, from true poses (N, 3, 4); False for the first and last."""
     shift = np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1)
-    turn = np.degrees(
-        [so3.angle_between(a, b) for a, b in zip(poses[:-1, :, :3], poses[1:, :, :3], strict=True)]
-    )
+    turn = np.degrees(so3.angle_between(poses[:-1, :, :3], poses[1:, :, :3]))
     still = (shift < STILL_M) & (turn < STILL_DEG)
     return np.asarray(np.r_[False, still] & np.r_[still, False])
 
