@@ -119,7 +119,7 @@ def _maker(object_name: str, style: Style, seed: int, length: int) -> Maker[Film
         whole, emptied = ({first + frame for empty, frame in places if empty == part} for part in (0, 1))
         for frame in maker(style.kinds[film % len(style.kinds)]).chunk(film, whole, emptied):
             number = first + frame.index + length * (not frame.objects)
-            yield number, FilmFrame(*moment_of(frame), timestamp=frame.timestamp)
+            yield number, FilmFrame(**vars(moment_of(frame)), timestamp=frame.timestamp)
 
     return make
 

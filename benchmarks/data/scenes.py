@@ -20,8 +20,7 @@ from synthetic.effects import NAMES as EFFECTS
 from synthetic.frames import Frame, FrameMaker, FrameOptions
 from synthetic.world.look_alikes import KINDS
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import FloatArray, Image
-from tracker.geometry.camera import Camera
+from tracker.conventions import Array, FloatArray, Image
 
 SIZE = 270
 """Height of the images [px]."""
@@ -47,17 +46,19 @@ class Moment:
     """(3,) position of the object [m]; None: no object."""
     rotation: FloatArray | None
     """(3, 3) world_from_object."""
-    cameras: FloatArray | None = None
-    """(2, cameras, 46) true and stated cameras; None: both are those of the set."""
+    cameras: Array | None = None
+    """(2, cameras) of CAMERA, the true and the stated ones; None: both are those of the set."""
 
     def rigs(self, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
         """Return the true rig, and the stated one, which is given to a user; `usual` is the set's rig."""
         if self.cameras is None:
             return usual, usual
-        true, stated = (
-            dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in self.cameras
-        )
-        return true, stated
+        rigs = []
+        for rows in self.cameras:
+            parts = [{name: row[name] for name in rows.dtype.names} for row in rows]
+            cameras = [dataclasses.replace(one, **part) for one, part in zip(usual, parts, strict=True)]
+            rigs.append(dataclasses.replace(usual, cameras=tuple(cameras)))
+        return rigs[0], rigs[1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,42 +88,40 @@ def _frames(object_name: str, seed: int, **options: Any) -> Callable[[int], Scen
 
     def make(index: int) -> Scene:
         (frame,) = frames.chunk(index)
-        return Scene(*moment_of(frame), index=frame.index, labels=frame.labels)
+        return Scene(**vars(moment_of(frame)), index=frame.index, labels=frame.labels)
 
     return make
 
 
-def moment_of(
-    frame: Frame,
-) -> tuple[tuple[Image, ...], FloatArray, FloatArray | None, FloatArray | None, FloatArray | None]:
-    """Return the fields of a `Moment` in a rendered frame."""
+def moment_of(frame: Frame) -> Moment:
+    """Return what a rendered frame shows."""
     position = rotation = cameras = None
     if frame.objects:
         position, rotation = np.array(frame.objects[0].position), np.array(frame.objects[0].rotation)
     if frame.given is not frame.rig:
-        cameras = np.array([[_row(camera) for camera in rig] for rig in (frame.rig, frame.given)])
-    return frame.images, frame.visible_fraction, position, rotation, cameras
+        cameras = np.stack([rows_of(frame.rig), rows_of(frame.given)])
+    return Moment(frame.images, frame.visible_fraction, position, rotation, cameras)
 
 
-_PARTS = {"matrix": (3, 3), "distortion": (5,), "camera_from_world": (4, 4), "camera_from_world_std": (4, 4)}
-"""Parameters of a camera and their shapes, in the order of its row."""
+CAMERA = np.dtype(
+    [
+        ("matrix", np.float64, (3, 3)),
+        ("distortion", np.float64, (5,)),
+        ("camera_from_world", np.float64, (4, 4)),
+        ("camera_from_world_std", np.float64, (4, 4)),
+    ]
+)
+"""A camera's parameters by name, in an array."""
 
 
-def _row(camera: Camera) -> FloatArray:
-    parts = [getattr(camera, name) for name in _PARTS]
-    return np.concatenate(
-        [
-            np.zeros(shape).ravel() if part is None else np.ravel(part)
-            for part, shape in zip(parts, _PARTS.values(), strict=True)
-        ]
-    )
-
-
-def _camera(usual: Camera, row: FloatArray) -> Camera:
-    ends = np.cumsum([int(np.prod(shape)) for shape in _PARTS.values()])[:-1]
-    parts = zip(np.split(row, ends), _PARTS.items(), strict=True)
-    changes: dict[str, Any] = {name: part.reshape(shape) for part, (name, shape) in parts}
-    return dataclasses.replace(usual, **changes)
+def rows_of(rig: CameraRig) -> Array:
+    """Return the rig's cameras as an array (cameras,) of CAMERA."""
+    rows = np.zeros(len(rig), CAMERA)
+    for row, camera in zip(rows, rig, strict=True):
+        for name in CAMERA.names or ():
+            if (value := getattr(camera, name)) is not None:
+                row[name] = value
+    return rows
 
 
 STYLES: dict[str, Callable[[str, int], Callable[[int], Scene]]] = {

@@ -132,14 +132,14 @@ def test_every_set_of_scenes_has_a_share():
 
 def test_a_scene_survives_the_disk(rng):
     one = scene(rng)
-    rigs = np.stack([np.stack([scenes._row(camera) for camera in rig()])] * 2)
+    rigs = np.stack([scenes.rows_of(rig())] * 2)
     for before in (one, dataclasses.replace(one, position=None, rotation=None, cameras=rigs)):
         assert_survives(before)
 
 
 def test_cameras_that_are_not_as_stated_go_with_their_scene(rng):
     usual, moved = rig(), disturbances.moved_rig(rig(), rng)
-    rows = np.array([[scenes._row(camera) for camera in cameras] for cameras in (usual, moved)])
+    rows = np.stack([scenes.rows_of(usual), scenes.rows_of(moved)])
     one = dataclasses.replace(scene(rng), cameras=rows)
     given = case(BY_NAME["world"], "cube_v2", one, usual, 1)
     for found, expected in ((given.true_rig, usual), (given.rig, moved)):
