@@ -25,7 +25,7 @@ def light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     result = []
     for image in images:
         gains = rng.uniform(0.8, 1.2, 3) * rng.uniform(0.6, 1.4)
-        result.append(_bytes(image * gains))
+        result.append(as_bytes(image * gains))
     return result
 
 
@@ -44,7 +44,7 @@ def hard_light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]
         )
         ramps = np.stack([_ramp(image.shape[:2], slope) for slope in slopes], axis=-1)
         gamma = rng.uniform(0.7, 1.4)
-        result.append(_bytes(255 * np.clip(image * gains * ramps / 255, 0, 1) ** gamma))
+        result.append(as_bytes(255 * np.clip(image * gains * ramps / 255, 0, 1) ** gamma))
     return result
 
 
@@ -53,13 +53,13 @@ def poor_images(images: Sequence[Image], rng: np.random.Generator) -> list[Image
     result = []
     for image in images:
         blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.5)
-        result.append(_jpeg(_bytes(blurred + rng.normal(0, 16, image.shape))))
+        result.append(_jpeg(as_bytes(blurred + rng.normal(0, 16, image.shape))))
     return result
 
 
 def slight_blur(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     """Blur by σ 0.5 px, the least that a lens in focus adds to the area of a pixel."""
-    return [_bytes(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 0.5)) for image in images]
+    return [as_bytes(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 0.5)) for image in images]
 
 
 def slightly_poor(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
@@ -68,7 +68,7 @@ def slightly_poor(images: Sequence[Image], rng: np.random.Generator) -> list[Ima
     for image in images:
         blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), rng.uniform(0.3, 0.8))
         gains = rng.uniform(0.93, 1.07, 3)
-        result.append(_bytes(blurred * gains + rng.normal(0, 3, image.shape)))
+        result.append(as_bytes(blurred * gains + rng.normal(0, 3, image.shape)))
     return result
 
 
@@ -79,7 +79,7 @@ def jpeg(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
 
 def flooded(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     """Dazzle one camera: three times the light, and a veil of 80 levels."""
-    return _in_one(images, rng, lambda image: _bytes(3.0 * image.astype(np.float32) + 80.0))
+    return _in_one(images, rng, lambda image: as_bytes(3.0 * image.astype(np.float32) + 80.0))
 
 
 def black(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
@@ -141,7 +141,8 @@ def _ramp(shape: tuple[int, ...], slope: FloatArray) -> FloatArray:
     return result
 
 
-def _bytes(values: Array) -> Image:
+def as_bytes(values: Array) -> Image:
+    """Return levels rounded and clipped to bytes."""
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 

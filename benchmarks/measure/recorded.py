@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 import tracker
+from benchmarks.data.disturbances import as_bytes
 from benchmarks.data.recorded import SEGMENTED, labelled_images, triplets
 from benchmarks.score.errors import apart, placed, projected
 from tracker.color_learning.fit import FitOptions, combine, image_histograms
@@ -94,16 +95,10 @@ def inside_distances(detector: tracker.ObjectTracker, images: Sequence[LabelledI
     return np.array(distances)
 
 
-def relit(images: Sequence[Image], rng: np.random.Generator, noise: float = 0.0) -> list[Image]:
-    """Apply random gains of 0.8-1.2 per channel and exposures of 0.6-1.4 to each image; add noise."""
+def relit(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """Apply random gains of 0.8-1.2 per channel and exposures of 0.6-1.4 to each image."""
     gains = rng.uniform(0.8, 1.2, (len(images), 3)) * rng.uniform(0.6, 1.4, (len(images), 1))
-    return [_noisy(i * g, rng, noise) for i, g in zip(images, gains, strict=True)]
-
-
-def _noisy(image: Any, rng: np.random.Generator, noise: float) -> Image:
-    if noise:
-        image = image + noise * rng.standard_normal(image.shape, np.float32)
-    return np.asarray(np.clip(np.rint(image), 0, 255), np.uint8)
+    return [as_bytes(i * g) for i, g in zip(images, gains, strict=True)]
 
 
 def light_changes(
@@ -182,7 +177,8 @@ def _one_camera(
             (lit,) = relit([images[k]], rng) if film else [images[k]]
             follower.reset()
             for frame in range(FILM_FRAMES):
-                given = [_noisy(lit, rng, NOISE) if j == k else None for j in range(len(images))]
+                noise = NOISE * rng.standard_normal(lit.shape, np.float32)
+                given = [as_bytes(lit + noise) if j == k else None for j in range(len(images))]
                 followed = follower.update(given, frame / 10.0).filtered_object_pose
                 answers: dict[str, tracker.PoseEstimate | None] = {"update": followed}
                 if frame == 0:

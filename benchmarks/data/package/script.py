@@ -144,20 +144,12 @@ class Studio:
 def main(kind: str, seed: int, scale: int, margin: int, out: str, numbers: list[int]) -> None:
     """Write the scenes of these numbers; scene k depends on seed and k alone."""
     studio = Studio(kind, scale, margin)
-    images, masks, positions, rotations = [], [], [], []
+    scenes = []
     for k in numbers:
         position, rotation = studio.draw(np.random.default_rng([seed, k]))
-        images.append(studio.images())
-        masks.append(studio.masks())
-        positions.append(position)
-        rotations.append(rotation.as_matrix())
-    np.savez_compressed(
-        out,
-        images=np.array(images),
-        masks=np.array(masks),
-        position=np.array(positions),
-        rotation=np.array(rotations),
-    )
+        scenes.append((studio.images(), studio.masks(), position, rotation.as_matrix()))
+    images, masks, positions, rotations = map(np.array, zip(*scenes, strict=True))
+    np.savez_compressed(out, images=images, masks=masks, position=positions, rotation=rotations)
 
 
 if __name__ == "__main__":
