@@ -169,7 +169,7 @@ class Refiner:
             covariance,
             seen,
             converged,
-            Evidence(*evidence, resized),
+            Evidence(*evidence, resized=resized),
             iterations=steps,
             end=start,
             inside=self._arena.holds(position, lowest, std),
