@@ -8,6 +8,7 @@ from tests.tracking.conftest import has_seen, honest, near
 from tracker.errors import ImageError, TrackerError
 from tracker.pipeline import Status
 from tracker.pose.estimate import PoseEstimator
+from tracker.pose.refiner import Refiner
 from tracker.pose.hypotheses import Search
 from tracker.pose.views import Reader
 from tracker.tracking.belief import Belief
@@ -72,7 +73,7 @@ INSIDE = {
     "light": (Reader, "lit"),
     "labels": (Reader, "labelled"),
     "window": (Search, "window"),
-    "refine": (PoseEstimator, "refine"),
+    "refine": (Refiner, "__call__"),
     "advance": (Belief, "advance"),
     "plausible": (Belief, "plausible"),
     "see": (Belief, "see"),

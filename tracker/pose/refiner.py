@@ -158,7 +158,7 @@ class Refiner:
             exponent, width = solution["shared"][0, EXPONENT : RIM + 1].tolist()
             start = Start(blur, exponent, width, max(math.sqrt(rim), SHOWN_RIM_STD))
         place = rotation, position, self._still if lag is None else cameras["lag"].copy()
-        evidence = judge(
+        body, nothing, ahead = judge(
             self._maps, sight.labels, sight.pictures, pictures, self._faces, place, stands, seen, NUMBERS
         )  # fmt: skip
         height, lowest = float(covariance[2, 2]), self._box.lowest(position, rotation)
@@ -169,7 +169,7 @@ class Refiner:
             covariance,
             seen,
             converged,
-            Evidence(*evidence, resized=resized),
+            Evidence(body, nothing, ahead, resized),
             iterations=steps,
             end=start,
             inside=self._arena.holds(position, lowest, std),
