@@ -93,7 +93,7 @@ def test_what_is_hidden_more_is_seen_worse():
 
 def test_misses_last_as_stated_and_never_bear_a_pose():
     state, truth = state_of(missed={"lost": 1.0, "found": 4.0}), truths()
-    seen = [state.step(*truth, 0.05) for _ in range(200)]
+    seen = [state.step(*truth, 0.05) for _ in range(100)]
     found = np.array([one.found for one in seen])
     assert found.mean() == pytest.approx(0.8, abs=0.01)
     back = found[1:][~found[:-1]].mean()
@@ -108,7 +108,7 @@ def test_misses_last_as_stated_and_never_bear_a_pose():
 def test_gross_errors_come_and_go_as_stated_and_stay_as_they_are():
     own = {"rate": 0.5, "seconds": 0.4, "distance": 0.02, "angle": 0.5}
     state, truth = state_of(gross=own), truths()
-    off = np.array([np.linalg.norm(state.step(*truth, 0.1).position - truth[0], axis=1) for _ in range(100)])
+    off = np.array([np.linalg.norm(state.step(*truth, 0.1).position - truth[0], axis=1) for _ in range(50)])
     assert np.allclose(off[off > 1e-9], 0.02)
     gross = off > 1e-9
     assert gross[1:][gross[:-1]].mean() > np.exp(-0.25)
@@ -119,7 +119,7 @@ def test_environments_together_are_distributed_as_each_alone():
     model = tracker.noise.NoiseModel.load("platform")
     truth = truths(1, 0.7)
     rng = np.random.default_rng(5)
-    alone = np.array([model.start(rng, 1).step(*truth, 0.1).position[0] for _ in range(2000)]) - truth[0]
+    alone = np.array([model.start(rng, 1).step(*truth, 0.1).position[0] for _ in range(1000)]) - truth[0]
     many = model.start(rng, 2000).step(*(np.repeat(x, 2000, axis=0) for x in truth), 0.1).position - truth[0]
     sizes = [np.quantile(np.linalg.norm(x, axis=1), [0.25, 0.5, 0.75]) for x in (alone, many)]
     np.testing.assert_allclose(*sizes, rtol=0.1)

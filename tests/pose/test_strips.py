@@ -29,7 +29,7 @@ def samples_by_edge(rng, count=10, camera=CAMERA, **settings):
     Yields the rotation, the edge's row of EDGES, its corners' pixels (2, 2), its samples (n,) of STRIP. A
     sample belongs to the edge that passes through its pixel.
     """
-    share = np.linspace(0, 1, 2001)[:, None]
+    share = np.linspace(0, 1, 1001)[:, None]
     for rotation in random_rotations(rng, count):
         samples = samples_at(rotation, lenses=stack_lenses([camera]), **settings)
         ends = corners(2 * HALF) @ rotation.T + POSITION
@@ -65,7 +65,7 @@ def test_jacobian_is_the_motion_of_the_samples(rng):
 
 def test_a_rim_ends_each_face_before_its_neighbours_plane(rng):
     # Outlines follow the border of the one face that is seen, inner edges the middle between two borders.
-    rim, share = 1e-6, np.linspace(0, 1, 4001)[:, None]
+    rim, share = 1e-6, np.linspace(0, 1, 801)[:, None]
     for rotation, (a, b, *faces), _, samples in samples_by_edge(rng):
         seen, ends = faces_seen(rotation), corners(2 * HALF)[[a, b]]
         points = ends[0] + share * (ends[1] - ends[0])

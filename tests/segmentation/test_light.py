@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tracker
@@ -112,6 +112,7 @@ def grey_scene(seed, size=270):
     return image + rng.normal(0, 2, image.shape)
 
 
+@settings(max_examples=25)
 @given(gains=factors, size=st.sampled_from([60, 135, 270, 540]))
 def test_neutral_gains_invert_the_lights_gains_whatever_the_resolution(gains, size):
     reference, found = find_light(exposed(grey_scene(1))), find_light(exposed(grey_scene(1, size), gains))
@@ -119,6 +120,7 @@ def test_neutral_gains_invert_the_lights_gains_whatever_the_resolution(gains, si
     np.testing.assert_allclose(found.gains * gains / reference.gains, 1, atol=0.02 if size == 270 else 0.035)
 
 
+@settings(max_examples=25)
 @given(gains=factors)
 def test_normalising_makes_the_scenes_grey_grey(gains):
     scene = grey_scene(2)

@@ -123,7 +123,7 @@ def test_covariance_stays_symmetric_and_positive_and_weights_stay_probabilities(
     rng = np.random.default_rng(seed)
     position, rotation = AT_HOME
     filtered = MotionFilter.start(position, rotation, NOISE)
-    for _ in range(400):
+    for _ in range(200):
         # Anything goes: rests, jumps, turns by up to half a turn, gaps, good and bad measurements.
         leap = rng.choice([0.0, 1e-3, 0.1], p=[0.5, 0.4, 0.1])
         position = position + leap * rng.normal(size=3)

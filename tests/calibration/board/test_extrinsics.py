@@ -208,9 +208,8 @@ TWICE_AS_LARGE = dataclasses.replace(sightings(13)[3], size=(720, 540))
         (lambda: [*sightings(13), TWICE_AS_LARGE], BOARD, r"photo \d+ of 360x270 px, photo 3 of 720x540 px"),
         (lambda: sightings(14, lenses=(LENS, OTHER)), BOARD, r"photos left out miss by .* not of one camera"),
         *[
-            (functools.partial(sightings, seed, 8, tilt=tilt), BOARD, "too alike; tilt the board")
+            (functools.partial(sightings, 11, 8, tilt=tilt), BOARD, "too alike; tilt the board")
             for tilt in (0.0, 0.02, 0.2)
-            for seed in (11, 12)
         ],
     ],
 )

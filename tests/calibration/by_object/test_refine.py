@@ -101,7 +101,7 @@ def test_lenses_are_found_where_they_may_be_wrong(rng):
     for camera, true in zip(now.cameras, TRUE, strict=True):
         assert camera.matrix[0, 0] == pytest.approx(true.matrix[0, 0], rel=3e-4)
         assert camera.matrix[0, 2] == pytest.approx(true.matrix[0, 2], abs=0.1)
-    kept, _ = adjusted(world, start)
+    kept, _ = adjusted(world, start, steps=1)
     for camera, before in zip(kept.cameras, start, strict=True):
         np.testing.assert_allclose(camera.matrix, before.matrix, rtol=1e-9)
 
