@@ -60,6 +60,15 @@ def test_an_impossible_value_is_named(key, values, valid):
             Arena(**{key: value})
 
 
+def test_the_arena_holds_what_is_not_beside_or_above_it_or_below_its_table():
+    arena, place = Arena(), np.array([0.02, -0.03, 0.0325])
+    assert arena.holds(place, 0.0)
+    assert arena.holds(place, arena.lowest)
+    assert not arena.holds(place, arena.lowest - 1e-3)
+    for beyond in ([0.3, 0.0, 0.03], [0.0, -0.26, 0.03], [0.0, 0.0, 0.25]):
+        assert not arena.holds(np.array(beyond), 0.0)
+
+
 def test_without_a_table_the_object_may_be_below_the_world_as_far_as_above():
     arena = Arena(table=None, height=0.2, table_std=(0.0, 0.0))
     for z, held in ((0.19, True), (0.21, False), (-0.15, True), (-0.19, False)):

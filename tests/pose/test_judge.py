@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 from tests.helpers.fits import made_fit, with_cameras
-from tracker import Arena, Status
-from tracker.pose import judge
+from tracker import Status
+from tracker.geometry import so3
+from tracker.pose import judge, rivals
+from tracker.pose.rivals import lead, turned_about_face
 
-GOOD = made_fit()
+GOOD, ALONE = made_fit(), made_fit(cameras=1)
 NO_EDGES = {"usable": 0.0, "inliers": 0.0, "squares": 0.0}
 NOTHING = {"agree": 0, "missing": 410, "extra": 0} | NO_EDGES
 PIECE = {"agree": 60, "missing": 350}
@@ -22,6 +24,7 @@ REFUSED = {
         Status.INCONSISTENT_VIEWS,
     ),
     "outside the arena": (dataclasses.replace(GOOD, inside=False), Status.INCONSISTENT_VIEWS),
+    "outside the arena for one camera": (dataclasses.replace(ALONE, inside=False), Status.AMBIGUOUS),
     "a few pixels of a face": (with_cameras(with_cameras(GOOD, **NOTHING), 0, **PIECE), Status.POOR_FIT),
     "no finite covariance": (
         dataclasses.replace(GOOD, covariance=np.full((6, 6), np.inf)),
@@ -47,24 +50,6 @@ def blind(fit, c, elsewhere=0):
 @pytest.mark.parametrize(("fit", "status"), REFUSED.values(), ids=REFUSED)
 def test_a_fit_is_refused_for_what_is_wrong_with_it(fit, status):
     assert judge.refusal(fit) is status
-
-
-@pytest.mark.parametrize(("cameras", "status"), [(3, Status.INCONSISTENT_VIEWS), (1, Status.AMBIGUOUS)])
-def test_an_object_below_the_table_is_refused(cameras, status):
-    fit = made_fit(cameras=cameras)
-    assert judge.refusal(fit) is None
-    arena = Arena()
-    for lowest in (0.0, arena.lowest):
-        assert judge.refusal(dataclasses.replace(fit, inside=arena.holds(fit.position, lowest))) is None
-    below = dataclasses.replace(fit, inside=arena.holds(fit.position, arena.lowest - 1e-3))
-    assert judge.refusal(below) is status
-
-
-def test_poses_far_from_the_arena_are_refused():
-    for place in ([0.3, 0.0, 0.03], [0.0, -0.26, 0.03], [0.0, 0.0, 0.25]):
-        beyond = dataclasses.replace(GOOD, inside=Arena().holds(np.array(place), 0.0))
-        assert judge.refusal(beyond) is Status.INCONSISTENT_VIEWS
-        assert not judge.settled(beyond)
 
 
 @pytest.mark.parametrize(
@@ -110,12 +95,13 @@ def test_a_rank_is_finite_for_a_fit_without_pieces():
 
 
 def test_a_clear_fit_is_sure_and_settled_and_one_camera_settles_nothing():
-    one = made_fit(cameras=1)
     assert judge.trust(GOOD) > judge.SURE
     assert judge.settled(GOOD)
-    assert judge.trust(one) > 0.95
-    assert judge.alone(one)
-    for doubtful in (one, made_fit(sure=False), dataclasses.replace(GOOD, converged=False)):
+    assert judge.trust(ALONE) > 0.95
+    assert judge.alone(ALONE)
+    assert judge.refusal(GOOD) is judge.refusal(ALONE) is None
+    unsettled = (dataclasses.replace(GOOD, **{field: False}) for field in ("converged", "inside"))
+    for doubtful in (ALONE, made_fit(sure=False), *unsettled):
         assert not judge.settled(doubtful)
 
 
@@ -190,3 +176,46 @@ def test_a_camera_in_whose_picture_the_object_is_not_has_no_say():
     assert not any(judge.contradicting(fit))
     assert judge.unanimous(fit)
     assert not any(judge.contradicting(with_cameras(fit, 2, predicted=judge.EXPECTED - 1)))
+
+
+RADIUS = 0.05
+
+
+def turned(quarters, rank):
+    """A fit at a turn by quarters, and how it ranks."""
+    rotation = so3.exp(np.array([0.0, 0.0, quarters * math.pi / 2]))
+    return dataclasses.replace(made_fit(), rotation=rotation, stands=rank)
+
+
+@pytest.fixture
+def ranked(monkeypatch):
+    monkeypatch.setattr(rivals, "rank", lambda fit: fit.stands)
+
+
+def test_a_lead_is_over_all_other_poses_together(ranked):
+    best, *others = fits = [turned(0, 5.0), turned(1, 4.0), turned(2, 4.0), turned(3, 3.0)]
+    odds = math.exp(5.0) / sum(math.exp(fit.stands) for fit in others)
+    assert lead(best, fits, RADIUS) == pytest.approx(math.log(odds))
+    assert lead(best, fits[:2], RADIUS) == pytest.approx(1.0)
+
+
+def test_the_same_pose_counts_once(ranked):
+    fits = [turned(0, 5.0), turned(0, 4.9), turned(1, 4.0), turned(1, 4.0)]
+    assert lead(fits[0], fits, RADIUS) == pytest.approx(1.0)
+    assert lead(fits[0], fits[:2], RADIUS) == math.inf
+
+
+@pytest.mark.parametrize("half", [(0.03, 0.03, 0.03), (0.01, 0.01, 0.04), (0.02, 0.03, 0.04)])
+@pytest.mark.parametrize("face", range(3))
+def test_turns_about_the_one_face_in_view_look_the_same(half, face):
+    found = list(turned_about_face(np.eye(3), np.zeros(3), np.array(half), 0.5 * np.eye(3)[face]))
+    one, other = np.delete(half, face)
+    assert len(found) == (3 if one == other else 1)
+    for rotation in found:
+        np.testing.assert_allclose(rotation[:, face], np.eye(3)[face], atol=1e-12)
+        np.testing.assert_allclose(np.abs(rotation) @ half, half, atol=1e-12)
+        assert so3.angle_between(rotation, np.eye(3)) > 1
+
+
+def test_two_faces_in_view_leave_one_turn_only():
+    assert not list(turned_about_face(np.eye(3), np.zeros(3), np.full(3, 0.03), np.array([0.4, 0.3, 0.0])))
