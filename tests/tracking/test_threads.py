@@ -38,8 +38,9 @@ def detections(one, sets, k):
 
 
 def test_detections_from_many_threads_give_the_bits_of_one_though_others_are_refused(rig, sets):
-    one = new(rig)
-    alone = [detections(one, sets, k) for k in range(THREADS)]
+    # The first ones of the tracker, too.
+    one, other = new(rig), new(rig)
+    alone = [detections(other, sets, k) for k in range(THREADS)]
 
     def work(k):
         if k < THREADS:
@@ -50,12 +51,6 @@ def test_detections_from_many_threads_give_the_bits_of_one_though_others_are_ref
         return None
 
     assert together(work, THREADS + 1) == [*alone, None]
-
-
-def test_the_first_detections_of_a_tracker_may_come_from_many_threads(rig, sets):
-    reference = [bits(new(rig).detect(images)) for images in sets]
-    one = new(rig)
-    assert together(lambda k: bits(one.detect(sets[k])), THREADS) == reference
 
 
 def test_detections_beside_updates_change_neither(rig, short, sets):
