@@ -3,11 +3,9 @@ import itertools
 import numpy as np
 import pytest
 
-import tracker
 from tests.helpers.consistency import nees, pose_error
-from tests.helpers.pushed_cube import DT, HEIGHT, MODEL, bits, image_of, new, off, play, shot, within
-from tests.tracking.conftest import has_seen, near
-from tracker import Status, TrackerError, TrackingOptions
+from tests.helpers.pushed_cube import DT, bits, has_seen, image_of, near, new, off, play, shot, within
+from tracker import Status, TrackerError
 from tracker.geometry import so3
 from tracker.inputs import check_stamps
 from tracker.pose.fit import Lag
@@ -112,7 +110,7 @@ def test_no_prediction_has_the_object_in_the_table(rig):
     for dt in np.linspace(0.0, 0.45, 10):
         found = one.predict(5 * STEP + dt)
         for pose in (found, *found.kinds):
-            assert pose.position[2] - np.abs(pose.rotation[2]) @ MODEL.size / 2 > -1e-9
+            assert pose.position[2] - np.abs(pose.rotation[2]) @ one.model.size / 2 > -1e-9
 
 
 @pytest.mark.parametrize("dt", LATER[2:6])
@@ -161,7 +159,7 @@ def test_there_is_no_prediction_before_the_object_was_seen(rig, passing):
 
 @pytest.mark.parametrize("coast", [0.1, 0.5, 2.0])
 def test_a_prediction_ends_when_coasting_does(rig, passing, coast):
-    one = tracker.ObjectTracker(MODEL, rig, tracking=TrackingOptions(coast_seconds=coast))
+    one = new(rig, coast_seconds=coast)
     play(one, passing[:3], dt=STEP)
     now = 2 * STEP
     for _ in range(2):
@@ -303,7 +301,7 @@ def test_wrong_stamps_are_named(rig, short, given, says):
 
 def gliding(seconds, speed):
     """A pose on a straight way [m/s], turned at 3 rad for each metre."""
-    place = np.array([-0.1, -0.05, HEIGHT]) + seconds * speed * np.array([0.96, 0.28, 0.0])
+    place = np.array([-0.1, -0.05, 0.0325]) + seconds * speed * np.array([0.96, 0.28, 0.0])
     return place, so3.exp([0.0, 0.0, 0.4 + 3.0 * speed * seconds])
 
 

@@ -6,8 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tests.helpers.pushed_cube import DT, all_bits, bits, new, play, shot
-from tests.tracking.conftest import has_seen
+from tests.helpers.pushed_cube import DT, bits, has_seen, new, play, shot
 from tracker.errors import ImageError, TrackerError
 
 THREADS = 4
@@ -53,12 +52,12 @@ def test_detections_from_many_threads_give_the_bits_of_one_though_others_are_ref
     assert together(work, THREADS + 1) == [*alone, None]
 
 
-def test_detections_beside_updates_change_neither(rig, short, sets):
+def test_detections_beside_updates_change_neither(rig, short, sets, reference):
     one = new(rig)
-    updates, alone = all_bits(play(new(rig), short)), detections(one, sets, 0)
+    updates, alone = bits(*reference[:8]), detections(one, sets, 0)
 
     def work(k):
-        return detections(one, sets, 0) if k else all_bits(play(one, short))
+        return detections(one, sets, 0) if k else bits(*play(one, short))
 
     assert together(work, THREADS) == [updates, *[alone] * (THREADS - 1)]
 
@@ -84,9 +83,8 @@ def updating(one, images, monkeypatch):
 
 
 @pytest.mark.parametrize("second", ["update", "same stamp", "reset"])
-def test_a_second_caller_is_refused_and_changes_nothing(rig, short, second, monkeypatch):
-    one, answers = new(rig), all_bits(play(new(rig), short))
-    assert bits(one.update(short[0], 0.0)) == answers[0]
+def test_a_second_caller_is_refused_and_changes_nothing(rig, short, reference, second, monkeypatch):
+    one = has_seen(rig, short[:1])
     calls = {
         "update": lambda: one.update(short[2], 2 * DT),
         "same stamp": lambda: one.update(short[0], 0.0),
@@ -96,8 +94,7 @@ def test_a_second_caller_is_refused_and_changes_nothing(rig, short, second, monk
         with pytest.raises(TrackerError, match="another call") as error:
             calls[second]()
         assert "\n" not in str(error.value)
-    assert bits(first.result()) == answers[1]
-    assert all_bits(one.update(short[k], DT * k) for k in range(2, 8)) == answers[2:]
+    assert bits(first.result(), *play(one, short[2:], first=2)) == bits(*reference[1:8])
 
 
 def test_detection_and_prediction_do_not_wait_for_an_update(rig, short, sets, monkeypatch):
@@ -113,8 +110,8 @@ def test_detection_and_prediction_do_not_wait_for_an_update(rig, short, sets, mo
     assert meanwhile.covariance.tobytes() == expected.covariance.tobytes()
 
 
-def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, short):
-    one, answer = new(rig), bits(new(rig).update(short[0], 0.0))
+def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, short, reference):
+    one, answer = new(rig), bits(reference[0])
 
     def work(_):
         try:
@@ -138,27 +135,27 @@ copies = pytest.mark.parametrize("copied", [pickled, copy.deepcopy])
 def test_a_copy_answers_as_the_tracker_would(rig, short, sets, copied):
     one = has_seen(rig, short[:4])
     other = copied(one)
-    assert [bits(other.detect(images)) for images in sets] == [bits(one.detect(images)) for images in sets]
+    assert bits(*map(other.detect, sets)) == bits(*map(one.detect, sets))
     # The same stamp is known to both.
     assert bits(other.update(sets[3], 3 * DT)) == bits(one.update(sets[3], 3 * DT))
-    assert all_bits(play(other, short[4:], start=4 * DT)) == all_bits(play(one, short[4:], start=4 * DT))
+    assert bits(*play(other, short[4:], first=4)) == bits(*play(one, short[4:], first=4))
 
 
 @copies
-def test_what_a_copy_sees_does_not_change_the_tracker(rig, short, copied):
-    one, answers = has_seen(rig, short[:3]), play(new(rig), short[:6])
+def test_what_a_copy_sees_does_not_change_the_tracker(rig, short, reference, copied):
+    one = has_seen(rig, short[:3])
     other = copied(one)
-    play(other, short[:2:-1], start=3 * DT)
+    play(other, short[:2:-1], first=3)
     other.reset()
-    assert all_bits(one.update(short[k], DT * k) for k in range(3, 6)) == all_bits(answers[3:])
+    assert bits(*play(one, short[3:6], first=3)) == bits(*reference[3:6])
 
 
 @copies
-def test_a_copy_made_during_an_update_is_free(rig, short, copied):
-    one, answers = new(rig), all_bits(play(new(rig), short[:2]))
-    one.update(short[0], 0.0)
+def test_a_copy_made_during_an_update_is_free(rig, short, reference, copied):
+    one = has_seen(rig, short[:1])
     with one._gate:
         other = copied(one)
-        assert bits(other.update(short[1], DT)) == answers[1] != bits(new(rig).update(short[1], DT))
+        found = bits(other.update(short[1], DT))
+        assert found == bits(reference[1]) != bits(new(rig).update(short[1], DT))
         with pytest.raises(TrackerError, match="another call"):
             one.update(short[1], DT)
