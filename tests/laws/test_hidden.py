@@ -5,6 +5,7 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from tests.helpers.kept_stills import bare
+from tests.helpers.pushed_cube import bits
 from tracker.errors import ImageError
 
 MODEL = tracker.load_object("cube_v2")
@@ -25,18 +26,13 @@ def upper(truth):
     return [np.tile(np.arange(270)[:, None] < row, (1, 270)) for row in rows]
 
 
-def bits(pose):
-    return [pose.position.tobytes(), pose.orientation.tobytes(), pose.covariance.tobytes(), pose.confidence]
-
-
 @pytest.mark.parametrize("hidden", [[None] * 3, [np.zeros(SHAPE, bool)] * 3, dict.fromkeys(RIG.names)])
 def test_masks_of_nothing_change_no_bit(truth, hidden):
     seen = []
     for masks in (None, hidden):
         TRACKER.reset()
         answers = [TRACKER.update(truth.images, 0.1 * k, masks) for k in range(3)]
-        detected = TRACKER.detect(truth.images, masks).object_pose
-        seen.append([bits(detected), bits(answers[-1].filtered_object_pose)])
+        seen.append(bits(*answers, TRACKER.detect(truth.images, masks)))
     assert seen[0] == seen[1]
 
 
