@@ -3,7 +3,7 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers import apart, within
+from tests.helpers import apart, exposed, within
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene, scene_with_fingers
 from tracker.errors import ImageError
@@ -61,16 +61,12 @@ def test_poses_of_rendered_scenes_are_accurate_and_a_sure_pose_is_right(scenes, 
         assert within(poses[name][k], scenes[name][k], 5e-3, 5)
 
 
-def as_picture(image: np.ndarray) -> np.ndarray:
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
-
-
 @pytest.mark.parametrize("name", OBJECTS)
 def test_loud_images_are_enough(trackers, scenes, clear, name):
     rng = np.random.default_rng(6)
     for k in clear[name]:
         truth = scenes[name][k]
-        loud = [as_picture(image + rng.normal(0, 8, image.shape)) for image in truth.images]
+        loud = [exposed(image + rng.normal(0, 8, image.shape)) for image in truth.images]
         assert within(trackers[name].detect(loud).object_pose, truth, 0.5e-3, 2)
 
 
@@ -93,7 +89,7 @@ def test_gains_and_exposure_do_not_move_the_pose(trackers, scenes, poses):
     rng = np.random.default_rng(3)
     for _ in range(5):
         gains = rng.uniform(0.8, 1.2, (3, 3)) * rng.uniform(0.6, 1.4, (3, 1))
-        changed = [as_picture(i * g) for i, g in zip(scenes["cube_v2"][0].images, gains, strict=True)]
+        changed = [exposed(i, g) for i, g in zip(scenes["cube_v2"][0].images, gains, strict=True)]
         pose = trackers["cube_v2"].detect(changed).object_pose
         assert within(pose, poses["cube_v2"][0], 0.1e-3, 0.15)
 

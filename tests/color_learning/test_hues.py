@@ -5,6 +5,7 @@ import pytest
 from scipy.ndimage import zoom
 
 import tracker
+from tests.helpers import exposed
 from tracker.color_learning.hues import (
     LIGHT,
     NAMED_HUES,
@@ -97,7 +98,7 @@ def test_paints_are_those_of_neutral_light():
     scene[labels == 1], scene[labels == 3] = RED, BLUE
     scene += rng.normal(0, 1.5, scene.shape)
     tinted = np.clip(scene * [0.8, 1.0, 1.2], 0, 249)
-    shown = [paints([LabelledImage("one", np.rint(one).astype(np.uint8), labels)]) for one in (scene, tinted)]
+    shown = [paints([LabelledImage("one", exposed(one), labels)]) for one in (scene, tinted)]
     for label in (1, 3):
         assert np.allclose(shown[0].means()[label], shown[1].means()[label], atol=6)
     assert np.allclose(shown[1].light, [0.8 / 1.2, 1 / 1.2, 1], atol=0.03)

@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.helpers import exposed
 from tests.helpers.stated_sizes import KINDS, encoded, of_size
 from tracker.color_learning.fit import FitOptions, combine, image_histograms
 from tracker.color_learning.labelled import LabelledImage, intersection_over_union, read_image, read_labelled
@@ -38,8 +39,7 @@ def labelled_image(seed: int, light=(1.0, 1.0, 1.0)) -> LabelledImage:
         square = slice(row, row + 36), slice(column, column + 36)
         image[square] = np.array(FACE_BGR[COLOR_NAMES[label]]) * rng.uniform(0.85, 1.15)
         labels[square] = label
-    image = image * light + rng.normal(0, 3, image.shape)
-    return LabelledImage(f"scene{seed}", np.clip(np.rint(image), 0, 255).astype(np.uint8), labels)
+    return LabelledImage(f"scene{seed}", exposed(image * light + rng.normal(0, 3, image.shape)), labels)
 
 
 def fitted(seeds=(0, 1, 2), options=OPTIONS):

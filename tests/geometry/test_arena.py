@@ -90,21 +90,16 @@ def test_every_arena_survives_its_file(tmp_path_factory, arena):
     assert read_arena(folder) == arena
 
 
-def test_a_rig_is_saved_and_loaded_with_its_arena(tmp_path):
-    make_rig().save(tmp_path)
-    assert CameraRig.load(tmp_path).arena == ELSEWHERE
-    assert CameraRig.load(tmp_path, pattern="*60.yml").arena == ELSEWHERE
-    assert CameraRig.load(tmp_path / "camera60.yml").arena == ELSEWHERE
-    assert CameraRig.load([tmp_path / "camera180.yml", tmp_path / "camera60.yml"]).arena == ELSEWHERE
-
-
-def test_a_folder_saved_again_keeps_no_arena_of_old(tmp_path):
+def test_a_rig_is_saved_and_loaded_with_its_arena_and_a_folder_saved_again_keeps_none_of_old(tmp_path):
     platform = Arena((0.0, 0.0), 0.235, 0.185, 0.0, (0.008, 0.017))
     assert CameraRig((make_camera(60),)).arena == platform == tracker.Arena()
     for arena in (ELSEWHERE, Arena(radius=0.1), Arena(), ELSEWHERE):
         make_rig(arena).save(tmp_path)
         assert CameraRig.load(tmp_path).arena == arena
         assert (tmp_path / ARENA_FILE).exists() == (arena != Arena())
+    assert CameraRig.load(tmp_path, pattern="*60.yml").arena == ELSEWHERE
+    assert CameraRig.load(tmp_path / "camera60.yml").arena == ELSEWHERE
+    assert CameraRig.load([tmp_path / "camera180.yml", tmp_path / "camera60.yml"]).arena == ELSEWHERE
     (tmp_path / ARENA_FILE).write_text("table = 1  # m\n")
     assert CameraRig.load(tmp_path).arena == Arena(table=1.0)
     make_rig().save(tmp_path / "b")

@@ -124,6 +124,15 @@ def within(one: Any, other: Any, metres: float, degrees: float) -> bool:
     return shift < metres and turn < np.radians(degrees)
 
 
+BAYER = [cv2.COLOR_BAYER_BG2BGR, cv2.COLOR_BAYER_GB2BGR, cv2.COLOR_BAYER_GR2BGR, cv2.COLOR_BAYER_RG2BGR]
+"""Interpolations of mosaics whose red pixels are those of the phases 0 to 3."""
+
+
+def exposed(levels: Array, gains: Array | float = 1.0) -> Image:
+    """The image (H, W, 3) of levels of light, after a gain for each channel."""
+    return np.clip(np.rint(levels * np.asarray(gains)), 0, 255).astype(np.uint8)
+
+
 def sight_of(tracker: ObjectTracker, images: Sequence[Image]) -> Sight:
     """What a tracker's estimator is given of its cameras' images."""
     return tracker._estimator.reader(images)

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tests.helpers import exposed
 from tests.helpers.log_writers import write_picture
 from tracker import Camera, CameraRig
 from tracker.calibration.board.board import Board, Page, page_image
@@ -84,7 +85,7 @@ def photo(pose: FloatArray, rng: np.random.Generator, *, board: Board = BOARD, b
     fine = np.where(rays[..., 2] * start[2] < 0, fine, 110)
     image = fine.reshape(LENS.height, OFTEN, LENS.width, OFTEN).mean(axis=(1, 3)) * 0.75 + 20
     image = cv2.GaussianBlur(image, (0, 0), blur) + rng.normal(0, 1.5, image.shape)
-    return np.repeat(np.clip(np.rint(image), 0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
+    return np.repeat(exposed(image)[:, :, None], 3, axis=2)
 
 
 def write_photos(

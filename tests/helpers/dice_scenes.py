@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from synthetic.camera.rigs import default_cameras
-from tests.helpers import opencv_pixels
+from tests.helpers import exposed, opencv_pixels
 from tracker import Camera, CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import cuboid, so3
@@ -49,7 +49,7 @@ def painted(camera: Camera, dice: FloatArray, rng: np.random.Generator | None = 
     if rng is not None:
         image = image + rng.normal(0, 2, image.shape)
     small = cv2.resize(mask, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8), np.where(small >= 128, 255, 0).astype(np.uint8)
+    return exposed(image), np.where(small >= 128, 255, 0).astype(np.uint8)
 
 
 def _paint(camera: Camera, die: FloatArray, image: FloatArray, mask: Image) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers import LENSES, within
+from tests.helpers import LENSES, exposed, within
 from tests.helpers.fits import deviation
 from tests.helpers.kept_stills import bare, take
 from tracker.geometry import so3
@@ -224,7 +224,7 @@ def ramp(image, blue, red):
     factors = np.ones(image.shape)
     factors[..., 0] += blue * np.linspace(-1.0, 1.0, image.shape[1])
     factors[..., 2] += red * np.linspace(-1.0, 1.0, image.shape[0])[:, None]
-    return np.clip(np.rint(image * factors), 0, 255).astype(np.uint8)
+    return exposed(image, factors)
 
 
 @functools.cache

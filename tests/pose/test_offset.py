@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from tests.helpers import BAYER
 from tracker.pose import edge_fit
 from tracker.pose.edge_fit import OFFSET
 from tracker.pose.edge_model import scratch
@@ -101,10 +102,6 @@ def test_offset_converges_to_the_true_edge(degrees, blur):
         for _ in range(4):
             predicted += np.median(measure(image, pieces(degrees, predicted), blur)["offset"])
         assert abs(predicted - edge) < 0.01
-
-
-BAYER = [cv2.COLOR_BAYER_BG2BGR, cv2.COLOR_BAYER_GB2BGR, cv2.COLOR_BAYER_GR2BGR, cv2.COLOR_BAYER_RG2BGR]
-"""Interpolations of mosaics whose red pixels are those of the phases 0 to 3."""
 
 
 def interpolated(image, red=0):

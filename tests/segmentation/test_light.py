@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tracker
+from tests.helpers import BAYER, exposed
 from tracker.segmentation.labels import look_up
 from tracker.segmentation.light import (
     BRIGHTNESS_RANK,
@@ -18,10 +19,6 @@ from tracker.segmentation.light import (
 from tracker.segmentation.sensor import LOUD, NO_MOSAIC, calmed, find_mosaic, noise_level
 
 SIZE = 135
-
-
-def exposed(image, gains=(1.0, 1.0, 1.0)):
-    return np.clip(np.rint(image * np.asarray(gains)), 0, 255).astype(np.uint8)
 
 
 def greys(seed):
@@ -215,9 +212,6 @@ def test_loud_images_become_quieter_and_keep_their_edges(rng, sigma):
     for column, own in ((79, left), (80, right)):
         seen = after[70:130, column].mean(axis=0)
         assert (np.abs(seen - own) < 0.25 * np.abs(left - right)).all()
-
-
-BAYER = [cv2.COLOR_BAYER_BG2BGR, cv2.COLOR_BAYER_GB2BGR, cv2.COLOR_BAYER_GR2BGR, cv2.COLOR_BAYER_RG2BGR]
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import pytest
 import tracker
 from scripts import fit_shipped_colors
 from scripts.fit_shipped_colors import OBJECTS, SIMULATION_RGB, object_model
-from tests.segmentation.test_light import exposed
+from tests.helpers import exposed
 from tracker.color_learning.fit import FitOptions
 from tracker.color_learning.labelled import intersection_over_union
 from tracker.objects.labels import COLOR_NAMES

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from synthetic.camera.sensor import Sensor
+from tests.helpers import exposed
 from tests.helpers.pushed_cube import DT, bits, has_seen, honest, near, new, play, pose_at, shot, within
 from tracker import Status
 from tracker.geometry import so3
@@ -168,10 +169,7 @@ def test_an_object_that_returns_elsewhere_is_followed_within_two_images(rig, fil
 
 
 def test_a_sudden_change_of_light_does_no_harm(rig, film):
-    lit = [
-        [np.clip(np.rint(image * (0.6, 0.75, 0.9)), 0, 255).astype(np.uint8) for image in images]
-        for images in film[7:]
-    ]
+    lit = [[exposed(image, (0.6, 0.75, 0.9)) for image in images] for images in film[7:]]
     for k, one in enumerate(play(new(rig), film[:7] + lit)):
         assert near(one, pose_at(DT * k)), k
 
