@@ -9,7 +9,7 @@ from benchmarks.measure.recorded import inside_distances, light_changes
 from tracker.color_learning.labelled import intersection_over_union, read_labelled
 
 
-@pytest.fixture(params=POSED)
+@pytest.fixture(scope="module", params=POSED)
 def posed(real: Path, request: pytest.FixtureRequest):
     """Tracker and labelled images of a triplet, the calibration of halved images corrected."""
     return triplet(real, request.param, corrected=request.param == "cuboid_2x2x8_v2")
