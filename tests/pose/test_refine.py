@@ -87,16 +87,6 @@ def test_a_start_is_left_as_it_was_and_what_was_refined_before_does_not_matter(t
         np.testing.assert_array_equal(getattr(again, key), getattr(first, key))
 
 
-def test_a_camera_without_image_is_counted_nowhere(trackers, scenes):
-    images = [*scenes["cube_v2"][0].images]
-    images[1] = None
-    fit = trackers["cube_v2"].fit(images)
-    pieces = ("expected", "usable", "inliers", "squares")
-    for name in (*pieces, "predicted", "agree", "missing", "wrong", "extra"):
-        assert fit.cameras[name][1] == 0
-        assert name not in pieces or (fit.cameras[name][[0, 2]] > 0).all()
-
-
 def blurred(one, truth, sigma):
     return one.fit([cv2.GaussianBlur(image, (0, 0), sigma) for image in truth.images])
 

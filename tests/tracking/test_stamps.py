@@ -171,10 +171,10 @@ def test_a_prediction_ends_when_coasting_does(rig, passing, coast):
         one.update([None] * 3, now + 0.5 * coast)
 
 
-@pytest.mark.parametrize("kind", [list, tuple, np.array])
-def test_the_same_stamp_for_every_camera_is_one_stamp(rig, passing, reference, kind):
+def test_the_same_stamp_for_every_camera_is_one_stamp(rig, passing, reference):
     one = new(rig)
     for k, images in enumerate(passing):
+        kind = (list, tuple, np.array)[k % 3]
         assert bits(one.update(images, kind([STEP * k] * 3))) == bits(reference[k])
 
 
