@@ -6,7 +6,7 @@ import pytest
 import tracker
 from benchmarks.data.recorded import POSED, labelled_images, triplet
 from benchmarks.measure.recorded import inside_distances, light_changes
-from tracker.color_learning.labelled import intersection_over_union, read_labelled
+from tracker.color_learning.labelled import intersection_over_union
 
 
 @pytest.fixture(scope="module", params=POSED)
@@ -36,18 +36,14 @@ def test_changed_light_does_not_move_the_pose(posed):
     assert near >= 0.98 * draws
 
 
-@pytest.mark.parametrize(("name", "least"), [("cube_v1", 0.90), ("cube_v2", 0.90), ("cube_v3", 0.88)])
-def test_segmentation_agrees_with_hand_made_masks(real, name, least):
+@pytest.mark.parametrize(
+    ("name", "mean", "least"),
+    [("cube_v1", 0.90, 0.5), ("cube_v2", 0.90, 0.5), ("cube_v3", 0.88, 0.5), ("cuboid_2x2x8_v2", 0.75, 0.4)],
+)
+def test_segmentation_agrees_with_hand_made_masks(real, name, mean, least):
     images = labelled_images(real, name)
     colors = tracker.load_colors(name)
     scores = [intersection_over_union(tracker.segment(i.image, colors), i.labels) for i in images]
     values = [value for score in scores for value in score.values()]
-    assert np.mean(values) >= least
-    assert min(values) > 0.5
-
-
-def test_every_face_of_the_cuboid_is_found(real):
-    colors = tracker.load_colors("cuboid_2x2x8_v2")
-    for image in read_labelled(real / "pose" / "cuboid_2x2x8_v2"):
-        scores = intersection_over_union(tracker.segment(image.image, colors), image.labels)
-        assert min(scores.values()) > 0.4
+    assert np.mean(values) >= mean
+    assert min(values) > least
