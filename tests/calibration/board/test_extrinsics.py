@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 
 import cv2
 import numpy as np
@@ -207,10 +206,8 @@ TWICE_AS_LARGE = dataclasses.replace(sightings(13)[3], size=(720, 540))
         (lambda: sightings(12), Board(5, 9, 0.04, 0.03), "no more than 5x7 squares .* expected 5x9"),
         (lambda: [*sightings(13), TWICE_AS_LARGE], BOARD, r"photo \d+ of 360x270 px, photo 3 of 720x540 px"),
         (lambda: sightings(14, lenses=(LENS, OTHER)), BOARD, r"photos left out miss by .* not of one camera"),
-        *[
-            (functools.partial(sightings, 11, 8, tilt=tilt), BOARD, "too alike; tilt the board")
-            for tilt in (0.0, 0.02, 0.2)
-        ],
+        (lambda: sightings(11, 8, tilt=0.0), BOARD, "too alike; tilt the board"),
+        (lambda: sightings(12, 8, tilt=0.2), BOARD, "too alike; tilt the board"),
     ],
 )
 def test_photos_that_give_no_lens_are_refused_with_the_reason(photos, board, words):

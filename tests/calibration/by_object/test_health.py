@@ -69,18 +69,19 @@ def test_what_is_beyond_its_limit_in_some_frames_is_named_with_the_camera(well):
     assert line.startswith("camera300: brightness")
 
 
-def test_a_camera_that_was_moved_disagrees_and_the_page_says_so(film, rig, well, text):
+def test_a_camera_that_was_moved_disagrees_and_a_complaint_says_so(film, rig, well):
     cameras = (rig[0], moved(rig[1], np.zeros(3), np.array([0.02, 0.0, 0.015])), rig[2])
     ill = measured(film, tracker.CameraRig(cameras, rig.arena))
     assert np.nanmedian(ill.values["disagreement"][:, 1]) > QUANTITIES["disagreement"].limits[1]
     assert np.nanmedian(well.values["disagreement"][:, 1]) < 2.0
     assert ill.check is not None
     assert not ill.check.fits
-    assert "calibration does not fit" in page(ill, "film")
-    assert "calibration does not fit" not in text
+    assert "calibration does not fit" in "\n".join(ill.complaints())
+    assert "calibration does not fit" not in "\n".join(well.complaints())
 
 
-def test_a_page_needs_no_other_file_and_escapes_what_it_is_given(text):
+def test_a_page_has_the_complaints_needs_no_other_file_and_escapes_what_it_is_given(well, text):
+    assert all(f'<li class="bad">{line}</li>' in text for line in well.complaints())
     assert "&lt;film&gt; &amp; co" in text
     assert text.count("data:image/png;base64,") == len(QUANTITIES) + 1
     assert not re.search(r'(src|href)="(?!data:)', text)
