@@ -1,5 +1,4 @@
 import dataclasses
-import signal
 from types import SimpleNamespace
 
 import h5py
@@ -7,7 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import LENSES, ROOT, run_python
+from tests.helpers import LENSES, run_python
 from tests.helpers.log_writers import CAMERAS, make_content
 from tests.helpers.reading import frames_of
 from tests.helpers.recording_stubs import tiny_rig
@@ -106,30 +105,64 @@ def test_a_colour_image_keeps_what_the_mosaic_measures(rng, tmp_path):
     assert frame.recorded_pose is None
 
 
-BEGIN = """
+ENDINGS = """
 import os, resource, signal, sys
 from tests.helpers.log_writers import make_content
 from tests.helpers.recording_stubs import tiny_rig
 from tracker.errors import LogError
 from tracker.logs import hdf5_writer
-from tracker.logs.hdf5_writer import Hdf5LogWriter
+from tracker.logs.hdf5_writer import Disk, Hdf5LogWriter
+
+os.chdir(sys.argv[1])
 content = make_content(25)
-"""
-KILLED = (
-    BEGIN
-    + """
-writer = Hdf5LogWriter(sys.argv[1], tiny_rig(), flush_every=10)
-for raw, stamp in zip(content.raw, content.stamps):
-    writer.append(list(raw), stamp)
+
+def fill(writer):
+    for raw, stamp in zip(content.raw, content.stamps):
+        writer.append(list(raw), stamp)
+
+for size in (0, 3000, 40_000, 50_000, 60_000):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, -1))  # no file may be longer
+    writer = ()
+    try:
+        with Hdf5LogWriter(f"{size}.h5", tiny_rig(), flush_every=5, name="there.h5") as writer:
+            fill(writer)
+    except LogError as error:
+        print(size, len(writer), error, flush=True)
+resource.setrlimit(resource.RLIMIT_FSIZE, (-1, -1))
+
+class Asked(Disk):
+    def write(self, data):
+        if len(writer) == 3:
+            os.kill(os.getpid(), number)
+        return super().write(data)
+
+hdf5_writer.Disk = Asked
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.default_int_handler)
+    writer = ()
+    try:
+        with Hdf5LogWriter(f"{number.name}.h5", tiny_rig(), flush_every=1) as writer:
+            fill(writer)
+    except KeyboardInterrupt:
+        print(number.name, len(writer), flush=True)
+
+hdf5_writer.Disk = Disk
+fill(Hdf5LogWriter("killed.h5", tiny_rig(), flush_every=10))
 os._exit(1)
 """
-)
 
 
-def test_what_was_flushed_survives_the_process(tmp_path):
-    assert run_python(["-c", KILLED, tmp_path / "log.h5"], ROOT).returncode == 1
-    content = make_content(25)
-    frames = frames_of(tmp_path / "log.h5", recover=True)
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """A folder of logs that ended early, in a process that the library may end, and what it printed."""
+    folder = tmp_path_factory.mktemp("ended")
+    result = run_python(["-c", ENDINGS, folder])
+    assert (result.returncode, result.stderr) == (1, "")
+    return folder, dict(line.split(" ", 1) for line in result.stdout.splitlines())
+
+
+def test_what_was_flushed_survives_the_process(ended):
+    content, frames = make_content(25), frames_of(ended[0] / "killed.h5", recover=True)
     assert len(frames) >= 20
     for frame in frames[:20]:
         assert (np.array(frame.raw) == content.raw[frame.index]).all()
@@ -222,66 +255,22 @@ def test_all_that_a_log_of_the_platform_has_is_there_in_its_type_and_shape(real,
     assert len(compared) == 4 + 3 * 3 + 4
 
 
-FULL = (
-    BEGIN
-    + """
-for size in sys.argv[2:]:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), -1))  # no file may be longer
-    done = 0
-    try:
-        with Hdf5LogWriter(f"{sys.argv[1]}/{size}.h5", tiny_rig(), flush_every=5, name="there.h5") as writer:
-            for raw, stamp in zip(content.raw, content.stamps):
-                writer.append(list(raw), stamp)
-                done += 1
-    except LogError as error:
-        print(size, done, error)
-"""
-)
-
-
-def test_a_full_disk_is_reported_and_what_was_flushed_before_stays(tmp_path):
-    """In a process of its own: the HDF5 library ends it where a disk refuses something."""
-    result = run_python(["-c", FULL, tmp_path, 0, 3000, 40_000, 50_000, 60_000], check=True)
-    assert result.stderr == ""
+def test_a_full_disk_is_reported_and_what_was_flushed_before_stays(ended):
+    folder, printed = ended
     flushed = []
-    for line in result.stdout.splitlines():
-        size, done, answer = line.split(" ", 2)
+    for size in ("0", "3000", "40000", "50000", "60000"):
+        written, answer = printed[size].split(" ", 1)
         assert answer == "there.h5: cannot be written: File too large"
-        flushed.append(int(done) - int(done) % 5)
+        flushed.append(int(written) - int(written) % 5)
         if flushed[-1]:
-            frames = frames_of(tmp_path / f"{size}.h5", recover=True)
+            frames = frames_of(folder / f"{size}.h5", recover=True)
             assert [frame.index for frame in frames] == list(range(flushed[-1]))
     assert flushed[:2] == [0, 0]
     assert flushed[-1] >= 10
 
 
-INTERRUPTED = (
-    BEGIN
-    + """
-class Asked(hdf5_writer.Disk):
-    def write(self, data):
-        if len(writer) == 3:
-            os.kill(os.getpid(), number)
-        return super().write(data)
-
-hdf5_writer.Disk = Asked
-for number in map(int, sys.argv[2:]):
-    signal.signal(number, signal.default_int_handler)
-    writer = ()
-    try:
-        with Hdf5LogWriter(f"{sys.argv[1]}/{number}.h5", tiny_rig(), flush_every=1) as writer:
-            for raw, stamp in zip(content.raw, content.stamps):
-                writer.append(list(raw), stamp)
-    except KeyboardInterrupt:
-        print(len(writer))
-"""
-)
-
-
-def test_an_interrupt_waits_until_a_frame_is_written(tmp_path):
-    """In a process of its own: the HDF5 library ends it where it is interrupted."""
-    numbers = list(map(int, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)))
-    result = run_python(["-c", INTERRUPTED, tmp_path, *numbers])
-    assert (result.stdout, result.stderr, result.returncode) == ("4\n4\n4\n", "", 0)
-    for number in numbers:
-        assert len(frames_of(tmp_path / f"{number}.h5")) == 4
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_an_interrupt_waits_until_a_frame_is_written(number, ended):
+    folder, printed = ended
+    assert printed[number] == "4"
+    assert len(frames_of(folder / f"{number}.h5")) == 4
