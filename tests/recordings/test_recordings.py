@@ -29,7 +29,7 @@ from tracker.recordings import Options, run, track
 from tracker.recordings.track import fingerprint
 from tracker.summaries.summary import summary
 
-FRAMES = 100
+FRAMES = 50
 
 
 @pytest.fixture(scope="module")
@@ -38,17 +38,15 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def expected(log, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def expected(log, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file of poses that one process writes in one go."""
     output = tmp_path_factory.mktemp("expected") / "poses.h5"
     run(make_job(log, output))
-    return output.read_bytes()
+    return output
 
 
-def test_every_frame_is_there_once_as_a_loop_of_ones_own_has_it(log, expected, tmp_path):
-    (tmp_path / "poses.h5").write_bytes(expected)
-    poses, mine = read_poses(tmp_path / "poses.h5"), NoiseTracker()
-    frames = frames_of(log)
+def test_every_frame_is_there_once_as_a_loop_of_ones_own_has_it(log, expected):
+    poses, mine, frames = read_poses(expected), NoiseTracker(), frames_of(log)
     assert poses.index.tolist() == list(range(FRAMES))
     assert poses.timestamp.tolist() == [frame.timestamp for frame in frames]
     assert poses.recorded is not None
@@ -59,13 +57,11 @@ def test_every_frame_is_there_once_as_a_loop_of_ones_own_has_it(log, expected, t
 
 
 def test_a_log_that_has_to_be_read_through_gives_the_same(expected, tmp_path):
-    packed = write_log(tmp_path / "packed", FRAMES, packed=True)
-    (tmp_path / "plain.h5").write_bytes(expected)
+    packed, plain = write_log(tmp_path / "packed", FRAMES, packed=True), read_poses(expected)
     done: list[int] = []
     result = run(make_job(packed, tmp_path / "poses.h5"), done.append)
     assert sum(done) == result.new == result.expected == FRAMES
-    about = read_poses(tmp_path / "plain.h5").about
-    assert_same(dataclasses.replace(result.poses, about=about), read_poses(tmp_path / "plain.h5"))
+    assert_same(dataclasses.replace(result.poses, about=plain.about), plain)
 
 
 def test_what_is_whole_is_not_tracked_again(log, expected, tmp_path):
@@ -77,22 +73,22 @@ def test_what_is_whole_is_not_tracked_again(log, expected, tmp_path):
     assert (again.new, again.expected, sum(done)) == (0, FRAMES, FRAMES)
     assert_same(first.poses, again.poses)
     assert job.output.stat().st_mtime_ns == 0
-    assert job.output.read_bytes() == expected
+    assert job.output.read_bytes() == expected.read_bytes()
     assert os.listdir(tmp_path) == ["poses.h5"]
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "emptied", "removed", "of another job"])
 def test_what_is_not_whole_or_of_another_job_is_tracked_again(damage, log, expected, tmp_path):
-    job = make_job(log, tmp_path / "poses.h5")
-    changed = bytearray(expected)
-    changed[len(expected) // 2] ^= 1
-    content = {"cut": expected[:-100], "changed": bytes(changed), "emptied": b""}.get(damage)
+    job, whole = make_job(log, tmp_path / "poses.h5"), expected.read_bytes()
+    changed = bytearray(whole)
+    changed[len(whole) // 2] ^= 1
+    content = {"cut": whole[:-100], "changed": bytes(changed), "emptied": b""}.get(damage)
     if content is not None:
         job.output.write_bytes(content)
     if damage == "of another job":
         run(make_job(log, job.output, model=tracker.load_object("cube_v1")))
     assert run(job).new == FRAMES
-    assert job.output.read_bytes() == expected
+    assert job.output.read_bytes() == whole
 
 
 def test_the_poses_can_be_had_without_a_file(tmp_path):
@@ -241,12 +237,12 @@ def test_a_log_without_frames_gives_no_poses(tmp_path):
 
 
 def test_memory_ends_where_an_episode_starts(log, tmp_path, monkeypatch):
-    monkeypatch.setattr(tracker.logs.Log, "episode_starts", (0, 7, 40, 90))
+    monkeypatch.setattr(tracker.logs.Log, "episode_starts", (0, 7, 20, 45))
     run(make_job(log, tmp_path / "poses.h5"))
     poses = read_poses(tmp_path / "poses.h5")
     same = (poses.filtered.position == poses.measured.position).all(axis=1)
     fresh = np.flatnonzero(same & poses.measured.has_pose)
-    assert set(fresh) <= {0, 7, 40, 90}
+    assert set(fresh) <= {0, 7, 20, 45}
     assert 7 in fresh or not poses.measured.has_pose[7]
 
 
@@ -259,7 +255,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path):
 
     peak(2)
     # A frame's images are 8 kB in colour, its poses 1 kB.
-    assert peak(500) < peak(100) + 400 * 4000
+    assert peak(200) < peak(50) + 150 * 4000
 
 
 @pytest.fixture
@@ -271,11 +267,11 @@ def read_only(tmp_path) -> Path:
 
 
 def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
-    for name, frames in (("a", 5), ("b", 300), ("c", 6)):
+    for name, frames in (("a", 5), ("b", 150), ("c", 6)):
         write_log(tmp_path / "in" / name, frames)
     options = Options("cube_v2", make_tracker=NoiseTracker)
     one, results = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
-    with no_file_longer_than(30_000):
+    with no_file_longer_than(20_000):
         run_batch(one.work(), lambda: contextlib.nullcontext(here), results.append)
     reasons = [result["failure"] and result["failure"].split(": ", 1)[1] for result in results]
     assert reasons == [None, "cannot be written: File too large", None]
@@ -306,10 +302,9 @@ NEW = "log.h5", "folder"
 @pytest.fixture
 def whole(tmp_path, name) -> tuple:
     if name == "poses.parquet":
-        pytest.importorskip("pyarrow", reason="Parquet: no module pyarrow")
-    log = open_log(write_native(tmp_path / "log", make_content(4)))
-    yield random_poses(np.random.default_rng(0), 400), log
-    log.close()
+        pytest.importorskip("pyarrow", reason="cluster: no module pyarrow")
+    with open_log(write_native(tmp_path / "log", make_content(4))) as log:
+        yield random_poses(np.random.default_rng(0), 50), log
 
 
 @pytest.mark.parametrize("name", WRITERS)
