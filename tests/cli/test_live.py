@@ -87,8 +87,6 @@ def test_it_ends_on_request(recording, live):
 def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
     number, code, recording, tmp_path, live, monkeypatch
 ):
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-
     def ask(_: float) -> None:
         time.sleep(0.3)
         os.kill(os.getpid(), number)
@@ -96,9 +94,7 @@ def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
 
     clock = SimpleNamespace(monotonic=time.monotonic, sleep=ask)
     monkeypatch.setattr("tracker.cli.live.time", clock)
-
     result = live(recording, "--speed", "0.1", "--record", tmp_path / "log.h5")
-    signal.signal(signal.SIGINT, before)
     assert result.returncode == code
     assert ("sets of images" in result.stdout) == (number == signal.SIGINT)
     with tracker.open_log(tmp_path / "log.h5") as log:

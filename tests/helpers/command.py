@@ -1,7 +1,6 @@
 """The command `tracker`, run or begun and not waited for, and what it says of faults."""
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -49,8 +48,6 @@ def begin(*arguments: object) -> subprocess.Popen[bytes]:
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
-        # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 
