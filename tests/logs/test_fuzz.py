@@ -29,7 +29,7 @@ from tracker.objects.model import load_object, to_toml
 from tracker.poses.file import write_poses
 from tracker.viz import write_film
 
-VARIANTS = int(os.environ.get("FUZZ_VARIANTS", "24"))
+VARIANTS = int(os.environ.get("FUZZ_VARIANTS", "16"))
 """Of each file; whole multiples of 8 have every kind of damage as often."""
 
 OF_USERS = ("bmp", "tiff", "webp")

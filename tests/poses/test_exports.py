@@ -2,7 +2,7 @@ import csv
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.helpers.pose_logs import answer, make_about, random_pose, random_poses
@@ -42,6 +42,7 @@ def numbers(rows, prefix, names) -> np.ndarray:
     return np.array([[float(row[f"{prefix}_{name}"] or "nan") for name in names] for row in rows])
 
 
+@settings(max_examples=20)
 @given(
     count=st.integers(0, 8),
     share=st.sampled_from([0.0, 0.5, 1.0]),

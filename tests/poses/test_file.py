@@ -7,7 +7,7 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.helpers import LENSES, make_camera
@@ -35,6 +35,7 @@ def written(path, rng):
     return path
 
 
+@settings(max_examples=20)
 @given(
     count=st.integers(0, 12),
     share=st.sampled_from([0.0, 0.5, 1.0]),
@@ -201,7 +202,7 @@ def unpacking_to_more(sums):
         del file["timestamps"]
         options = {"chunks": (5,), "compression": "gzip", "fletcher32": sums}
         field = file.create_dataset("timestamps", (5,), float, **options)
-        field.id.write_direct_chunk((0,), zlib.compress(bytes(50_000_000), 9) + 4 * sums * b"x")
+        field.id.write_direct_chunk((0,), zlib.compress(bytes(20_000_000), 9) + 4 * sums * b"x")
 
     return change
 
@@ -291,7 +292,7 @@ def test_a_damaged_byte_is_refused_or_changes_nothing(written, tmp_path):
     rng = np.random.default_rng(1)
     damaged = tmp_path / "damaged.h5"
     refused = 0
-    for place in rng.integers(0, len(content), 60):
+    for place in rng.integers(0, len(content), 30):
         broken = bytearray(content)
         broken[place] ^= 1 << rng.integers(8)
         damaged.write_bytes(bytes(broken))
@@ -302,7 +303,7 @@ def test_a_damaged_byte_is_refused_or_changes_nothing(written, tmp_path):
         else:
             for name, array in before.items():
                 assert np.array_equal(array, after[name], equal_nan=array.dtype.kind == "f"), (place, name)
-    assert refused > 40
+    assert refused > 20
 
 
 def good(rng) -> dict[str, np.ndarray]:
