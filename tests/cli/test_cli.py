@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -133,16 +132,7 @@ def test_a_bar_leaves_its_line_once_all_is_done(monkeypatch):
     assert shown.getvalue() == done
 
 
-class Finalized:
-    """Python drops what its finalizer raises, and an interrupt may come while that runs."""
-
-    def __del__(self) -> None:
-        raise KeyboardInterrupt
-
-
-def drop_an_interrupt() -> None:
-    Finalized()
-    time.sleep(60)
+CODES = {signal.SIGHUP: 129, signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
 def ask_to_end(number: int, *_: object) -> None:
@@ -150,28 +140,28 @@ def ask_to_end(number: int, *_: object) -> None:
     time.sleep(60)
 
 
-CODES = {signal.SIGHUP: 129, signal.SIGINT: 130, signal.SIGTERM: 143}
+class Finalized:
+    """Python drops what its finalizer raises, and an interrupt may come while that runs."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+    def __del__(self) -> None:
+        ask_to_end(self.number)
 
 
-def test_an_interrupt_within_a_finalizer_is_not_lost():
+def drop_and_wait(number: int) -> None:
+    Finalized(number)
+    time.sleep(60)
+
+
+@pytest.mark.parametrize("number", CODES)
+def test_a_signal_that_is_dropped_comes_again_as_itself(number):
     before = sys.unraisablehook
-    with ended_by_signals(), pytest.raises(KeyboardInterrupt):
-        drop_an_interrupt()
-    assert sys.unraisablehook is before
-
-
-def test_a_signal_that_is_dropped_comes_again_as_itself():
-    def drop() -> None:
-        try:
-            os.kill(os.getpid(), signal.SIGHUP)
-            time.sleep(60)
-        except KeyboardInterrupt as stop:
-            sys.unraisablehook(SimpleNamespace(exc_value=stop))
-        time.sleep(60)
-
     with ended_by_signals(), pytest.raises(KeyboardInterrupt) as stop:
-        drop()
-    assert exit_code(stop.value) == 129
+        drop_and_wait(number)
+    assert exit_code(stop.value) == CODES[number]
+    assert sys.unraisablehook is before
 
 
 def test_what_nohup_has_ignored_stays_ignored():
