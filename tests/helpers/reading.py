@@ -3,6 +3,7 @@
 import contextlib
 import re
 import tracemalloc
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,13 @@ def recovered(path: Path, message: str) -> tuple[list[int], list[int]]:
     return before, after
 
 
+def change(path: Path, *changes: Change) -> None:
+    """Make changes in a file of HDF5."""
+    with h5py.File(path, "r+") as file:
+        for one in changes:
+            one(file)
+
+
 def without(name: str) -> Change:
     return lambda file: file.__delitem__(name)
 
@@ -51,11 +59,11 @@ def without(name: str) -> Change:
 def put(name: str, array: Any) -> Change:
     """Another dataset, or a link, under a name."""
 
-    def change(file: h5py.File) -> None:
+    def exchange(file: h5py.File) -> None:
         del file[name]
         file[name] = array
 
-    return change
+    return exchange
 
 
 def edit(name: str, rows: Any, value: Any) -> Change:
@@ -69,10 +77,23 @@ def attribute(key: str, value: Any = None, at: str = "/") -> Change:
 
 
 def made(name: str, *arguments: Any, **options: Any) -> Change:
-    """A dataset made again, of which nothing is written."""
+    """A dataset made again; without `data` nothing of it is written."""
 
-    def change(file: h5py.File) -> None:
+    def make(file: h5py.File) -> None:
         del file[name]
         file.create_dataset(name, *arguments, **options)
 
-    return change
+    return make
+
+
+def unpacking_to_more(name: str, *, sums: bool = False) -> Change:
+    """A dataset made again of one block that unpacks to 20 MB, with checksums or without."""
+
+    def make(file: h5py.File) -> None:
+        shape, dtype = file[name].shape, file[name].dtype
+        del file[name]
+        field = file.create_dataset(name, shape, dtype, chunks=shape, compression="gzip", fletcher32=sums)
+        packed = zlib.compress(bytes(20_000_000), 9) + 4 * sums * b"x"
+        field.id.write_direct_chunk((0,) * len(shape), packed)
+
+    return make

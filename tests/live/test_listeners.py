@@ -6,7 +6,6 @@ import threading
 import time
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 
@@ -14,6 +13,7 @@ import tracker
 from tests.helpers import ROOT
 from tests.helpers.filmed import RIG
 from tests.helpers.moments import estimate, moment
+from tests.helpers.reading import change, put
 from tests.viz.test_rerun_scene import entities
 from tracker.errors import LiveError, LogError
 from tracker.live import listeners
@@ -79,9 +79,7 @@ def test_what_cameras_were_set_to_is_kept_and_refused_where_it_is_damaged(path, 
         assert log.settings == {"camera60": settings[0], "camera180": {"BalanceWhiteAuto": "Off"}}
     assert "camera60 ExposureTime 1500.0, Gain 0" in run_here("info", path).stdout
     for content in (b"[1]", b'{"Gain": NaN}', b"{", b'{"Gain": {}}'):
-        with h5py.File(path, "a") as file:
-            del file["camera_info/camera60/settings"]
-            file["camera_info/camera60/settings"] = np.frombuffer(content, np.uint8)
+        change(path, put("camera_info/camera60/settings", np.frombuffer(content, np.uint8)))
         with tracker.open_log(path) as log, pytest.raises(LogError, match="camera60/settings"):
             _ = log.settings
 

@@ -1,13 +1,13 @@
 import json
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 import tracker
 from tests.helpers import make_camera
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5, write_picture
+from tests.helpers.reading import change, put
 from tracker.errors import CalibrationError, LogError
 from tracker.logs.folder import write_folder
 from tracker.logs.hdf5_writer import Hdf5LogWriter
@@ -84,9 +84,7 @@ def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
 
 def write_hdf5_called(folder: Path, name: str) -> Path:
     path = write_hdf5(folder / "log.h5", make_content(1))
-    with h5py.File(path, "r+") as file:
-        del file["camera_names"]
-        file["camera_names"] = [text.encode() for text in (name, *CAMERAS[1:])]
+    change(path, put("camera_names", [text.encode() for text in (name, *CAMERAS[1:])]))
     return path
 
 

@@ -1,5 +1,4 @@
 import itertools
-import zlib
 from pathlib import Path
 
 import h5py
@@ -9,7 +8,18 @@ import pytest
 import tracker
 from tests.helpers import make_rig
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5
-from tests.helpers.reading import attribute, frames_of, made, peak_memory, put, recovered, without
+from tests.helpers.reading import (
+    attribute,
+    change,
+    edit,
+    frames_of,
+    made,
+    peak_memory,
+    put,
+    recovered,
+    unpacking_to_more,
+    without,
+)
 from tests.logs.test_native import SAMPLES as NATIVE
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
@@ -61,7 +71,7 @@ def test_the_calibration_inside_is_read_and_mended(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("harm", "message"),
     [
         (attribute("magic", 1), "magic: found 0x1, expected 0x3cda7a00"),
         (attribute("format_version", 3), "format_version: found 3, expected 1 or 2"),
@@ -76,25 +86,20 @@ def test_the_calibration_inside_is_read_and_mended(tmp_path):
         (put("camera_names", [b"camera60", b"camera60", b"camera300"]), "3 different names"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path, change, message):
+def test_what_is_wrong_is_named(tmp_path, harm, message):
     path = write_hdf5(tmp_path / "log.h5", make_content(4), poses=True)
-    with h5py.File(path, "r+") as file:
-        change(file)
+    change(path, harm)
     with pytest.raises(LogError, match=message):
         tracker.open_log(path)
 
 
 def shortened(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        put("timestamps", file["timestamps"][:-1])(file)
+    change(path, put("timestamps", make_content(4).camera_stamps))
 
 
 def never_written(path: Path) -> None:
     images = {"shape": (5, 3, 24, 28), "dtype": np.uint8, "chunks": (1, 3, 24, 28), "compression": "gzip"}
-    with h5py.File(path, "r+") as file:
-        made("images", **images)(file)
-        for k in (0, 2, 3, 4):
-            file["images"][k] = 50
+    change(path, made("images", **images), *(edit("images", k, 50) for k in (0, 2, 3, 4)))
 
 
 def damaged(path: Path) -> None:
@@ -140,9 +145,7 @@ FILTERS = {}, {"compression": "gzip", "shuffle": True}, {"fletcher32": True}
 def test_images_may_be_packed_in_blocks_of_any_shape_and_may_be_changed(tmp_path, packing):
     content = make_content(7)
     path = write_hdf5(tmp_path / "log.h5", content)
-    with h5py.File(path, "r+") as file:
-        del file["images"]
-        file.create_dataset("images", data=content.raw, **packing)
+    change(path, made("images", data=content.raw, **packing))
     with tracker.open_log(path) as log:
         for k in (6, 0, 3):
             raw = log[k].raw
@@ -153,11 +156,7 @@ def test_images_may_be_packed_in_blocks_of_any_shape_and_may_be_changed(tmp_path
 @pytest.mark.parametrize("name", ["images", "timestamps"])
 def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(tmp_path, name):
     path = write_hdf5(tmp_path / "log.h5", make_content(3))
-    with h5py.File(path, "r+") as file:
-        shape, dtype = file[name].shape, file[name].dtype
-        del file[name]
-        field = file.create_dataset(name, shape, dtype, chunks=shape, compression="gzip")
-        field.id.write_direct_chunk((0,) * len(shape), zlib.compress(bytes(20_000_000), 9))
+    change(path, unpacking_to_more(name))
     with peak_memory() as used, pytest.raises(LogError, match=f"{name}.*unpacks to"):
         frames_of(path)
     assert used[0] < 5_000_000

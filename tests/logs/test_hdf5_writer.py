@@ -8,7 +8,7 @@ import pytest
 import tracker
 from tests.helpers import LENSES, run_python
 from tests.helpers.log_writers import CAMERAS, make_content
-from tests.helpers.reading import frames_of
+from tests.helpers.reading import attribute, change, frames_of
 from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
@@ -84,8 +84,7 @@ def test_the_deviations_and_the_arena_come_back(tmp_path, table):
         ('{"radius": -1}', r"arena: radius: found -1\.0, exp"),
         ("[1]", "arena: .* must be a mapping"),
     ):
-        with h5py.File(path, "r+") as file:
-            file.attrs["arena"] = np.bytes_(text)
+        change(path, attribute("arena", np.bytes_(text)))
         with tracker.open_log(path) as log, pytest.raises(LogError, match=message):
             assert log.rig
 
