@@ -1,6 +1,7 @@
 import json
 import re
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ import pytest
 from tests.helpers import contents, robot_stores
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.needs import lack
-from tests.helpers.recording_stubs import tiny_rig
+from tests.helpers.recording_stubs import NoiseTracker, tiny_rig
 from tests.helpers.robot_stores import SHOWN, STEPS, KnowingTracker, position, write
 from tests.logs.test_datasets import edit, head
 from tracker.batch.run import only_run, run_batch, write_batch
@@ -212,6 +213,7 @@ def test_the_command_tracks_a_named_robot_and_reports_a_damaged_episode(
     robots, tmp_path, run_here, monkeypatch
 ):
     monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
+    monkeypatch.setattr("tracker.recordings.Options", partial(Options, make_tracker=NoiseTracker))
     store, folder = write(tmp_path / "a.zarr", observations=with_robots(2)), tmp_path / "out"
     base = ["batch", "run", store, "--calibration", robots, "--object", "cube_v2", "-o", folder]
     done = run_here(*base, "--robot", "r1", "--from", 8, "--to", 14)
