@@ -15,6 +15,11 @@ from tracker.segmentation.color_model import ColorModel
 QUICK = ("--rounds", "2")
 
 
+@pytest.fixture
+def run_here(run_here):
+    return partial(run_here, "colors")
+
+
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
@@ -28,7 +33,7 @@ def recording(tmp_path_factory):
 def test_adapted_colors_are_written_and_summarised(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", target, *QUICK)
-    result = well(run_here("colors", "adapt", recording, *arguments))
+    result = well(run_here("adapt", recording, *arguments))
     assert "round 1: " in result.stdout
     assert "3 held-out frames" in result.stdout
     assert tracker.load_colors(target).normalise
@@ -39,8 +44,7 @@ def test_exchanged_faces_are_refused_and_nothing_is_written(recording, tmp_path,
     log_posterior = tracker.load_colors("cube_v2").log_posterior.copy()
     log_posterior[[2, 5]] = log_posterior[[5, 2]]
     ColorModel("wrong", log_posterior).save(tmp_path / "wrong.npz")
-    arguments = ("--object", "cube_v2", "--colors", tmp_path / "wrong.npz", "-o", tmp_path / "mine.npz")
-    given = ("colors", "adapt", recording, *arguments)
+    given = ("adapt", recording, "--object", "cube_v2", "--colors", "wrong.npz", "-o", "mine.npz")
     assert_refused(run_here, tmp_path, given, "wrong: refused", "green has the hue of magenta")
 
 
@@ -50,8 +54,7 @@ def test_colors_that_cannot_be_bettered_keep_the_old_file(tmp_path, run_here):
         shot.images[:] = [np.full_like(image, 100) for image in shot.images]
     (tmp_path / "mine.npz").write_bytes(b"old")
     write_recording(tmp_path / "empty", film)
-    arguments = ("empty", "--object", "cube_v2", "--colors", "cube_v2", "-o", "mine.npz", "-q")
-    given = ("colors", "adapt", *arguments)
+    given = ("adapt", "empty", "--object", "cube_v2", "--colors", "cube_v2", "-o", "mine.npz", "-q")
     assert_refused(run_here, tmp_path, given, "refused", "found 0 of 2 frames", code=1)
 
 
@@ -61,7 +64,7 @@ FACES = "+x=red,-x=magenta,+y=green,-y=yellow,+z=blue,-z=cyan"
 def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--size", "0.065,0.065,0.065", "--faces", FACES, "-o", target, *QUICK)
-    well(run_here("colors", "new", recording, *arguments))
+    well(run_here("new", recording, *arguments))
     model, cube = tracker.load_object(tmp_path / "mine.toml"), tracker.load_object("cube_v2")
     assert model.name == "mine"
     assert (model.face_labels == cube.face_labels).all()
@@ -89,10 +92,10 @@ def labelled(tmp_path: Path) -> Path:
 
 
 def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_here):
-    result = well(run_here("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz"))
+    result = well(run_here("fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz"))
     assert "no image shows green" in result.stdout
     assert "no image shows red" not in result.stdout
-    checked = well(run_here("colors", "check", labelled, "--colors", tmp_path / "mine.npz"))
+    checked = well(run_here("check", labelled, "--colors", tmp_path / "mine.npz"))
     overlaps, confusions, *_ = checked.stdout.split("\n\n")
     header, *_, mean = overlaps.splitlines()
     values = dict(zip(header.split()[3:], mean.split()[1:], strict=True))
@@ -103,7 +106,7 @@ def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_he
 
 
 def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tmp_path, run_here):
-    arguments = ("colors", "check", labelled, "--cross-validate", "--plot", tmp_path / "plot.png")
+    arguments = ("check", labelled, "--cross-validate", "--plot", tmp_path / "plot.png")
     result = well(run_here(*arguments))
     assert float(result.stdout.split("\n\n")[0].split()[-1]) > 0.9  # of images that the fit did not see
     for words in ("no colour is weak", "the light: red", "a better set of colours"):
@@ -115,8 +118,7 @@ def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tm
 
 
 def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):
-    target = tmp_path / "mine.npz"
-    target.write_bytes(b"old")
+    (tmp_path / "mine.npz").write_bytes(b"old")
     shutil.copy(labelled / "00_image.png", labelled / "03_image.png")
     (labelled / "03_mask_red.png").write_bytes(b"broken")
-    assert_refused(run_here, tmp_path, ["colors", "fit", labelled, "-o", target], "03_mask_red.png")
+    assert_refused(run_here, tmp_path, ["fit", labelled, "-o", "mine.npz"], "03_mask_red.png")
