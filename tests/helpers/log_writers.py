@@ -3,6 +3,7 @@
 import gzip
 import json
 import struct
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,9 @@ from pathlib import Path
 import cv2
 import h5py
 import numpy as np
+import pytest
+
+from tests.helpers.needs import lack
 
 CAMERAS = ("camera60", "camera180", "camera300")
 START = 1_605_000_000.0
@@ -181,6 +185,39 @@ def write_store(
                 put(f"observations/{i}.{j}", block.tobytes("F"))
     environment.close()
     (folder / "lock.mdb").unlink()
+    return folder
+
+
+def write_store_by_zarr(
+    folder: Path,
+    content: Content,
+    *,
+    shown: Sequence[int],
+    ends: Sequence[int] = (),
+    observations: np.ndarray | None = None,
+) -> Path:
+    """A store as above that zarr itself writes; skips the test where no zarr does."""
+    zarr = pytest.importorskip("zarr", reason="zarr: no module zarr")
+    if not hasattr(zarr, "LMDBStore"):
+        lack("zarr", f"{zarr.__version__} cannot write LMDB stores")
+    from numcodecs import VLenBytes
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # later versions warn of its removal
+        store = zarr.LMDBStore(str(folder), map_size=1 << 26)
+    root = zarr.group(store=store)
+    _, cameras, *shape = content.raw.shape
+    pictures = [cv2.imencode(".png", raw)[1].tobytes() for raw in content.raw.reshape(-1, *shape)]
+    coded = {"dtype": object, "object_codec": VLenBytes()}
+    images = root.create_dataset("images", shape=len(pictures), chunks=4, **coded)
+    images[:] = np.array(pictures, dtype=object)
+    images.attrs.update(n_cameras=cameras, image_shape=shape, reorder_pixels=False, compression="image")
+    for name, numbers in (("obs_to_image_index", shown), ("episode_ends", ends)):
+        if len(numbers):
+            root.create_dataset(name, data=np.asarray(numbers), chunks=4)
+    if observations is not None:
+        root.create_dataset("observations", data=observations, chunks=(50, 31))
+    store.close()
     return folder
 
 

@@ -1,15 +1,13 @@
 """Image stores of two robots, and a tracker that knows where the object was; importable by workers."""
 
 import dataclasses
-import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 
-from tests.helpers.log_writers import make_content, write_store
+from tests.helpers.log_writers import make_content, write_store, write_store_by_zarr
 from tests.helpers.recording_stubs import tiny_rig
 
 GOAL = {"push": 3, "lift": 24}
@@ -61,28 +59,12 @@ def observations(task: str) -> np.ndarray:
     return rows
 
 
-def write(folder: Path, task: str = "push", *, zarr: Any = None, **changes: Any) -> Path:
-    """A store of that task; `zarr`: the package, of an old version, that writes it."""
-    content = make_content(STEPS // 5)
+def write(folder: Path, task: str = "push", *, by_zarr: bool = False, **changes: Any) -> Path:
+    """A store of that task, which zarr writes itself if asked to."""
     values = {"shown": 3 * SHOWN, "ends": [last - 1 for _, last, _ in EPISODES]}
     values = {**values, "observations": observations(task), **changes}
-    if zarr is None:
-        return write_store(folder, content, **values)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # later versions warn of its removal
-        store = zarr.LMDBStore(str(folder), map_size=1 << 26)
-    from numcodecs import VLenBytes
-
-    root = zarr.group(store=store)
-    pictures = [cv2.imencode(".png", raw)[1].tobytes() for raw in content.raw.reshape(-1, 24, 28)]
-    images = root.create_dataset("images", shape=len(pictures), dtype=object, object_codec=VLenBytes())
-    images[:] = np.array(pictures, dtype=object)
-    images.attrs.update(n_cameras=3, image_shape=[24, 28], reorder_pixels=False, compression="image")
-    root.create_dataset("obs_to_image_index", data=np.asarray(values["shown"]))
-    root.create_dataset("episode_ends", data=np.asarray(values["ends"]))
-    root.create_dataset("observations", data=values["observations"], chunks=(50, 31))
-    store.close()
-    return folder
+    writer = write_store_by_zarr if by_zarr else write_store
+    return writer(folder, make_content(STEPS // 5), **values)
 
 
 def write_robots(folder: Path) -> Path:

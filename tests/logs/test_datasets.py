@@ -1,15 +1,12 @@
 import json
 import sys
-import warnings
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.log_writers import CAMERAS, make_content, write_store
-from tests.helpers.needs import lack
+from tests.helpers.log_writers import CAMERAS, make_content, write_store, write_store_by_zarr
 from tests.helpers.reading import frames_of, peak_memory, recovered
 from tracker.errors import LogError
 
@@ -153,23 +150,8 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch):
 
 
 def test_stores_written_by_zarr_are_read(tmp_path):
-    zarr = pytest.importorskip("zarr", reason="zarr: no module zarr")
-    if not hasattr(zarr, "LMDBStore"):
-        lack("zarr", f"{zarr.__version__} cannot write LMDB stores")
-    from numcodecs import VLenBytes
-
     content = make_content(3)
-    pictures = [cv2.imencode(".png", raw)[1].tobytes() for raw in content.raw.reshape(-1, 24, 28)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # later versions warn of its removal
-        store = zarr.LMDBStore(str(tmp_path / "x.zarr"), map_size=1 << 24)
-    root = zarr.group(store=store)
-    images = root.create_dataset("images", shape=9, chunks=4, dtype=object, object_codec=VLenBytes())
-    images[:] = np.array(pictures, dtype=object)
-    images.attrs.update(n_cameras=3, image_shape=[24, 28], reorder_pixels=False, compression="image")
-    root.create_dataset("obs_to_image_index", data=np.repeat([0, 3, 6], 5), chunks=4)
-    store.close()
-    frames = frames_of(tmp_path / "x.zarr")
+    frames = frames_of(write_store_by_zarr(tmp_path / "x.zarr", content, shown=np.repeat([0, 3, 6], 5)))
     assert [frame.timestamp for frame in frames] == pytest.approx([0, 0.1, 0.2])
     for k, frame in enumerate(frames):
         np.testing.assert_array_equal(frame.images[2], content.bgr(k, 2))
