@@ -99,22 +99,22 @@ def test_every_recording_has_a_result_and_only_what_is_broken_changed_or_missing
     assert [result["frames"] for result in tracked] == [4] * COUNT
 
 
-@pytest.mark.parametrize("after", [0, 1, 3])
-def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(after, recordings, monkeypatch):
-    undisturbed = batch_of(recordings, "undisturbed")
+def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(recordings, monkeypatch):
+    one, undisturbed = batch_of(recordings), batch_of(recordings, "undisturbed")
     do(undisturbed)
-    one, count = batch_of(recordings), itertools.count()
     real = NoiseTracker.update
+    for done, frames in ((0, 5), (1, 15), (3, 25)):
+        count = itertools.count()
 
-    def interrupted(self, *arguments):
-        if next(count) > after * 12:
-            raise KeyboardInterrupt
-        return real(self, *arguments)
+        def interrupted(self, *arguments, count=count, frames=frames):
+            if next(count) == frames:
+                raise KeyboardInterrupt
+            return real(self, *arguments)
 
-    monkeypatch.setattr(NoiseTracker, "update", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        do(one)
-    done = len(list(one.folder.rglob("*.poses.h5")))
+        monkeypatch.setattr(NoiseTracker, "update", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            do(one)
+        assert len(list(one.folder.rglob("*.poses.h5"))) == done
     monkeypatch.setattr(NoiseTracker, "update", real)
     tracked, before = do(one)
     assert (len(tracked), before) == (COUNT - done, done)
