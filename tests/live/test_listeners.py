@@ -158,11 +158,11 @@ RECORD = """
 import itertools, sys, time
 from pathlib import Path
 import numpy as np
-from tests.helpers.filmed import RIG
+from tests.helpers import make_rig
 from tests.helpers.moments import moment
 from tracker.live.listeners import Recorder
 
-recorder, image = Recorder(Path(sys.argv[1]), RIG), np.zeros((270, 270, 3), np.uint8)
+recorder, image = Recorder(Path(sys.argv[1]), make_rig()), np.zeros((270, 270, 3), np.uint8)
 for number in itertools.count():
     recorder(moment(number, (image,) * 3))
     print(number, flush=True)
