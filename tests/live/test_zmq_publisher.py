@@ -1,4 +1,5 @@
 import contextlib
+import itertools
 import json
 import socket
 import subprocess
@@ -65,18 +66,14 @@ def listening(publisher):
 
 
 def test_a_subscriber_gets_the_newest_only(publisher, listening):
-    sequence, deadline = 0, time.monotonic() + 120
+    sequences = itertools.count()
     while not listening.poll(20):  # until it is connected
-        assert time.monotonic() < deadline
-        publisher(moment(sequence))
-        sequence += 1
+        publisher(moment(next(sequences)))
     for sequence in range(1000, 1100):
         publisher(moment(sequence))
     received = []
     while not received or received[-1] < 1099:
-        assert time.monotonic() < deadline
-        if listening.poll(50):
-            received.append(json.loads(listening.recv())["sequence"])
+        received.append(json.loads(listening.recv())["sequence"])
     assert received == sorted(received)
     assert len(received) < 100
 
