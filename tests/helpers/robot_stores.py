@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tests.helpers.log_writers import make_content, write_store, write_store_by_zarr
-from tests.helpers.recording_stubs import tiny_rig
+from tests.helpers.recording_stubs import NoiseTracker, tiny_rig
 
 GOAL = {"push": 3, "lift": 24}
 EPISODES = ((0, 60, 3), (60, 160, 1), (160, 220, 3))
@@ -28,11 +28,8 @@ def position(seconds: np.ndarray) -> np.ndarray:
     return np.stack([0.08 * np.cos(angle), 0.08 * np.sin(angle), 0.0325 + 0 * angle], axis=-1)
 
 
-class KnowingTracker:
+class KnowingTracker(NoiseTracker):
     """Finds the object where it is, but for one set of images."""
-
-    def __init__(self, *_: Any) -> None: ...
-    def reset(self) -> None: ...
 
     def update(self, images: Any, timestamp: float) -> SimpleNamespace:
         if abs(timestamp - 1.0) < 1e-6:

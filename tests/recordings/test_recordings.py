@@ -155,11 +155,7 @@ def test_what_is_behind_a_link_beside_a_store_or_in_a_film_s_frame_is_in_the_fin
     assert recording_files(folder) == [folder / "camera60" / "000000.png"]
 
 
-class Complaining:
-    def __init__(self, *_: object) -> None: ...
-
-    def reset(self) -> None: ...
-
+class Complaining(NoiseTracker):
     def update(self, *_: object) -> None:
         raise tracker.TrackerError("images: all are None")
 
