@@ -37,6 +37,9 @@ def binary(times=TIMES, *, count=COUNT, version=2) -> bytes:
     return struct.pack("<IQ", version, count) + b"".join(records)
 
 
+TEXT, BINARY = text(), binary()
+
+
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("scale", [1, 1000])
 @pytest.mark.parametrize("make", [text, binary])
@@ -89,19 +92,19 @@ def test_arrays_that_are_no_states_are_refused(times, position, message):
     [
         (b"", "expected a robot log"),
         (b"1 2 3\n", "expected a robot log: #time_index"),
-        (text().replace(b" ", b","), "no column timestamp, expected it, with spaces between columns"),
+        (TEXT.replace(b" ", b","), "no column timestamp, expected it, with spaces between columns"),
         (text(fields=("velocity",)), "found no column observation_position_0"),
-        (text().splitlines(keepends=True)[0], "found no steps"),
-        (text()[:-100], "after the header: .* at row (4999|5000)"),
-        (text().replace(b" 0.5\n", b" x\n", 1).replace(b"#time_index", b"#t"), None),
-        (text().replace(b"\n0 ", b"\n0 x", 1), "after the header: could not convert string 'x.*at row 0"),
-        (binary()[:-1], "found 4999 records of 904 bytes, expected 5000"),
-        (binary() + b"x", "found bytes after record 4999"),
+        (TEXT.splitlines(keepends=True)[0], "found no steps"),
+        (TEXT[:-100], "after the header: .* at row (4999|5000)"),
+        (TEXT.replace(b" 0.5\n", b" x\n", 1).replace(b"#time_index", b"#t"), None),
+        (TEXT.replace(b"\n0 ", b"\n0 x", 1), "after the header: could not convert string 'x.*at row 0"),
+        (BINARY[:-1], "found 4999 records of 904 bytes, expected 5000"),
+        (BINARY + b"x", "found bytes after record 4999"),
         (binary(count=2**60), "found 1152921504606846976 steps stated"),
-        (binary()[:9], "steps stated"),
+        (BINARY[:9], "steps stated"),
         (binary(version=3), "expected a robot log"),
         (binary(TIMES[::-1]), "timestamp: step 1: found"),
-        (gzip.compress(binary(), 1, mtime=0)[:-50], "end-of-stream marker"),
+        (gzip.compress(BINARY, 1, mtime=0)[:-50], "end-of-stream marker"),
         (b"\x1f\x8b\x08\x00" + bytes(100), "robot.dat"),
     ],
     ids=lambda value: f"{len(value)} bytes" if isinstance(value, bytes) else None,
@@ -120,7 +123,7 @@ def test_damage_is_one_error_that_names_the_file(data, message, tmp_path):
 
 def test_longer_logs_than_a_job_are_refused_before_they_fill_the_memory(tmp_path, monkeypatch):
     monkeypatch.setattr("tracker.logs.robot_log.MAX_STEPS", 4500)
-    (tmp_path / "robot.csv").write_bytes(text())
+    (tmp_path / "robot.csv").write_bytes(TEXT)
     with pytest.raises(LogError, match="more than 4500 steps"):
         read_robot_log(tmp_path / "robot.csv")
 
