@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from synthetic.camera.shot import QUALITIES
 from tests.docs.samples import PAGES, blocks
-from tests.helpers import ROOT
+from tests.helpers import ROOT, contents
 from tests.helpers.log_writers import write_picture
 from tests.helpers.synthetic_needs import skip_without_platform
 
@@ -49,6 +50,30 @@ def test_the_page_names_every_example_and_every_short_one_is_shown_on_a_page():
 )
 def test_an_example_prints_what_it_finds_in_a_recording(name, printed, working, run_script):
     assert re.fullmatch(printed, run_script(EXAMPLES / f"{name}.py", folder=working).stdout)
+
+
+def test_the_example_finds_the_cube(working, run_script):
+    result = run_script(EXAMPLES / "detect_cube.py", folder=working)
+    names = [line[:16].strip() for line in result.stdout.splitlines()]
+    assert names == ["position [m]", "orientation xyzw", "confidence"]
+    assert float(result.stdout.split()[-1]) > 0.5
+    (shown,) = (block for block in blocks("text", "docs/first-steps") if block.startswith("position"))
+    numbers = (re.findall(r"-?\d\.[\de-]+", text) for text in (shown, result.stdout))
+    np.testing.assert_allclose(*(np.array(found, float) for found in numbers), atol=2e-3)
+
+
+def test_the_dice_example_tells_which_dice_to_move(tmp_path, run_script):
+    result = run_script(EXAMPLES / "dice_task.py", folder=tmp_path)
+    error, *moves = result.stdout.splitlines()
+    assert 2500 < int(error.removeprefix("error [px]")) < 3500
+    assert 5 <= len(moves) <= 10
+    assert all(line.startswith("move [") for line in moves)
+
+
+def test_the_example_of_errors_prints_them(tmp_path, run_script):
+    result = run_script(EXAMPLES / "task_errors.py", folder=tmp_path)
+    assert float(result.stdout.split()[0]) == pytest.approx((np.hypot(0.01, 0.02) / 0.39 + 0.075) / 2)
+    assert float(result.stdout.split()[-1]) == -67000
 
 
 def test_what_was_tracked_is_plotted_and_not_tracked_again(working, run_script):
@@ -168,3 +193,27 @@ def test_an_environment_sees_what_its_fingers_do(monkeypatch):
         assert all(np.array_equal(after[key], repeated[key]) for key in after)
     finally:
         environment.close()
+
+
+def test_the_still_is_the_same_each_time_but_for_its_seed_and_its_error_small(tmp_path, run_script):
+    skip_without_platform()
+    for more in ((), ("--output", "again"), ("--output", "other", "--seed", 7)):
+        result = run_script(EXAMPLES / "still.py", *more, folder=tmp_path)
+        found = re.search(r"error +([\d.]+) mm, ([\d.]+) degrees", result.stdout)
+        assert found is not None, result.stdout
+        assert float(found[1]) < 1
+        assert float(found[2]) < 1
+    first, again, other = (contents(tmp_path / name) for name in ("demo", "again", "other"))
+    assert first == again
+    assert first["overlay.png"] != other["overlay.png"]
+
+
+def test_the_demo_films_what_it_finds(tmp_path, run_script, monkeypatch):
+    pytest.importorskip("av", reason="video: no module av")
+    pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
+    skip_without_platform()
+    monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
+    result = run_script(EXAMPLES / "demo.py", "--frames", 3, "--output", "demo", folder=tmp_path)
+    assert "within 5 mm, 5°  3" in result.stdout
+    written = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert {"overlay.png", "overlay.mp4", "errors.png", "camera60.png", "camera60.yml"} <= written

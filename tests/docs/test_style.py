@@ -3,6 +3,7 @@ import subprocess
 
 import pytest
 
+import tracker
 from scripts.check_phrases import PHRASES, found, main, read_phrases
 from tests.docs.samples import PAGES
 from tests.helpers import ROOT
@@ -47,3 +48,37 @@ def test_the_changelog_is_of_what_is_unreleased_and_of_tags_and_each_begins_with
 def test_each_page_states_its_question_at_its_top(page):
     first = next(line for line in PAGES[page].splitlines()[1:] if line.strip())
     assert "?" in first
+
+
+def test_the_pages_explain_every_status():
+    explained = re.findall(r"^\| `([a-z_]+)` \|", PAGES["docs/answers"], flags=re.MULTILINE)
+    assert explained == [status.value for status in tracker.Status]
+
+
+@pytest.mark.parametrize(
+    "symptom",
+    [
+        "no pose", "colours", "red blue swapped", "swapped cameras", "camera moved", "blurred images",
+        "float table", "12-bit png", "lags", "first run slow", "images late", "black frozen", "pose jumps",
+        "extra missing",
+    ],
+)  # fmt: skip
+def test_a_section_on_troubleshooting_has_all_words_of_a_symptom(symptom):
+    sections = re.split("^##+ ", PAGES["docs/troubleshooting"], flags=re.MULTILINE)
+    assert any(all(word in section.lower() for word in symptom.split()) for section in sections)
+
+
+def test_every_link_of_what_is_no_page_leads_somewhere():
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "tools.md"):
+        for target in re.findall(r"\]\(([^)\s#]+)[^)]*\)", page.read_text(encoding="utf-8")):
+            assert "://" in target or (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def words(text: str) -> int:
+    """How many there are, rules of tables left out."""
+    return sum(not re.fullmatch(r"[|:-]+", word) for word in text.split())
+
+
+def test_readme_and_pages_are_short():
+    assert words(PAGES["README"]) <= 500
+    assert sum(words(text) for name, text in PAGES.items() if name != "README") <= 16_000
