@@ -1,6 +1,9 @@
 import dataclasses
 import json
+import re
+import runpy
 import shutil
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +15,7 @@ from synthetic import cli
 from synthetic.camera.rigs import choose_rig, standard_rig
 from synthetic.export.dataset import DatasetOptions, make_dataset
 from synthetic.frames import FrameOptions
-from tests.helpers import ROOT, contents, opencv_pixels, run_python
+from tests.helpers import contents, opencv_pixels
 from tests.helpers.command import well
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig, load_object, open_log
@@ -108,15 +111,13 @@ def test_a_folder_of_other_options_is_refused(made, generate, more, message):
     assert contents(made) == before
 
 
-def test_errors_are_one_line_with_exit_code_2(tmp_path):
+def test_errors_are_one_line_with_exit_code_2(tmp_path, run_here, monkeypatch):
     (tmp_path / "letter.txt").write_text("not a data set")
-    options = ["--object", "cube_v2", "--frames", 3, "--seed", 4, "--out", tmp_path]
-    result = run_python(["-m", "synthetic", "dataset", *options], ROOT)
-    lines = [line for line in result.stderr.splitlines() if line.startswith("synthetic: ")]
+    options = ("--object", "cube_v2", "--frames", "3", "--seed", "4", "--out", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["synthetic", "dataset", *options])
+    result = run_here(main=lambda _: runpy.run_module("synthetic", run_name="__main__"))
     assert result.returncode == 2
-    assert len(lines) == 1
-    assert "expected an empty folder or none" in lines[0]
-    assert "Traceback" not in result.stderr
+    assert re.fullmatch("cube_v2\nsynthetic: .* expected an empty folder or none.*\n", result.stderr)
 
 
 def test_the_bop_files_agree_with_the_truth(made):

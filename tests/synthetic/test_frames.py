@@ -13,11 +13,11 @@ from synthetic.camera.rigs import standard_rig
 from synthetic.frames import DatasetError, FrameMaker, FrameOptions, frames
 from tracker import CameraRig
 
-NAMES = ("camera60", "camera180", "camera300")
+RIG = CameraRig(standard_rig().cameras[:1])
 
 
 def make(count=2, seed=5, name="cube_v2", **more):
-    return list(frames(name, count, seed, quality="fast", **more))
+    return list(frames(name, count, seed, rig=RIG, quality="fast", **more))
 
 
 def pixels(frame):
@@ -39,14 +39,14 @@ def test_a_sequence_can_be_entered_anywhere():
 
 
 def test_a_motion_is_as_long_as_asked_for():
-    with FrameMaker(FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=3)) as maker:
+    with FrameMaker(FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=3), RIG) as maker:
         frames = list(maker.chunk(1))
         assert [frame.index for frame in frames] == [3, 4, 5]
 
 
 def test_an_emptied_frame_differs_by_its_object_alone():
-    options = FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=2, shadows=False)
-    with FrameMaker(options) as maker:
+    options = FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=2)
+    with FrameMaker(options, RIG) as maker:
         whole, empty = maker.chunk(0, {1}, {1})
     assert (whole.index, empty.index) == (1, 1)
     assert whole.timestamp == empty.timestamp
@@ -62,14 +62,14 @@ def test_an_emptied_frame_differs_by_its_object_alone():
 
 def test_where_there_is_no_object_there_is_no_label():
     (frame,) = make(1, empty=1.0)
-    assert frame.truth(NAMES)["object"] is None
+    assert frame.truth(RIG.names)["object"] is None
     assert not frame.visible_fraction.any()
     assert not any(labels.any() for labels in frame.labels)
 
 
 def test_dice_have_their_numbers_and_pips_are_no_holes_in_them():
     (frame,) = make(1, name="dice", empty=0.0)
-    assert len(frame.truth(NAMES)["object"]) == 25
+    assert len(frame.truth(RIG.names)["object"]) == 25
     seen = set(np.unique(np.concatenate(frame.labels, axis=None)).tolist()) - {0}
     assert len(seen) > 15
     assert seen <= set(range(1, 26))
@@ -81,9 +81,8 @@ def test_dice_have_their_numbers_and_pips_are_no_holes_in_them():
 
 
 def test_default_quality_halves_and_540_does_not():
-    rig = CameraRig(standard_rig().cameras[:1])
-    (small,) = frames("cube_v2", 1, 5, rig=rig, shadows=False, path="new")
-    (large,) = frames("cube_v2", 1, 5, rig=rig, shadows=False, path="new", size=540)
+    options = {"rig": RIG, "shadows": False, "path": "new"}
+    (small,), (large,) = (frames("cube_v2", 1, 5, size=size, **options) for size in (270, 540))
     assert small.images[0].shape == (270, 270, 3)
     assert large.images[0].shape == (540, 540, 3)
     # Same scene, cameras and light: the halved large picture is the small one.

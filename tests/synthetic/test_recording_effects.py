@@ -18,9 +18,11 @@ from synthetic.scene import ObjectState
 from synthetic.world.motion import film
 from synthetic.world.platform import Platform
 from tests.helpers.synthetic_needs import skip_without_platform
+from tracker import CameraRig
 from tracker.geometry import so3
 
 RIG = standard_rig().resized(270, 270)
+ONE = CameraRig(RIG.cameras[:1])
 
 
 def picture(size: int = 270, path: str = "old", seed: int = 3) -> np.ndarray:
@@ -136,7 +138,7 @@ def platform():
 def films(platform):
     """The same film, tidy and timed."""
     options = {"quality": "fast", "sequence": True, "kind": "tumble"}
-    return [list(frames("cube_v1", 3, 12, effects=effects, **options)) for effects in ((), ("timing",))]
+    return [list(frames("cube_v1", 2, 12, effects=effects, **options)) for effects in ((), ("timing",))]
 
 
 def test_timing_leaves_scene_and_poses_alone(films):
@@ -199,7 +201,7 @@ def test_a_picture_of_an_open_shutter_is_the_mean_of_its_scenes_and_labels_are_t
 def test_a_film_that_is_continued_is_the_film(platform):
     pytest.importorskip("av", reason="video: no module av")
     film = {"sequence": True, "length": 3, "kind": "push", "effects": ("compression",)}
-    with FrameMaker(FrameOptions("cube_v1", 3, "fast", **film)) as maker:
+    with FrameMaker(FrameOptions("cube_v1", 3, "fast", **film), ONE) as maker:
         coded = {"compression": Compression("h264", 0, 26)}
         maker._crew = lambda number, make=maker._crew: dataclasses.replace(make(number), **coded)
         whole, part = list(maker.chunk(0)), list(maker.chunk(0, {2}))
@@ -208,7 +210,7 @@ def test_a_film_that_is_continued_is_the_film(platform):
 
 
 def test_raw_pictures_are_the_mosaics_of_the_others(platform):
-    options = {"quality": "fast", "size": 540, "path": "new", "empty": 0.0}
+    options = {"rig": ONE, "quality": "fast", "size": 540, "path": "new", "empty": 0.0}
     (colored,), (raw,) = (frames("cube_v1", 1, 5, raw=raw, **options) for raw in (False, True))
     for image, mosaic in zip(colored.images, raw.images, strict=True):
         assert mosaic.shape == (540, 540)

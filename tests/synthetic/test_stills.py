@@ -51,11 +51,11 @@ def area_and_centroid(outlines: list[Array]) -> tuple[float, Array]:
     return area, np.array(along) / area
 
 
-@pytest.mark.parametrize("width", [270, 540])
-def test_object_covers_what_opencv_projects(width: int) -> None:
+@pytest.mark.parametrize(("width", "scenes"), [(270, 10), (540, 2)])
+def test_object_covers_what_opencv_projects(width: int, scenes: int) -> None:
     cameras = default_cameras(width)
     shifts, areas = [], []
-    for seed in range(20 if width == 270 else 2):
+    for seed in range(scenes):
         model = MODELS[seed % len(MODELS)]
         scene = bare_scene(model, rng(seed), kind=("rest", "air")[seed % 2])
         for camera, coverage in zip(cameras, coverages(scene, cameras), strict=True):
@@ -106,15 +106,18 @@ def test_fingers_hide_a_part_of_the_object() -> None:
     fractions = []
     for seed in range(24):
         scene = scene_with_fingers(MODELS[seed % len(MODELS)], rng(seed))
+        # One point a pixel: with more, a finger may leave most of the rest of a pixel to another face.
+        result = take(scene, CAMERAS, Sensor.clean(), rng(0), points=1)
+        fractions.append(result.visible_fraction)
+        if seed >= 6:
+            continue
         own = tuple(b for b in scene.bodies if b.name in {"table", "wall", "floor", scene.objects[0].name})
         bare = dataclasses.replace(scene, bodies=own)
-        # One point a pixel: with more, a finger may leave most of the rest of a pixel to another face.
-        result, without = (take(one, CAMERAS, Sensor.clean(), rng(0), points=1) for one in (scene, bare))
+        without = take(bare, CAMERAS, Sensor.clean(), rng(0), points=1)
         for seen, whole, fraction in zip(result.labels, without.labels, result.visible_fraction, strict=True):
             assert (whole[seen > 0] == seen[seen > 0]).all()
             assert fraction == pytest.approx((seen > 0).sum() / max((whole > 0).sum(), 1))
         assert (without.visible_fraction == 1).all()
-        fractions.append(result.visible_fraction)
     assert 0 <= np.min(fractions) < 0.5
     assert 0.6 < np.median(fractions) < 0.95
 

@@ -20,10 +20,13 @@ from synthetic.world.effects import MOVING, SIZE_M, SPEED, still_at, with_effect
 SCENE_EFFECTS = ("sizes", "chamfers", "surface", "table", "reflections", "contact", "clutter")
 
 
-@functools.cache
 def make(*effects, name="cube_v2", seed=77, **more):
-    options = {"quality": "fast", "empty": 0.0, "effects": effects, **more}
-    return list(frames(name, 2, seed, **options))
+    return made(effects, name, seed, **more)
+
+
+@functools.cache
+def made(effects, name, seed, **more):
+    return list(frames(name, 2, seed, quality="fast", empty=0.0, effects=effects, **more))
 
 
 def worn(*effects):
@@ -118,15 +121,15 @@ def test_sizes_are_off_by_little_about_the_same_centre():
 
 @pytest.mark.parametrize("name", ["cube_v2", "cuboid_2x2x8_v2"])
 def test_clutter_is_seen_and_hides_next_to_nothing(name):
-    seen, hidden, shown = 0, 0, 0
-    for seed in (1, 2, 3):
+    seen, hidden, shown = [], 0, 0
+    for seed in (77, 2):
         for one, other in zip(make(name=name, seed=seed), make("clutter", name=name, seed=seed), strict=True):
             for labels, same in zip(one.labels, other.labels, strict=True):
                 assert np.array_equal(labels[same > 0], same[same > 0])
                 hidden, shown = hidden + np.sum(labels != same), shown + np.sum(labels > 0)
             for image, changed in zip(one.images, other.images, strict=True):
-                seen += np.abs(image.astype(int) - changed).max() > 60
-    assert seen > 9
+                seen.append(np.abs(image.astype(int) - changed).max() > 60)
+    assert np.mean(seen) > 0.5
     assert hidden < 0.01 * shown
 
 
@@ -146,7 +149,7 @@ def test_what_moves_while_the_shutter_is_open_is_where_the_truth_says_in_the_mid
     assert 0.8 * SPEED < fastest <= SPEED
     assert moving == pytest.approx(40 * MOVING, abs=8)
     # Sharp pictures and blurred ones differ where the object is, and not in their truth.
-    tidy, blurred = make(seed=8), make("motion_blur", seed=8)
+    tidy, blurred = make(), make("motion_blur")
     assert any((a.images[0] != b.images[0]).any() for a, b in zip(tidy, blurred, strict=True))
     for one, other in zip(tidy, blurred, strict=True):
         assert np.array_equal(one.objects[0].position, other.objects[0].position)
