@@ -53,7 +53,7 @@ def test_every_scene_is_in_the_arena_and_in_view(name):
     arena = case.rig.arena
     for model in case.objects:
         on_stage = case.on_stage(model)
-        for seed in range(100):
+        for seed in range(40):
             (state,) = bare_scene(on_stage, np.random.default_rng(seed)).objects
             position, rotation = case.placement.pose(state.position, state.rotation)
             assert np.hypot(*(position[:2] - arena.center)) < arena.radius

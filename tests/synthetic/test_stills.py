@@ -64,7 +64,8 @@ def test_object_covers_what_opencv_projects(width: int, scenes: int) -> None:
             if pixels.min() <= 1 or pixels.max() >= width - 2:
                 continue
             hull = cv2.convexHull(pixels.astype(np.float32))
-            for row, column in np.argwhere(coverage > 0):
+            covered = np.argwhere(coverage > 0)[:, ::-1]
+            for ((column, row),) in cv2.convexHull(covered.astype(np.int32)).tolist():
                 assert cv2.pointPolygonTest(hull, (float(column), float(row)), True) > -1
             area, centroid = area_and_centroid(outlines)
             rows, columns = np.indices(coverage.shape)

@@ -119,6 +119,12 @@ def views(dice: np.ndarray, rig: CameraRig = RIG) -> tuple[list[np.ndarray], lis
     return [image for image, _ in pairs], [mask for _, mask in pairs]
 
 
+@pytest.fixture(scope="module")
+def scattered() -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Images and masks of dice that lie apart, which tests leave as they are."""
+    return views(SCATTERED)
+
+
 def centers(dice: np.ndarray) -> np.ndarray:
     return dice[:, :3] + np.array([0, 0, EDGE / 2])
 
@@ -145,8 +151,8 @@ def test_all_dice_are_found_where_they_are_by_masks_alone_unless_they_crowd(dice
         assert distances(positions(locate(rig, masks, given)), centers(dice)).max() < 1.5e-3
 
 
-def test_yaws_are_those_of_the_dice():
-    images, masks = views(SCATTERED)
+def test_yaws_are_those_of_the_dice(scattered):
+    images, masks = scattered
     for die in locate(RIG, masks, images):
         nearest = np.argmin(np.linalg.norm(centers(SCATTERED) - die.position, axis=1))
         turn = (die.yaw - SCATTERED[nearest, 3] + np.pi / 4) % (np.pi / 2) - np.pi / 4
@@ -164,8 +170,8 @@ def test_the_surest_come_first_and_say_how_sure():
     assert locate(RIG, [np.zeros((270, 270), np.uint8)] * 3) == ()
 
 
-def test_masks_of_every_kind_give_the_same_bits_and_stay_as_they_were():
-    masks = views(SCATTERED)[1]
+def test_masks_of_every_kind_give_the_same_bits_and_stay_as_they_were(scattered):
+    masks = scattered[1]
     before = [mask.copy() for mask in masks]
     expected = positions(locate(RIG, masks))
     for others in (masks, [mask // 255 for mask in masks], [mask > 0 for mask in masks]):
@@ -173,24 +179,26 @@ def test_masks_of_every_kind_give_the_same_bits_and_stay_as_they_were():
     np.testing.assert_array_equal(masks, before)
 
 
-def test_the_order_of_the_cameras_does_not_matter():
-    images, masks = views(SCATTERED)
+def test_the_order_of_the_cameras_does_not_matter(scattered):
+    images, masks = scattered
     order = (2, 0, 1)
     turned = CameraRig(tuple(RIG[c] for c in order))
     found = locate(turned, [masks[c] for c in order], [images[c] for c in order])
     assert distances(positions(found), positions(locate(RIG, masks, images))).max() < 1e-3
 
 
-def test_a_camera_without_an_image_or_behind_a_finger_only_costs_accuracy():
-    images, masks = views(SCATTERED)
+def test_a_camera_without_an_image_or_behind_a_finger_only_costs_accuracy(scattered):
+    images, masks = scattered
     expected = centers(SCATTERED)
     found = locate(RIG, [masks[0], None, masks[2]], [images[0], None, images[2]])
     assert distances(positions(found), expected).max() < 4e-3
     pair = CameraRig((RIG[0], RIG[2]))
     alone = locate(pair, [masks[0], masks[2]], [images[0], images[2]])
     np.testing.assert_allclose(positions(alone), positions(found), atol=1e-9)
-    masks[0][:, :140] = 0
-    assert distances(positions(locate(RIG, masks, images)), expected).max() < 4e-3
+    covered = masks[0].copy()
+    covered[:, :140] = 0
+    found = locate(RIG, [covered, *masks[1:]], images)
+    assert distances(positions(found), expected).max() < 4e-3
 
 
 def moved(camera: Camera, world_from_old: np.ndarray) -> Camera:
@@ -200,8 +208,8 @@ def moved(camera: Camera, world_from_old: np.ndarray) -> Camera:
 
 
 @pytest.mark.parametrize(("lift", "yaw"), [(-0.006, 0.0), (0.004, 0.0), (0.0, 1.1)])
-def test_the_dice_move_with_the_world(lift, yaw):
-    images, masks = views(SCATTERED)
+def test_the_dice_move_with_the_world(lift, yaw, scattered):
+    images, masks = scattered
     motion = np.eye(4)
     motion[:3, :3], motion[2, 3] = so3.exp([0, 0, yaw]), lift
     rig = CameraRig(tuple(moved(camera, motion) for camera in RIG))
@@ -219,7 +227,6 @@ def test_the_dice_move_with_the_world(lift, yaw):
         (lambda m: m, lambda i: [i[0][:100], *i[1:]], "camera60: found 270×100 px, expected 270×270"),
     ],
 )
-def test_what_does_not_belong_to_the_rig_is_refused(masks, images, message):
-    given = views(SCATTERED)
+def test_what_does_not_belong_to_the_rig_is_refused(masks, images, message, scattered):
     with pytest.raises((TaskError, ImageError), match=message):
-        locate(RIG, masks(given[1]), images(given[0]))
+        locate(RIG, masks(scattered[1]), images(scattered[0]))
