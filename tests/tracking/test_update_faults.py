@@ -7,8 +7,8 @@ from tests.helpers.pushed_cube import DT, bits, has_seen, honest, near, play, po
 from tracker.errors import ImageError, TrackerError
 from tracker.pipeline import Status
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.refiner import Refiner
 from tracker.pose.hypotheses import Search
+from tracker.pose.refiner import Refiner
 from tracker.pose.views import Reader
 from tracker.tracking.belief import Belief
 
