@@ -13,7 +13,7 @@ from benchmarks.judge.results import Results, ResultsError, read_results, write_
 from benchmarks.measure.accuracy import measure_accuracy
 from tests.benchmarks.made_up import ABOUT, answers, printed_by
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker.pose import evidence
+from tracker.pose.evidence import NUMBERS
 
 
 @pytest.fixture(scope="module")
@@ -181,8 +181,8 @@ def test_the_gate_tells_of_a_tracker_with_wrong_covariances(measured, monkeypatc
 @pytest.mark.parametrize("name", ["pixel", "hidden", "inlier", "lacking", "temper", "body", "shape"])
 def test_the_gate_tells_of_a_number_of_the_evidence(measured, monkeypatch, name):
     run, before = measured
-    other = {name: 1.5 * getattr(evidence.NUMBERS, name)}
-    monkeypatch.setattr(evidence, "NUMBERS", evidence.NUMBERS._replace(**other))
+    other = {name: 1.5 * getattr(NUMBERS, name)}
+    monkeypatch.setattr("tracker.pose.refiner.NUMBERS", NUMBERS._replace(**other))
     assert_told(before, run(), "confidence")
 
 
