@@ -43,7 +43,8 @@ class ImageSet:
         if not self.faults:
             object.__setattr__(self, "faults", (None,) * count)
         if not (count == len(self.stamps) == len(self.faults) and count):
-            raise LiveError(f"taken: found {count} images and {len(self.stamps)} stamps, expected as many")
+            each = f"{count} images, {len(self.stamps)} stamps and {len(self.faults)} faults"
+            raise LiveError(f"taken: found {each}, expected one of each for every camera")
         if not np.isfinite(self.stamps).all():
             raise LiveError(
                 f"taken: found the stamps {list(self.stamps)}, expected finite numbers of seconds"
