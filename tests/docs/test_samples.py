@@ -173,11 +173,12 @@ def prepare(page: str, folder: Path) -> None:
 
 @pytest.fixture
 def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plain pictures, one process, little learning and a quick replay, which change nothing but numbers."""
+    """Few plain pictures, one process, little learning, a quick replay, which change nothing but numbers."""
     monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
     monkeypatch.setattr("synthetic.export.dataset.run_tasks", lambda *given: run_tasks(*given[:2], 1))
     monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
     monkeypatch.setattr("benchmarks.score.metrics.RESAMPLES", 39)
+    monkeypatch.setattr("benchmarks.program.QUICK", 3)
     monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
     other = {"frames": 10, "rounds": 2, "speed": 1.5}
     for option in (*adapt.params, *live.params):
