@@ -150,10 +150,17 @@ def test_feet_are_found_where_colours_end_above_the_table_and_kept_where_they_do
     assert np.median(shaded) > 0.7 * FEET[-1]
     assert np.quantile(sharp, 0.9) < 0.1 * FEET[-1]
     assert Problem(rng, 0.001).sizes()[3] == 0.0
-    assert FEET_PRIOR.sum() == pytest.approx(1)
 
 
 def test_equations_that_cannot_be_solved_say_nothing(rng):
     problem = Problem(rng, 1.0)
     problem.rows[1, :, :5], problem.roots[1] = 0, 0
     assert problem.sizes() == (1.0, 1.0, WEAR[0], 0.0)
+
+
+def test_probabilities_sum_to_one():
+    for values, prior in ((SHARES, SHARES_PRIOR), (WEAR, WEAR_PRIOR), (FEET, FEET_PRIOR)):
+        assert prior.sum() == pytest.approx(1)
+        assert len(values) == len(prior)
+    assert (np.diff(SHARES) < 0).all()
+    assert (np.diff(WEAR) > 0).all()
