@@ -31,7 +31,8 @@ from tracker.objects.model import load_object
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import explanation_score
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.fit import SEEN, OwnViews
+from tracker.pose.evidence import NUMBERS, judge
+from tracker.pose.fit import Fit, OwnViews
 from tracker.pose.refine import refine
 from tracker.pose.views import PICTURE, Sight
 from tracker.processes import python_command
@@ -51,7 +52,7 @@ _THRESHOLDS = (100_000, 50, 100)
 
 def kernels_are_cached() -> bool:
     """Whether compiled kernels are on disk, so that the first detection starts at once (best effort)."""
-    return is_cached(refine)
+    return all(map(is_cached, (refine, so3.quaternion)))  # the last of each process
 
 
 def _folder() -> str | None:
@@ -204,19 +205,22 @@ def _read() -> None:
 
 
 def _search() -> None:
-    estimator, sight = _estimator(), _sight()
+    estimator, sight, place = _estimator(), _sight(), (np.eye(3), _POSITION, np.zeros((1, 6)))
     next(estimator.search.positions(sight.labels, sight.pictures, 1), None)
     first = estimator.search.begun(sight, _POSITION, range(1))[0]
     estimator.search.near(sight, [(first.rotation, first.position)])
     estimator.search.window(0, _POSITION)
-    estimator.search.counted(sight, np.eye(3), _POSITION)
-    explanation_score(np.zeros(1, SEEN))
+    seen = estimator.search.counted(sight, np.eye(3), _POSITION)
+    explanation_score(seen)
+    # Fits are judged by "refine", which takes long enough without these two.
+    estimator.search.resized(sight, Fit(_POSITION, np.eye(3), np.eye(6), seen, converged=True))
+    maps, faces = estimator.search.lenses, estimator.search.faces
+    judge(maps, sight.labels, sight.pictures, sight.pictures, faces, place, 0.0, seen, NUMBERS)
 
 
 def _refine() -> None:
     estimator, sight = _estimator(), _sight()
     fit = estimator.refiner(sight, np.eye(3), _POSITION)
-    estimator.search.resized(sight, fit)
     estimator.refiner.edges(sight.pictures, fit.rotation, fit.position)
 
 
