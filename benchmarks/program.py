@@ -192,14 +192,7 @@ def compare(before: Path, after: Path) -> None:
 @click.option("--update", default="", metavar="REASON", help="Make these results the baseline, and say why.")
 def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: str) -> None:
     """Fail where few scenes, or the recorded triplets, show something worse than the baseline."""
-    run = Run(
-        gates.plan(cache),
-        output,
-        real_folder(real),
-        gates.WORKLOADS,
-        rounds=gates.ROUNDS,
-        films=gates.FILMS,
-    )
+    run = Run(gates.plan(cache), output, real_folder(real), gates.WORKLOADS, films=gates.FILMS)
     results = measure(run, ["gate"], whole=True)
     if update:
         if not results.about["clean"]:

@@ -55,8 +55,6 @@ class Run:
     objects: Sequence[str] | None = None
     """Names of the objects; None: all."""
     draw: str = "development"
-    rounds: int = 1
-    """Number of runs of each detection when measuring accuracy, of which the fastest is timed."""
     films: int = 6
     """Number of films for each camera of a recorded triplet."""
     results: Results = field(default_factory=Results)
@@ -77,7 +75,7 @@ def accuracy(run: Run) -> Frames:
     def keep(name: str, make: Callable[[], Made]) -> Made:
         file = run.output / KEPT / f"{re.sub(r'[^a-z0-9]+', '_', name.lower())}.json"
         key = {key: run.results.about[key] for key in IDENTITY}
-        key |= {"rounds": run.rounds, "workloads": [workload.name for workload in run.workloads]}
+        key["workloads"] = [workload.name for workload in run.workloads]
         if file.is_file():
             kept = json.loads(file.read_text(encoding="utf-8"))
             if kept["key"] == key:
@@ -89,7 +87,7 @@ def accuracy(run: Run) -> Frames:
         write_whole(file, json.dumps(content))
         return content["answers"], skipped
 
-    answers, skipped = measure_accuracy(run.plan, run.workloads, run.objects, keep, run.rounds)
+    answers, skipped = measure_accuracy(run.plan, run.workloads, run.objects, keep)
     for what, why in skipped.items():
         run.skip(what, why)
     return {"accuracy": answers}

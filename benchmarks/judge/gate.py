@@ -26,9 +26,6 @@ SHARES = {"realistic": 1.0, "world": 0.5, "absent": 0.07, LOOK_ALIKE: 0.07}
 SCENES = 14
 """Number of realistic scenes of each object."""
 
-ROUNDS = 3
-"""Number of runs of each detection, of which the fastest is timed."""
-
 FILMS = 2
 """Number of films of each camera of a recorded triplet."""
 

@@ -17,7 +17,7 @@ from benchmarks.data.recorded import another, robots
 from benchmarks.data.sets import SceneSet, scene_set
 from benchmarks.data.store import prepare
 from benchmarks.data.workloads import Case, Workload, case
-from benchmarks.measure.timing import in_turn, one_thread
+from benchmarks.measure.timing import one_thread, repeated
 from benchmarks.score.errors import longest_axis, pose_errors, roll_error, true_pose
 from tracker.conventions import Image
 from tracker.errors import CalibrationError
@@ -36,7 +36,6 @@ def measure_accuracy(
     workloads: Sequence[Workload],
     objects: Sequence[str] | None,
     keep: Keep = lambda name, make: make(),
-    rounds: int = 1,
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """Return one row per answer, by workload and object, and the reasons for skipped workloads.
 
@@ -45,7 +44,6 @@ def measure_accuracy(
         workloads: the workloads to run.
         objects: names of the objects to use, if a workload has them; None: all.
         keep: stores the answers to each set of scenes, so that an interrupted run can continue there.
-        rounds: how often to run each detection; the fastest run counts.
     """
     answers: list[dict[str, Any]] = []
     skipped: dict[str, str] = {}
@@ -60,7 +58,7 @@ def measure_accuracy(
     prepare(needed, plan.workers)
     for name, base in sets:
         own = [workload for workload in workloads if workload.base == base and name in workload.objects]
-        made = keep(f"{name}, {base}", functools.partial(_of_set, plan, name, base, own, rounds))
+        made = keep(f"{name}, {base}", functools.partial(_of_set, plan, name, base, own))
         answers += made[0]
         skipped |= made[1]
     places = {workload.name: place for place, workload in enumerate(workloads)}
@@ -69,7 +67,7 @@ def measure_accuracy(
     return pd.DataFrame(answers), skipped
 
 
-def _of_set(plan: Plan, name: str, base: str, workloads: Sequence[Workload], rounds: int) -> Made:
+def _of_set(plan: Plan, name: str, base: str, workloads: Sequence[Workload]) -> Made:
     skipped: dict[str, str] = {}
     try:
         scenes = scene_set(name, base, plan)
@@ -81,12 +79,10 @@ def _of_set(plan: Plan, name: str, base: str, workloads: Sequence[Workload], rou
         skipped = {workload.name: str(error) for workload in workloads if workload.believed is another}
     possible = [workload for workload in workloads if workload.name not in skipped]
     with one_thread():
-        return list(_answers(scenes, possible, plan.seed, rounds)), skipped
+        return list(_answers(scenes, possible, plan.seed)), skipped
 
 
-def _answers(
-    scenes: SceneSet, workloads: Sequence[Workload], seed: int, rounds: int
-) -> Iterator[dict[str, Any]]:
+def _answers(scenes: SceneSet, workloads: Sequence[Workload], seed: int) -> Iterator[dict[str, Any]]:
     """Yield the answers of all workloads that share these scenes."""
     model = scenes.model
     exact = tracker.ObjectTracker(model, scenes.rig, scenes.colors)
@@ -99,7 +95,7 @@ def _answers(
             detector = exact
             if given.rig is not scenes.rig:
                 detector = tracker.ObjectTracker(model, given.rig, scenes.colors)
-            answer, times = in_turn(functools.partial(detector.detect, given.images), given.images, rounds)
+            answer, times = repeated(functools.partial(detector.detect, given.images), given.images)
             yield answer_row(model, given, answer) | times
 
 

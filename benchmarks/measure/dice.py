@@ -14,7 +14,7 @@ import pandas as pd
 from benchmarks.data.dice import KINDS, DiceScene, dice_store
 from benchmarks.data.plan import Plan
 from benchmarks.data.scenes import rig as exact_rig
-from benchmarks.measure.timing import in_turn, one_thread
+from benchmarks.measure.timing import one_thread, repeated
 from benchmarks.score.dice import cross_pixels, judge_mask, judge_positions, visible_fractions
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
@@ -93,7 +93,7 @@ def recorded_row(real: Path) -> Rows:
 
 
 def time_rows(rig: CameraRig, images: Sequence[Image]) -> Rows:
-    """Return a row for each kind of work, with the times from `in_turn`.
+    """Return a row for each kind of work, with its times.
 
     The first row is the cost of the task's reward while the goal stays the same.
     """
@@ -114,4 +114,4 @@ def time_rows(rig: CameraRig, images: Sequence[Image]) -> Rows:
     }
     for work in works.values():
         work()  # the first call in a process loads or compiles kernels
-    return [{"group": name, **in_turn(work, images)[1]} for name, work in works.items()]
+    return [{"group": name, **repeated(work, images)[1]} for name, work in works.items()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 import cv2
@@ -12,6 +12,13 @@ import cv2
 from tracker.conventions import Image
 
 T = TypeVar("T")
+
+ROUNDS = 3
+"""Number of times that work is timed; the shortest time counts, since on a shared machine times double at
+random."""
+
+Times = dict[str, float]
+"""`ms` of the work, `reference_ms` and their `ratio`."""
 
 
 @contextlib.contextmanager
@@ -32,23 +39,27 @@ def reference_work(images: Sequence[Image | None]) -> None:
             cv2.cvtColor(cv2.medianBlur(image, 5), cv2.COLOR_BGR2HSV)
 
 
-def in_turn(
-    work: Callable[[], T], images: Sequence[Image | None], rounds: int = 1
-) -> tuple[T, dict[str, float]]:
-    """Return the result of some work, its time, and the time of the reference work right after it.
+def in_turn(work: Callable[[], T], images: Sequence[Image | None]) -> tuple[T, Times]:
+    """Return the result of some work, its processor time, and that of the reference work right after it."""
+    clock = time.process_time
+    start = clock()
+    result = work()
+    middle = clock()
+    reference_work(images)
+    return result, _times(1e3 * (middle - start), 1e3 * (clock() - middle))
 
-    The process's processor time is measured: on a shared machine, wall-clock time may double at random. The
-    shortest times over several rounds are returned, and the first result.
 
-    Returns:
-        The result; `ms`, `reference_ms` and their `ratio`.
-    """
-    clock, results, spent = time.process_time, [], []
-    for _ in range(rounds):
-        start = clock()
-        results.append(work())
-        middle = clock()
-        reference_work(images)
-        spent.append((middle - start, clock() - middle))
-    own, reference = (1e3 * min(times) for times in zip(*spent, strict=True))
-    return results[0], {"ms": own, "reference_ms": reference, "ratio": own / max(reference, 1e-9)}
+def repeated(work: Callable[[], T], images: Sequence[Image | None]) -> tuple[T, Times]:
+    """Return the fastest round's result of work that always gives the same one, and the shortest times."""
+    rounds = [in_turn(work, images) for _ in range(ROUNDS)]
+    result, _ = min(rounds, key=lambda one: one[1]["ms"])
+    return result, shortest([times for _, times in rounds])
+
+
+def shortest(rounds: Sequence[Mapping[str, float]]) -> Times:
+    """Return the shortest times of several rounds of the same work."""
+    return _times(*(min(times[key] for times in rounds) for key in ("ms", "reference_ms")))
+
+
+def _times(own: float, reference: float) -> Times:
+    return {"ms": own, "reference_ms": reference, "ratio": own / max(reference, 1e-9)}

@@ -95,7 +95,7 @@ def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path
     run, _, _ = measured
     asked = []
 
-    def made(plan, workloads, objects, keep, rounds):
+    def made(plan, workloads, objects, keep):
         rows = []
         for name in ("a", "b"):
             answer = [{"group": "g", "object": name}], {}
