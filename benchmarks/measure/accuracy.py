@@ -86,9 +86,7 @@ def _answers(scenes: SceneSet, workloads: Sequence[Workload], seed: int) -> Iter
     """Yield the answers of all workloads that share these scenes."""
     model = scenes.model
     exact = tracker.ObjectTracker(model, scenes.rig, scenes.colors)
-    for count, scene in enumerate(scenes):
-        if count == 0:
-            exact.detect(scene.images)  # the first detection of a process loads or compiles kernels
+    for scene in scenes:
         for workload in workloads:
             other = scenes.another(scene) if workload.other_moment else None
             given = case(workload, model.name, scene, scenes.rig, seed, other)

@@ -112,6 +112,4 @@ def time_rows(rig: CameraRig, images: Sequence[Image]) -> Rows:
         "positions from masks and images": lambda: rearrange_dice.locate(rig, masks, images),
         "positions from masks alone": lambda: rearrange_dice.locate(rig, masks),
     }
-    for work in works.values():
-        work()  # the first call in a process loads or compiles kernels
     return [{"group": name, **repeated(work, images)[1]} for name, work in works.items()]

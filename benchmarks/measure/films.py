@@ -18,10 +18,11 @@ import tracker
 from benchmarks.data.films import FilmFrame, FilmStore, vanishing_film, vanishing_frames
 from benchmarks.data.plan import Plan
 from benchmarks.data.scenes import OBJECTS, rig
-from benchmarks.measure.timing import ROUNDS, in_turn, one_thread, shortest
+from benchmarks.measure.timing import ROUNDS, Times, in_turn, one_thread, shortest
 from benchmarks.score.errors import pose_errors, true_pose
 from benchmarks.score.films import at_rest
 from synthetic.scene import drawn
+from tracker.pose.result import Observation
 
 STRIDES = (2, 4, 8)
 """Strides at which films are subsampled, in addition to whole films."""
@@ -29,9 +30,6 @@ STRIDES = (2, 4, 8)
 FILMS = {"realistic": 2, "world": 8}
 """Number of films for each object, by style. In `world` each film has its own cameras, so there are more
 films, and they are shorter."""
-
-WARM = 5
-"""Number of frames that a tracker processes before it is timed."""
 
 SHORTEST = 40
 """Smallest number of frames of a film."""
@@ -56,7 +54,6 @@ def _realistic(name: str, store: FilmStore, count: int) -> Iterator[pd.DataFrame
     own = tracker.ObjectTracker(drawn(name), rig())
     everything = range(store.length)
     films = [list(store.frames(film, everything)) for film in range(count)]
-    _warm(own, films[0])
     yield _films(own, films, "all").join(_single_shots(own, films))
     for stride in STRIDES:
         yield _films(own, [film[::stride] for film in films], f"every {stride}. frame")
@@ -79,13 +76,7 @@ def _world(name: str, store: FilmStore, count: int) -> Iterator[pd.DataFrame]:
     for camera in (None, *range(len(trackers[0].rig))):
         group = "world" if camera is None else f"world, camera {camera + 1}"
         for number, (own, film) in enumerate(zip(trackers, films, strict=True)):
-            _warm(own, film)
             yield play(own, film, camera).assign(group=group, film=number)
-
-
-def _warm(own: tracker.ObjectTracker, film: list[FilmFrame]) -> None:
-    own.detect(film[0].images)
-    play(own, film[:WARM])
 
 
 def _films(
@@ -104,19 +95,10 @@ def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | 
         and the errors of the measured pose as `measured_…`; and the shortest times of several rounds.
     """
     film = list(frames)
-    played = [_played(own, film, camera) for _ in range(ROUNDS)]
-    rows = [same[0] | shortest(same) for same in zip(*played, strict=True)]
-    poses = np.array([true_pose(frame.position, frame.rotation) for frame in film])
-    return pd.DataFrame(rows).assign(at_rest=at_rest(poses))
-
-
-def _played(own: tracker.ObjectTracker, film: list[FilmFrame], camera: int | None) -> list[dict[str, Any]]:
-    """Play a film once; return what `play` says of each frame, with this round's times."""
-    own.reset()
-    rows = []
-    for frame in film:
-        images = [image if camera in (None, k) else None for k, image in enumerate(frame.images)]
-        answer, times = in_turn(functools.partial(own.update, images, frame.timestamp), images)
+    rounds = [_played(own, film, camera) for _ in range(ROUNDS)]
+    rows, poses = [], []
+    for frame, *same in zip(film, *rounds, strict=True):
+        answer = same[0][0]
         measured, filtered = answer.object_pose, answer.filtered_object_pose
         seen = frame.visible_fraction if camera is None else frame.visible_fraction[camera]
         true = true_pose(frame.position, frame.rotation)
@@ -131,8 +113,21 @@ def _played(own: tracker.ObjectTracker, film: list[FilmFrame], camera: int | Non
         }
         for prefix, pose in (("", filtered), ("measured_", measured)):
             row |= pose_errors(pose, true, prefix)
-        rows.append(row | times)
-    return rows
+        rows.append(row | shortest([times for _, times in same]))
+        poses.append(true)
+    return pd.DataFrame(rows).assign(at_rest=at_rest(np.array(poses)))
+
+
+def _played(
+    own: tracker.ObjectTracker, film: list[FilmFrame], camera: int | None
+) -> list[tuple[Observation, Times]]:
+    """Play a film once; return the answer to each frame, and its times."""
+    own.reset()
+    played = []
+    for frame in film:
+        images = [image if camera in (None, k) else None for k, image in enumerate(frame.images)]
+        played.append(in_turn(functools.partial(own.update, images, frame.timestamp), images))
+    return played
 
 
 def _single_shots(own: tracker.ObjectTracker, films: list[list[FilmFrame]]) -> pd.DataFrame:

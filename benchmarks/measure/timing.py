@@ -14,8 +14,8 @@ from tracker.conventions import Image
 T = TypeVar("T")
 
 ROUNDS = 3
-"""Number of times that work is timed; the shortest time counts, since on a shared machine times double at
-random."""
+"""Number of times that work is timed. The shortest time counts: on a shared machine times double at random,
+and the first call in a process loads or compiles kernels."""
 
 Times = dict[str, float]
 """`ms` of the work, `reference_ms` and their `ratio`."""
