@@ -15,6 +15,9 @@ from tracker.errors import CalibrationError, shown
 LARGEST = 10.0
 """Largest radius and height [m]: a larger value is probably in millimetres."""
 
+LARGEST_STD = 1.0, 1.6
+"""Largest standard deviations of a table [m, rad]: larger ones are probably in millimetres or degrees."""
+
 SLACK = 2.0
 """Tolerance of the arena's bounds, in standard deviations of the table's height."""
 
@@ -46,8 +49,9 @@ class Arena:
         for key in ("radius", "height"):
             if not 0 < getattr(self, key) <= LARGEST:
                 raise _error(key, getattr(self, key), f"more than 0 and at most {LARGEST:g} metres")
-        if min(self.table_std) < 0:
-            raise _error("table_std", self.table_std, "standard deviations of at least 0")
+        if not all(0 <= std <= most for std, most in zip(self.table_std, LARGEST_STD, strict=True)):
+            valid = "standard deviations from 0 to {:g} metre and {:g} rad".format(*LARGEST_STD)
+            raise _error("table_std", self.table_std, valid)
 
     @property
     def ground(self) -> float:
