@@ -172,9 +172,11 @@ def prepare(page: str, folder: Path) -> None:
 
 
 @pytest.fixture
-def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+def quickly(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Few plain pictures, one process, little learning, a quick replay, which change nothing but numbers."""
     monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
+    # Plain pictures must not be taken for those that the gate measures.
+    monkeypatch.setenv("TRACKER_BENCHMARK_CACHE", str(tmp_path / "scenes"))
     monkeypatch.setattr("synthetic.export.dataset.run_tasks", lambda *given: run_tasks(*given[:2], 1))
     monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
     monkeypatch.setattr("benchmarks.score.metrics.RESAMPLES", 39)
