@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described, described_input, in_range, path_of, seconds
+from tracker.checks import LATEST, check_sequence, described, described_input, in_range, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry.camera import Camera
@@ -141,6 +141,8 @@ def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) 
     delay is zero); names: the cameras' names. TrackerError if they are not numbers, not one per
     camera, or not finite for a camera that gave an image.
     """
+    if type(timestamp) is float and abs(timestamp) <= LATEST:
+        return timestamp, np.zeros(len(given))
     if isinstance(timestamp, Mapping):
         timestamp = _by_camera("timestamp", timestamp, names, TrackerError, "nan")
     if isinstance(timestamp, (list, tuple)) and any(one is None for one in timestamp):

@@ -22,7 +22,7 @@ from tracker.inputs import (
 )
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
-from tracker.pose.agreement import contradict, spread
+from tracker.pose.agreement import CONTRADICTION, size, spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
 from tracker.pose.result import CameraUse, Forecast, Observation, Status
@@ -90,9 +90,10 @@ class ObjectTracker:
         timing["total"] = 1e3 * (time.perf_counter() - start)
         if isinstance(fit, Status):
             return Observation(None, None, fit, timing, cameras=uses)
-        wide = spread(fit.disagreement) if self._estimator.stated else 0.0
+        off = size(fit.disagreement)
+        wide = spread(off) if self._estimator.stated else 0.0
         pose = measured(fit, spread=wide, size=self.model.size)
-        reason = Status.INCONSISTENT_VIEWS if contradict(fit.disagreement) else None
+        reason = Status.INCONSISTENT_VIEWS if off > CONTRADICTION else None
         return Observation(pose, None, Status.FOUND, timing, reason, after(uses, fit))
 
     def reset(self) -> None:

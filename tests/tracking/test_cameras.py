@@ -11,7 +11,7 @@ from tests.helpers.pushed_cube import DT, new
 from tests.helpers.stills import bare_scene
 from tests.pose.test_agreement import moved
 from tracker import CameraUse, Status
-from tracker.pose.agreement import SCALES, spread
+from tracker.pose.agreement import SCALES, size, spread
 from tracker.tracking.cameras import BLACK, EVERY, LOOKS, Agreement, CameraMemory, after, looked_at, usable
 from tracker.tracking.motion import MotionState
 
@@ -229,8 +229,9 @@ def test_covariances_contain_what_cameras_disagree_about_if_their_files_state_er
     for given, counts in ((stated, True), (tracker.CameraRig(exact), False)):
         one = new(given)
         fit, known = one.fit(images), np.zeros((6, 6))
-        known[:3, :3] = np.eye(3) * (spread(fit.disagreement) if counts else 0.0)
-        assert spread(fit.disagreement) > (2e-4) ** 2
+        wide = spread(size(fit.disagreement))
+        known[:3, :3] = np.eye(3) * (wide if counts else 0.0)
+        assert wide > (2e-4) ** 2
         np.testing.assert_allclose(one.detect(images).object_pose.covariance, fit.covariance + known)
         answer = one.update(images, 0.0)
         np.testing.assert_allclose(answer.object_pose.covariance, fit.covariance + known)

@@ -90,8 +90,9 @@ def judge(model: CuboidModel, footage: Sequence[Frames], colors: ColorModel) -> 
 
 def overlap(fit: Fit) -> float:
     """Return the intersection over union of the face colours found with those that a fit predicts."""
-    union = fit.total("predicted") + fit.total("extra") + fit.total("elsewhere")
-    return fit.total("agree") / max(union, 1.0)
+    seen = fit.cameras
+    union = (seen["predicted"] + seen["extra"] + seen["elsewhere"]).sum()
+    return float(seen["agree"].sum() / max(union, 1.0))
 
 
 RIM = 2.0

@@ -34,4 +34,5 @@ class Box(NamedTuple):
 
     def lowest(self, position: FloatArray, rotation: FloatArray) -> float:
         """Return z of the lowest corner [m] at a position (3,) [m] and rotation (3, 3), world from object."""
-        return float(position[2] - np.abs(rotation[2]) @ self.half)
+        depths = (abs(one) * half for one, half in zip(rotation[2].tolist(), self.half.tolist(), strict=True))
+        return float(position[2] - sum(depths))

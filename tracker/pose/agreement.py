@@ -111,28 +111,37 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
     return out
 
 
-def probabilities(likelihoods: FloatArray) -> FloatArray:
-    """Probability (S,) of each of SCALES, from their log likelihoods (S,)."""
-    weights: FloatArray = SCALES_PRIOR * np.exp(likelihoods - likelihoods.max())
-    return np.asarray(weights / weights.sum())
+_PRIOR, _LOGS = SCALES_PRIOR.tolist(), np.log(SCALES).tolist()
 
 
-def size(likelihoods: FloatArray) -> float:
-    """How far the cameras disagree [m]: the geometric mean of SCALES by their probabilities."""
-    return float(np.exp(probabilities(likelihoods) @ np.log(SCALES)))
+def probabilities(likelihoods: FloatArray) -> list[float]:
+    """Probability of each of SCALES, from their log likelihoods (S,)."""
+    values = likelihoods.tolist()  # with so few, NumPy takes several times as long
+    most = max(values)
+    weights = [prior * math.exp(value - most) for prior, value in zip(_PRIOR, values, strict=True)]
+    total = sum(weights)
+    return [weight / total for weight in weights]
 
 
-def spread(likelihoods: FloatArray | None) -> float:
-    """Variance along each axis [m²] of the errors that disagreement reveals; 0 for None: not judged.
+def _mean(likelihoods: FloatArray, values: list[float]) -> float:
+    """Mean of a value of each of SCALES by their probabilities."""
+    return sum(share * value for share, value in zip(probabilities(likelihoods), values, strict=True))
+
+
+def size(likelihoods: FloatArray | None) -> float:
+    """How far the cameras disagree [m]: the geometric mean of SCALES by their probabilities.
+
+    It is 0 if likelihoods are None: not judged.
+    """
+    return 0.0 if likelihoods is None else math.exp(_mean(likelihoods, _LOGS))
+
+
+def spread(size: float) -> float:
+    """Variance along each axis [m²] of the errors that a disagreement of this size [m] reveals.
 
     Like the between-study variance in a meta-analysis, it adds to the stated variance.
     """
-    return 0.0 if likelihoods is None else (SHARED_SHARE * size(likelihoods)) ** 2
-
-
-def contradict(likelihoods: FloatArray | None) -> bool:
-    """Whether the cameras disagree so much that their calibration is doubtful; False for None: not judged."""
-    return likelihoods is not None and size(likelihoods) > CONTRADICTION
+    return (SHARED_SHARE * size) ** 2
 
 
 def _within(std: FloatArray) -> FloatArray:
@@ -142,9 +151,9 @@ def _within(std: FloatArray) -> FloatArray:
     return np.asarray(erf - math.sqrt(2.0 / math.pi) * x * np.exp(-0.5 * x**2))
 
 
-_FITS = _within(SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / OTHERS) ** 2))
+_FITS = _within(SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / OTHERS) ** 2)).tolist()
 
 
 def probably_fits(likelihoods: FloatArray) -> float:
     """Probability that calibration errors leave the pose within NEAR_DISTANCE of the truth."""
-    return float(probabilities(likelihoods) @ _FITS)
+    return _mean(likelihoods, _FITS)

@@ -133,7 +133,7 @@ class PoseEstimator:
         sight = self.reader.labelled(images, pictures, hidden=hidden)
         laps.append(time.perf_counter())
         found: Fit | Status = Status.NO_OBJECT_COLORS
-        if sight.pictures["colored"].sum() >= MIN_COLORED:
+        if sum(sight.pictures["colored"].tolist()) >= MIN_COLORED:
             candidates = self.candidates(sight, thorough, lag)
             found = self._best(sight, candidates, lag) if candidates else Status.TOO_FEW_PIXELS
         laps.append(time.perf_counter())
@@ -253,13 +253,14 @@ class PoseEstimator:
         A camera whose label map shows the object beside the pose is searched by itself, since the object's
         edges lie outside the strips there.
         """
-        assert fit.own is not None
-        views = OwnViews(*(column.copy() for column in fit.own))
+        views = fit.own
+        assert views is not None
         for c in _astray(sight, fit):
             other = self._own_search(sight, fit, c, lag)
             if other is not None:
+                views = OwnViews(*(column.copy() for column in views))
                 views.information[c], views.moved[c], views.inliers[c] = other
-        if np.count_nonzero(views.information[:, 0, 0] > 0.0) < 2:
+        if sum(known > 0.0 for known in views.information[:, 0, 0].tolist()) < 2:
             return fit.changed(own=views)
         found = disagreement(views, self.search.lenses, fit.position, self._radius)
         return fit.changed(own=views, disagreement=found)
@@ -286,12 +287,9 @@ class PoseEstimator:
     @staticmethod
     def _explains_better(seen: Any, fit: Fit, c: int) -> bool:
         """Whether a camera's record of SEEN for another pose explains its label map clearly better."""
-        before = fit.cameras[c]
-        gain = sum(sign * (int(seen[k]) - int(before[k])) for k, sign in _FOR_AND_AGAINST)
-        return bool(gain > max(BETTER[0], BETTER[1] * before["predicted"]))
-
-
-_FOR_AND_AGAINST = ("agree", 1), ("extra", -1), ("wrong", -1)
+        before = fit.counts[c]
+        gain = seen["agree"] - seen["extra"] - seen["wrong"] - before.agree + before.extra + before.wrong
+        return bool(gain > max(BETTER[0], BETTER[1] * before.predicted))
 
 
 def _astray(sight: Sight, fit: Fit) -> list[int]:
@@ -300,6 +298,6 @@ def _astray(sight: Sight, fit: Fit) -> list[int]:
         c
         for c, (used, seen) in enumerate(zip(sight.used.tolist(), fit.counts, strict=True))
         if used
-        and seen["predicted"] >= EXPECTED
-        and (c in fit.left_out or seen["extra"] + seen["wrong"] > ODD * seen["expected"])
+        and seen.predicted >= EXPECTED
+        and (c in fit.left_out or seen.extra + seen.wrong > ODD * seen.expected)
     ]

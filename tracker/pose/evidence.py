@@ -204,20 +204,26 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
     """
     count, prices = len(seen), np.empty((len(HIDDEN_SHARES), 5))
     _prices(numbers, prices)
-    options, tied, unknowns = np.empty((count, 6, 8)), np.zeros((6, 8)), np.empty((count, 6))
+    options, tied, unknowns = np.zeros((count, 6, 8)), np.zeros((6, 8)), np.empty((count, 6))
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
+    unseen = _unknown(tied[0])
     for c in range(count):
         for face in range(6):
             counts, pixel = seen[c].faces[face], numbers.whole
             if closer:
                 counts, pixel = seen[c].inner[face], numbers.pixel
-            _options(counts, prices, pixel, options[c, face])
-            unknowns[c, face] = _unknown(options[c, face])
+            unknowns[c, face] = unseen
+            if counts.sum() == 0:
+                continue
+            option, value = options[c, face], 0.0
+            _options(counts, prices, pixel, option)
+            unknowns[c, face] = _unknown(option)
+            before = np.nan
             for k in range(MIXED + 1):
-                value = options[c, face, k]
-                if counts.sum() > 0:
-                    value = np.logaddexp(value + correct, unknowns[c, face] + lost)
-                options[c, face, k] = value
+                if option[k] != before:  # colours without pixels are equally likely
+                    before = option[k]
+                    value = np.logaddexp(before + correct, unknowns[c, face] + lost)
+                option[k] = value
                 tied[face, k] += value
     shows, blind = math.log(1.0 - numbers.hidden), math.log(numbers.hidden)
     count_seen, lone = 0, np.empty((4, count))
@@ -287,12 +293,24 @@ def _clearly_shown(seen, face, label):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _lacks(seen, factor, share):  # type: ignore[no-untyped-def]
+    """Whether so much is missing, or beside the object, that a body of another length is tried (RESIZED)."""
+    total, most, agree = 0.0, 0.0, 0.0
+    for one in seen:
+        room = one.missing if factor < 1.0 else one.extra
+        total, most, agree = total + room, max(most, room), agree + one.agree
+    return total - share * most >= LEAST_LACKING * agree
+
+
+@compiled
 def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
     """Log odds of the best body with one edge shorter or longer than an object's.
 
     See equation (21) of docs/how-it-works.md; arguments are as in `judge`, which has filled seen.
     """
     (rotation, position, lags), (half, face_labels) = place, box
+    if not (_lacks(seen, *RESIZED[0]) or _lacks(seen, *RESIZED[1])):
+        return -np.inf
     prices = np.empty((len(HIDDEN_SHARES), 5))
     _prices(numbers, prices)
     other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
@@ -303,11 +321,7 @@ def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignor
             unknowns[c, face] = _unknown(options)
         before[c] = _seen_here(seen[c], unknowns[c], face_labels, prices, numbers)
     for factor, share in RESIZED:
-        total, most, agree = 0.0, 0.0, 0
-        for one in seen:
-            room = one.missing if factor < 1.0 else one.extra
-            total, most, agree = total + room, max(most, room), agree + one.agree
-        if total - share * most < LEAST_LACKING * agree:
+        if not _lacks(seen, factor, share):
             continue
         for end in range(6):
             if _clearly_shown(seen, end, face_labels[end]):

@@ -48,29 +48,48 @@ class Start(NamedTuple):
 LIKELY = Start(blur=0.9, exponent=0.3, rim=0.0, rim_std=RIM_STD)
 """Used if nothing is known: the exponent lies between those of simulations and of cameras."""
 
+
+class Seen(NamedTuple):
+    """What one camera's image shows of a pose, apart from each face's pixels."""
+
+    expected: float
+    """Number of pieces of visible edges."""
+    usable: float
+    """… that show an edge between the right colours."""
+    inliers: float
+    """Weight of the usable ones where the pose puts them."""
+    squares: float
+    """Weighted sum of the inliers' squared residuals [px² at reference size]."""
+    noise: float
+    """… and of their variances from image noise."""
+    blur: float
+    """Standard deviation of the image's blur [px]."""
+    predicted: float
+    """Number of pixels of the label map that the object should cover."""
+    agree: float
+    """… that show the expected face."""
+    missing: float
+    """… that show background."""
+    wrong: float
+    """… that show another face: they contradict the pose."""
+    extra: float
+    """Number of pixels beside the object in a face's colour."""
+    elsewhere: float
+    """… and farther away."""
+    shows: float
+    """Probability that it shows the object there."""
+    broken: float
+    """… and that the image shows something else."""
+
+
 SEEN = np.dtype(
     [
-        ("expected", np.float64),  # pieces of visible edges
-        ("usable", np.float64),  # … that show an edge between the right colours
-        ("inliers", np.float64),  # weight of the usable ones where the pose puts them
-        ("squares", np.float64),  # weighted sum of the inliers' squared residuals [px² at reference size]
-        ("noise", np.float64),  # … and of their variances from image noise
-        ("blur", np.float64),  # standard deviation of the image's blur [px]
-        ("predicted", np.int64),  # pixels of the label map that the object should cover
-        ("agree", np.int64),  # … that show the expected face
-        ("missing", np.int64),  # … that show background
-        ("wrong", np.int64),  # … that show another face: they contradict the pose
-        ("extra", np.int64),  # pixels beside the object in a face's colour
-        ("elsewhere", np.int64),  # … and farther away
-        ("shows", np.float64),  # probability that it shows the object there
-        ("broken", np.float64),  # … and that the image shows something else
+        *((name, np.float64) for name in Seen._fields),
         ("faces", np.int64, (6, 7)),  # pixels that each face should cover, by their label
         ("inner", np.int64, (6, 7)),  # … that lie wholly inside it
     ]
 )
-"""What one camera's image shows of a pose."""
-
-_NUMBERS = SEEN[[name for name in SEEN.names or () if not SEEN[name].shape]]
+"""What one camera's image shows of a pose: `Seen` as a record, and each face's pixels."""
 
 
 class Evidence(NamedTuple):
@@ -146,12 +165,8 @@ class Fit:
             other.__dict__.pop("counts", None)
         return other
 
-    def total(self, name: str) -> float:
-        """Sum of a field of SEEN over the cameras."""
-        return sum(one[name] for one in self.counts)
-
     @functools.cached_property
-    def counts(self) -> list[dict[str, float]]:
+    def counts(self) -> list[Seen]:
         """The records of SEEN as plain numbers: reading array fields one by one is slower than judging."""
-        names = _NUMBERS.names or ()
-        return [dict(zip(names, row, strict=True)) for row in self.cameras.view(_NUMBERS).tolist()]
+        rows = self.cameras.view(np.float64).reshape(len(self.cameras), -1)
+        return [Seen(*row) for row in rows[:, : len(Seen._fields)].tolist()]

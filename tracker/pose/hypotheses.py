@@ -143,8 +143,8 @@ class Search:
                 most = wide.others if k else wide.first
                 found += self.begun(sight, place, range(tried[k], most))
                 tried[k] = max(tried[k], most)
-            used = np.flatnonzero(sight.used).tolist()
-            for c in used if wide.without and len(used) > ENOUGH else ():
+            used = np.flatnonzero(sight.used).tolist() if wide.without else []
+            for c in used if len(used) > ENOUGH else ():
                 for place in self.positions(sight.labels, sight.without(c).pictures, 1):
                     found += self.begun(sight, place, range(wide.without), (c,))
             if len(found) <= ALIGNED:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import functools
 import math
 
-import numpy as np
-
 from tracker.conventions import FloatArray
 from tracker.geometry.probability import probability_within
 from tracker.pose.agreement import NEAR_DISTANCE, probably_fits
@@ -50,18 +48,18 @@ _once = functools.lru_cache(maxsize=32)
 @_once
 def alone(fit: Fit) -> bool:
     """Whether the pose rests on a single camera."""
-    return sum(one["inliers"] >= MIN_VIEW for one in fit.counts) < 2
+    return sum(one.inliers >= MIN_VIEW for one in fit.counts) < 2
 
 
 @_once
 def supporters(fit: Fit) -> int:
     """Number of cameras that probably see the object at the fit."""
-    return sum(one["shows"] > 0.5 for one in fit.counts)
+    return sum(one.shows > 0.5 for one in fit.counts)
 
 
 def unanimous(fit: Fit) -> bool:
     """Whether all cameras that should see the object see it at the fit."""
-    return supporters(fit) == sum(one["predicted"] > 0 for one in fit.counts)
+    return supporters(fit) == sum(one.predicted > 0 for one in fit.counts)
 
 
 @_once
@@ -69,9 +67,9 @@ def contradicting(fit: Fit) -> tuple[bool, ...]:
     """Whether each camera sees the object elsewhere, or something else at the fit."""
     result = []
     for one in fit.counts:
-        predicted, outside = one["predicted"], one["extra"] + one["elsewhere"] + one["wrong"]
-        astray = outside >= max(ASTRAY[0], ASTRAY[1] * predicted) or one["broken"] > 0.5
-        result.append(predicted >= EXPECTED and one["shows"] <= 0.5 and astray)
+        predicted, outside = one.predicted, one.extra + one.elsewhere + one.wrong
+        astray = outside >= max(ASTRAY[0], ASTRAY[1] * predicted) or one.broken > 0.5
+        result.append(predicted >= EXPECTED and one.shows <= 0.5 and astray)
     return tuple(result)
 
 
@@ -108,14 +106,19 @@ def settled(fit: Fit) -> bool:
 @_once
 def refusal(fit: Fit) -> Status | None:
     """Why the fit is refused; None: it is accepted."""
-    if not np.isfinite(fit.covariance).all():
+    variances = fit.covariance.diagonal().tolist()
+    if not math.isfinite(sum(variances)):
         return Status.POOR_FIT
     if not fit.inside:
         # A single camera may mistake an occluder's edges for the object's and put it too far away.
         return Status.AMBIGUOUS if alone(fit) else Status.INCONSISTENT_VIEWS
     if trust(fit) < MIN_TRUST:
         return _against(fit)
-    return Status.AMBIGUOUS if probably_near(fit.covariance, VAGUE) < MIN_DEFINITE else None
+    # Markov's inequality shows most poses to be accurate enough.
+    far = sum(variances[:3]) / VAGUE[0] ** 2 + sum(variances[3:]) / VAGUE[1] ** 2
+    if far < 1.0 - MIN_DEFINITE or probably_near(fit.covariance, VAGUE) >= MIN_DEFINITE:
+        return None
+    return Status.AMBIGUOUS
 
 
 def _against(fit: Fit) -> Status:

@@ -369,15 +369,15 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work, own)
         pictures: (C,) of PICTURE.
         schedule: see `schedule.Schedule`.
         start: see Start.
-        solution: of SOLUTION, filled; its pose is the initial one.
+        solution: (1,) of SOLUTION, filled; its pose is the initial one.
         cameras: (C,) of CAMERA, filled; delay and lag are given.
         seen: (C,) of SEEN, filled except for label counts.
         work: see `refiner.Workspace`.
         own: OwnViews of all cameras, filled; of length 0: not estimated.
     """
-    _approach(model, pictures, schedule, start, solution, cameras, seen, work)
+    _approach(model, pictures, schedule, start, solution[0], cameras, seen, work)
     if len(own.inliers) > 0:
-        see_alone(solution, cameras, work, own)
+        see_alone(solution[0], cameras, work, own)
     count = 0
     for c in range(len(cameras)):
         camera = cameras[c]
@@ -386,4 +386,4 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work, own)
         if camera.used:
             work.residuals[count] = camera.blur / camera.scale
             count += 1
-    solution.blur = median(work.residuals, count) if count > 0 else start.blur
+    solution[0].blur = median(work.residuals, count) if count > 0 else start.blur

@@ -186,7 +186,7 @@ class Refiner:
         """Call `refine`; return what it fills besides the solution (1,) and cameras (C,)."""
         seen = np.zeros(len(cameras), SEEN)
         own = OwnViews(np.empty((asked, 6, 6)), np.empty((asked, 6)), np.empty(asked))
-        refine(self.model, pictures, schedule, start, solution[0], cameras, seen, self._local.work, own)
+        refine(self.model, pictures, schedule, start, solution, cameras, seen, self._local.work, own)
         return seen, own
 
     def edges(

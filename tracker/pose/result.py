@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -85,11 +85,14 @@ class PoseEstimate:
     confidence: float
     size: FloatArray | None = field(default=None, kw_only=True)
 
+    _SHAPES: ClassVar = {"position": (3,), "orientation": (4,), "covariance": (6, 6), "size": (3,)}
+
     def __post_init__(self) -> None:
-        known = () if self.size is None else (("size", (3,)),)
-        for key, shape in (("position", (3,)), ("orientation", (4,)), ("covariance", (6, 6)), *known):
-            array = float_array(getattr(self, key), shape, f"pose: {key}", TrackerError, finite=False)
-            object.__setattr__(self, key, array)
+        for key, shape in self._SHAPES.items():
+            given = getattr(self, key)
+            if given is not None or key != "size":
+                array = float_array(given, shape, f"pose: {key}", TrackerError, finite=False)
+                object.__setattr__(self, key, array)
 
     @property
     def rotation(self) -> FloatArray:
@@ -172,11 +175,7 @@ class MotionEstimate(PoseEstimate):
     velocity: FloatArray
     velocity_covariance: FloatArray
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for key, shape in (("velocity", (6,)), ("velocity_covariance", (6, 6))):
-            array = float_array(getattr(self, key), shape, f"pose: {key}", TrackerError, finite=False)
-            object.__setattr__(self, key, array)
+    _SHAPES = PoseEstimate._SHAPES | {"velocity": (6,), "velocity_covariance": (6, 6)}
 
     def _more(self) -> str:
         speed, turning = np.linalg.norm(self.velocity.reshape(2, 3), axis=1)

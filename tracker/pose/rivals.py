@@ -62,7 +62,8 @@ def lead(best: Fit, fits: Sequence[Fit], radius: float) -> float:
     """
     different = [best]
     for fit in fits:
-        if all(apart(fit, other, radius) for other in different) and not reconcilable(best, fit):
+        other = fit is not best and all(apart(fit, one, radius) for one in different)
+        if other and not reconcilable(best, fit):
             different.append(fit)
     if len(different) == 1:
         return math.inf

@@ -99,9 +99,16 @@ def mask_of(picture):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def estimate_light(image, normalise, pictures, c):  # type: ignore[no-untyped-def]
-    """Fill in the light of camera c's image (H, W, 3), and its noise; normalise: of ColorModel."""
+def look_at(image, normalise, fresh, pictures, c):  # type: ignore[no-untyped-def]
+    """Fill in where camera c's image (H, W, 3) is, and its light and noise if they are to be measured afresh.
+
+    normalise: of ColorModel.
+    """
     picture = pictures[c]
+    picture.used, picture.address = True, image.ctypes.data
+    picture.height, picture.width = image.shape[0], image.shape[1]
+    if not fresh:
+        return
     picture.loud = noise_level(image) >= LOUD
     picture.gains[0], picture.gains[1], picture.gains[2] = 1.0, 1.0, 1.0
     for k in range(4):
@@ -220,14 +227,10 @@ class Reader:
             fresh: for each camera, whether to estimate its light again; None: all.
         """
         pictures = np.zeros(len(images), PICTURE) if lights is None else lights.copy()
-        pictures["hidden"] = 0
+        pictures["used"], pictures["hidden"] = False, 0
         for c, image in enumerate(images):
-            pictures["used"][c] = image is not None
             if image is not None:
-                pictures["address"][c] = image.__array_interface__["data"][0]
-                pictures["height"][c], pictures["width"][c] = image.shape[:2]
-                if fresh is None or fresh[c]:
-                    estimate_light(image, self.colors.normalise, pictures, c)
+                look_at(image, self.colors.normalise, fresh is None or fresh[c], pictures, c)
         return pictures
 
     def labelled(

@@ -127,14 +127,10 @@ class Belief(NamedTuple):
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement is close enough to the predicted state."""
-        shift, turn = _differences(fit, expected.rotation, expected.position)
+        jump, speed, seconds = self.options.max_jump, self.options.max_speed, self._seconds_unseen
         share = self.options.single_camera_share if alone(fit) else 1.0
-        return all(
-            difference <= share * (limit + speed * self._seconds_unseen)
-            for difference, limit, speed in zip(
-                (shift, turn), self.options.max_jump, self.options.max_speed, strict=True
-            )
-        )
+        shift, turn = (share * (jump[k] + speed[k] * seconds) for k in range(2))
+        return _close(fit, expected.rotation, expected.position, shift, turn)
 
     def see(
         self, fit: Fit, expected: MotionState | None, fitting: float = 1.0, spread: float = 0.0
@@ -186,14 +182,10 @@ class Belief(NamedTuple):
         """Whether a fit confirms the pending measurement."""
         if self.pending is None or self.timestamp is None:
             return False
+        limits, speed = self.options.max_disagreement, self.options.max_speed
         seconds = self.timestamp - self.pending.timestamp
-        shift, turn = _differences(fit, self.pending.rotation, self.pending.position)
-        return all(
-            difference <= limit + 0.5 * speed * seconds
-            for difference, limit, speed in zip(
-                (shift, turn), self.options.max_disagreement, self.options.max_speed, strict=True
-            )
-        )
+        shift, turn = (limits[k] + 0.5 * speed[k] * seconds for k in range(2))
+        return _close(fit, self.pending.rotation, self.pending.position, shift, turn)
 
     def forecast(self, timestamp: float, box: Box, ground: float) -> Forecast | None:
         """Predict the object at a later timestamp [s] that has no images; None if it is lost.
@@ -253,15 +245,17 @@ class Belief(NamedTuple):
         }
 
 
-def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[float, float]:
-    """Distance [m] and angle [rad] between a fit and a pose, accurate enough to compare with limits."""
+def _close(fit: Fit, rotation: FloatArray, position: FloatArray, shift: float, turn: float) -> bool:
+    """Whether a fit is within a distance [m] and an angle [rad] of a pose."""
+    if math.dist(fit.position.tolist(), position.tolist()) > shift:
+        return False
     cosine = (float(np.vdot(fit.rotation, rotation)) - 1.0) / 2.0
-    return math.dist(fit.position, position), math.acos(min(1.0, max(-1.0, cosine)))
+    return math.acos(min(1.0, max(-1.0, cosine))) <= turn
 
 
 def widened(covariance: FloatArray, spread: float) -> FloatArray:
     """Add a variance [m²] along each position axis to a pose's covariance (6, 6)."""
-    return covariance + spread * _ALONG_POSITION
+    return covariance + spread * _ALONG_POSITION if spread > 0.0 else covariance
 
 
 def measured(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.conventions import FloatArray, Image
-from tracker.pose.agreement import contradict, probably_fits, spread
+from tracker.pose.agreement import CONTRADICTION, probably_fits, size
 from tracker.pose.fit import Fit
 from tracker.pose.judge import contradicting, fits
 from tracker.pose.result import CameraUse
@@ -21,6 +21,10 @@ EVERY = 5
 
 COMPARED_ROWS = 12
 """Rows of pixels that are compared to detect whether an image has changed."""
+
+SPARSE = 311
+"""Step between the bytes of these rows that are looked at first for a bright one; prime, to reach all colours
+and columns."""
 
 NOISELESS = 0.5
 """Standard deviation of an image's noise up to which an unchanged image does not count as frozen [levels]."""
@@ -70,7 +74,8 @@ def usable(
         rows = image[step // 2 :: step]
         sample, before = rows.tobytes(), memories[c].sample
         remembered[c] = CameraMemory(sample, memories[c].age)
-        if np.frombuffer(sample, np.uint8).max() < BLACK:
+        # Most images show a bright pixel at once.
+        if max(sample[::SPARSE]) < BLACK and max(sample) < BLACK:
             result[c], uses[c] = None, CameraUse.BLACK
         elif sample == before:
             unchanged.append(c)
@@ -106,7 +111,7 @@ def after(uses: Sequence[CameraUse], fit: Fit) -> tuple[CameraUse, ...]:
     An image that was left out contradicts if it shows the object; otherwise the object is only hidden.
     """
     against = contradicting(fit)
-    left_out = [c in fit.left_out and one["shows"] > 0.5 for c, one in enumerate(fit.counts)]
+    left_out = [c in fit.left_out and one.shows > 0.5 for c, one in enumerate(fit.counts)]
     return tuple(
         CameraUse.CONTRADICTING if use is CameraUse.USED and (against[c] or left_out[c]) else use
         for c, use in enumerate(uses)
@@ -120,8 +125,8 @@ class Agreement(NamedTuple):
     """(S,) log likelihoods of `pose.agreement.SCALES`, faded; None before the first check."""
     fitting: float = 1.0
     """Probability that the calibration leaves poses within 5 mm of the truth."""
-    spread: float = 0.0
-    """Variance along each axis of the errors that the disagreement shows [m²]."""
+    size: float = 0.0
+    """How far the cameras disagree [m]."""
     looks: int = 0
     age: int = EVERY
     """Number of frames since the last check."""
@@ -140,17 +145,17 @@ class Agreement(NamedTuple):
         if expected is None or not still(expected) or (lagging and expected.at_rest < RESTS):
             # In the first frame nothing better is known. With lagging images, motion looks like disagreement.
             if self.disagreement is None and not lagging:
-                return self._replace(fitting=fits(fit), spread=spread(fit.disagreement), age=self.age + 1)
+                return self._replace(fitting=fits(fit), size=size(fit.disagreement), age=self.age + 1)
             return self._replace(age=self.age + 1)
         total = np.maximum(fit.disagreement - fit.disagreement.max(), -MOST)
         if self.disagreement is not None:
             total += FADING * self.disagreement
-        return Agreement(total, probably_fits(total), spread(total), self.looks + 1, 0)
+        return Agreement(total, probably_fits(total), size(total), self.looks + 1, 0)
 
     @property
     def contradicts(self) -> bool:
         """Whether the cameras persistently contradict each other: the calibration is not theirs."""
-        return self.looks >= LOOKS and contradict(self.disagreement)
+        return self.looks >= LOOKS and self.size > CONTRADICTION
 
 
 def still(state: MotionState) -> bool:

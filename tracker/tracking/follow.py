@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TrackerError
+from tracker.pose.agreement import spread
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.fit import Fit, Lag, Start
+from tracker.pose.fit import Fit, Lag, Seen, Start
 from tracker.pose.hypotheses import ENOUGH
 from tracker.pose.judge import alone, log_odds, rank, refusal
 from tracker.pose.result import Observation, Status
@@ -93,7 +94,7 @@ class Follower:
     """
 
     def __init__(self, estimator: PoseEstimator) -> None:
-        self._estimator = estimator
+        self._estimator, self._size = estimator, 2 * estimator.box.half
 
     def __call__(
         self,
@@ -114,29 +115,29 @@ class Follower:
         cameras, given, uses = usable(memory.cameras, images)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
         if delays.any():
-            velocity, spread = unknown_velocity()
+            velocity, covariance = unknown_velocity()
             if expected is not None and belief.motion is not None:
                 # The mean velocity since then varies as much as the velocity does in a third of the time.
                 ahead = belief.motion.predicted(float(delays.max()) / 3.0).state
-                velocity, spread = expected.velocity, ahead.covariance[6:, 6:]
-            lag = Lag(delays, velocity, spread)
+                velocity, covariance = expected.velocity, ahead.covariance[6:, 6:]
+            lag = Lag(delays, velocity, covariance)
         timing: dict[str, float] = {}
         outcome, memory = self._measure(given, expected, lag, memory, timing, hidden)
-        size, pose, status, reason = 2 * self._estimator.box.half, None, Status.COASTING, None
+        pose, status, reason = None, Status.COASTING, None
         if isinstance(outcome, Status):
             reason = outcome
         else:
             agreement = memory.agreement.after(outcome, expected, lagging=lag is not None)
-            wide = agreement.spread if self._estimator.stated else 0.0
+            wide = spread(agreement.size) if self._estimator.stated else 0.0
             belief, status = belief.see(outcome, expected, agreement.fitting, wide)
             uses = after(uses, outcome)
             if status is Status.COASTING:  # found, but not accepted yet: does not update the agreement
                 reason = Status.AMBIGUOUS
             else:
                 memory = memory._replace(agreement=agreement)
-                pose = measured(outcome, agreement.fitting, wide, size)
+                pose = measured(outcome, agreement.fitting, wide, self._size)
                 status = Status.INCONSISTENT_VIEWS if agreement.contradicts else status
-        filtered = belief.estimate(size)
+        filtered = belief.estimate(self._size)
         if filtered is None:
             status = Status.LOST
         answer = Observation(pose, filtered, status, timing, reason, uses)
@@ -209,17 +210,17 @@ class Follower:
         return (fit if refusal(fit) is None else None), memory
 
 
-def extra(counts: Sequence[dict[str, float]]) -> float:
+def extra(counts: Sequence[Seen]) -> float:
     """Return the object-coloured pixels outside the outline in some cameras, relative to those predicted."""
-    return float(sum(one["extra"] for one in counts) / max(sum(one["predicted"] for one in counts), 1))
+    return float(sum(one.extra for one in counts) / max(sum(one.predicted for one in counts), 1))
 
 
 def lasting(fit: Fit) -> float:
     """Return `extra`; of more than two cameras, omit one that shows most of it, as it may see the object."""
-    most = MOSTLY * fit.total("extra")
-    counts = [one for one in fit.counts if one["predicted"] > 0]
+    most = MOSTLY * sum(one.extra for one in fit.counts)
+    counts = [one for one in fit.counts if one.predicted > 0]
     if len(counts) > ENOUGH:
-        counts = [one for one in counts if one["extra"] <= most]
+        counts = [one for one in counts if one.extra <= most]
     return extra(counts)
 
 
