@@ -40,6 +40,13 @@ def test_adapted_colors_are_written_and_summarised(recording, tmp_path, run_here
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz"]
 
 
+def test_recordings_of_one_frame_each_are_learned_and_judged_in_turn(recording, tmp_path, run_here):
+    frames = sorted(recording.glob("0*"))
+    arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", tmp_path / "mine.npz", *QUICK)
+    result = well(run_here("adapt", *frames, "--calibration", recording, *arguments))
+    assert "3 held-out frames" in result.stdout
+
+
 def test_exchanged_faces_are_refused_and_nothing_is_written(recording, tmp_path, run_here):
     log_posterior = tracker.load_colors("cube_v2").log_posterior.copy()
     log_posterior[[2, 5]] = log_posterior[[5, 2]]

@@ -203,14 +203,21 @@ def test_a_faulty_file_is_named(fault, tmp_path):
         load_colors(tmp_path / "faulty.npz")
 
 
-@pytest.mark.parametrize("layout", ["words", "platform"])
-def test_both_layouts_of_labelled_images_are_read(layout, tmp_path):
+@pytest.mark.parametrize(
+    ("image", "masks"),
+    [
+        ("07_image.png", "07_mask_{}.png"),
+        ("camera60.png", "{:.1}60.png"),
+        ("camera60_image.png", "camera60_mask_{}.png"),
+        ("my_image_7_image.png", "my_image_7_mask_{}.png"),
+    ],
+)
+def test_both_layouts_of_labelled_images_are_read(image, masks, tmp_path):
     scene = labelled_image(3)
     for label, color in list(enumerate(COLOR_NAMES))[1:5]:  # magenta and yellow have no mask
         mask = np.where(scene.labels == label, np.uint8(1), np.uint8(0))
-        name = f"07_mask_{color}.png" if layout == "words" else f"{color[0]}60.png"
-        cv2.imwrite(str(tmp_path / name), np.repeat(mask[..., None], 4, axis=2))
-    cv2.imwrite(str(tmp_path / ("07_image.png" if layout == "words" else "camera60.png")), scene.image)
+        cv2.imwrite(str(tmp_path / masks.format(color)), np.repeat(mask[..., None], 4, axis=2))
+    cv2.imwrite(str(tmp_path / image), scene.image)
     (read,) = read_labelled(tmp_path)
     np.testing.assert_array_equal(read.image, scene.image)
     np.testing.assert_array_equal(read.labels, np.where(scene.labels > 4, 0, scene.labels))

@@ -54,14 +54,15 @@ class Lesson:
         """Read frames from the recordings; TrackerError if that fails or there are too few."""
         from tracker.color_learning.lessons import FEWEST_FRAMES, frames_of, shares
 
-        lengths, result = [], []
+        lengths, found = [], 0
+        result: list[Frames] = []
         for path in self.recordings:
             with tracker.open_log(path, recover=self.recover) as log:
                 lengths.append(len(log))
         for path, count in zip(self.recordings, shares(lengths, self.frames), strict=True):
             with tracker.open_log(path, recover=self.recover) as log:
-                result.append(frames_of(log, self.cameras.rig_of(path, log), count))
-        found = sum(len(one.learned) + len(one.held_out) for one in result)
+                result.append(frames_of(log, self.cameras.rig_of(path, log), count, found))
+            found += len(result[-1].learned) + len(result[-1].held_out)
         if found < FEWEST_FRAMES:
             least = f"expected at least {FEWEST_FRAMES}"
             raise ColorModelError(f"recordings: found {found} frames with images, {least}")

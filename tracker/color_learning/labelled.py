@@ -70,7 +70,7 @@ def _masks(path: Path) -> dict[int, Path]:
     found = {}
     platform = re.fullmatch(r"camera(\d+)", path.stem)
     for label, color in list(enumerate(COLOR_NAMES))[1:]:
-        words = path.name.replace("_image", f"_mask_{color}")
+        words = f"{path.name.removesuffix('_image.png')}_mask_{color}.png"
         mask = path.with_name(f"{color[0]}{platform[1]}{path.suffix}" if platform else words)
         if mask != path and mask.is_file():
             found[label] = mask
@@ -83,7 +83,7 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
     if not folder.is_dir():
         raise ImageError(f"labelled images {folder}: no such folder")
     result = []
-    for path in sorted([*folder.glob("*_image.png"), *folder.glob("camera*.png")]):
+    for path in sorted({*folder.glob("*_image.png"), *folder.glob("camera*.png")}):
         masks = _masks(path)
         if not masks:
             continue

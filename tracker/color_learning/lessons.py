@@ -39,11 +39,15 @@ class Frames:
     held_out: tuple[Images, ...]
 
 
-def frames_of(log: Log, rig: CameraRig, count: int) -> Frames:
-    """Take up to `count` evenly spread frames of a recording: alternately to learn from and to judge by."""
+def frames_of(log: Log, rig: CameraRig, count: int, before: int = 0) -> Frames:
+    """Take up to `count` evenly spread frames of a recording: alternately to learn from and to judge by.
+
+    before: number of frames already taken from other recordings, with which these alternate.
+    """
     frames = [frame.images for frame in picked(log, evenly(len(log), count))]
     frames = [images for images in frames if any(image is not None for image in images)]
-    return Frames(rig, tuple(frames[::2]), tuple(frames[1::2]))
+    first = before % 2
+    return Frames(rig, tuple(frames[first::2]), tuple(frames[1 - first :: 2]))
 
 
 def shares(lengths: Sequence[int], count: int) -> list[int]:
