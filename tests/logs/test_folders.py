@@ -16,6 +16,7 @@ from tracker.errors import LogError
 from tracker.logs.folder import write_folder
 from tracker.logs.hdf5_writer import write_hdf5
 from tracker.logs.layout import stamps_of_names
+from tracker.logs.log import picked
 from tracker.logs.opening import recording_files
 
 
@@ -329,6 +330,24 @@ def test_pictures_of_several_cameras_belong_to_a_films(tmp_path, name, rate, per
     (tmp_path / "recording.toml").write_text(rate + cameras)
     assert shades(tmp_path)[0] == expected(3, 3)
     assert shades(tmp_path)[1] == pytest.approx([0, period, 2 * period])
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_pictures_named_after_their_cameras_go_together_by_order(stated, tmp_path):
+    for c, name in enumerate(("camera60", "camera180")):
+        write_numbers(tmp_path / name, c, 3, f"{name}_{{:02d}}.png")
+    if stated:
+        (tmp_path / "recording.toml").write_text(PATTERNS.format("camera60/*.png", "camera180/*.png"))
+    assert shades(tmp_path)[0] == expected(3, 2)
+
+
+def test_frames_picked_from_a_damaged_folder_are_those_that_are_whole(tmp_path):
+    write_triplets(tmp_path, ["000000", "000001", "000002"])
+    (tmp_path / "000001" / f"{CAMERAS[1]}.png").write_bytes(b"\x89PNG")
+    with tracker.open_log(tmp_path, recover=True) as log:
+        assert [frame.index for frame in picked(log, range(3))] == [0, 2]
+    with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match="000001"):
+        list(picked(log, range(3)))
 
 
 def test_pictures_without_common_names_are_counted(tmp_path):

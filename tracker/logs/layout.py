@@ -222,9 +222,6 @@ def _of_stated(root: Path, rate: float) -> Layout:
         if "rate" not in values and len(times) > 1:
             rate = 1 / float(np.diff(times).mean())
         streams = _numbered(streams, films)
-    keys = [key for files in streams.values() for key in files]
-    if len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
-        streams = _numbered(streams, streams.keys())
     layout = _of_streams(streams, rate)
     if stamps is None:
         return layout
@@ -287,6 +284,9 @@ def _numbered(streams: _Streams, films: Set[str]) -> _Streams:
 
 def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Layout:
     """Group images into frames by name or, if names are timestamps and not `by_name`, by time."""
+    keys = [key for files in streams.values() for key in files]
+    if not by_name and len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
+        streams = _numbered(streams, streams.keys())
     names = sorted({name for files in streams.values() for name in files}, key=_natural)
     stamps = stamps_of_names(names)
     times = dict(zip(names, stamps or _counted_stamps(names, rate), strict=True))

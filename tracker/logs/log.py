@@ -287,7 +287,8 @@ class Log:
 def picked(log: Log, numbers: Sequence[int]) -> Iterator[LogFrame]:
     """Yield frames by ascending numbers, as quickly as the format allows; errors as for `frame`."""
     if log.random_access:
-        yield from map(log.frame, numbers)
+        for number in numbers:
+            yield from log[number : number + 1]
     else:
         chosen = set(numbers)
         yield from (frame for number, frame in enumerate(log) if number in chosen)
