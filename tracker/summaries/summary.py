@@ -119,8 +119,13 @@ def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
         return
     for row in (0, -1):
         number = int(poses.index[row])
-        stamp = log.frame(number).timestamp if number < len(log) else np.inf
-        if abs(stamp - poses.timestamp[row]) > SAME:  # false for NaN: a frame without a timestamp
+        stamps = np.array([np.inf])
+        if number < len(log):
+            frame = log.frame(number)
+            # A frame of a folder has the mean of its images' timestamps.
+            stamps = np.array([frame.timestamp, *frame.camera_timestamps])
+        stamps = stamps[~np.isnan(stamps)]
+        if len(stamps) and not stamps.min() - SAME <= poses.timestamp[row] <= stamps.max() + SAME:
             source = poses.about.source
             raise LogError(
                 f"{path}: found poses of another recording ({source}), expected those of {recording}"
