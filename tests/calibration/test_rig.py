@@ -8,6 +8,7 @@ from tests.helpers import make_camera
 from tracker.calibration.files.platform import Calibrated, read_calibrated, write_calibrated
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
+from tracker.geometry.arena import Arena
 
 
 def make_rig(*azimuths: float) -> CameraRig:
@@ -129,6 +130,20 @@ def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_
 def test_what_is_no_rig_is_refused(make, message):
     with pytest.raises(CalibrationError, match=message):
         make()
+
+
+def test_rigs_agree_whose_cameras_and_arenas_are_bitwise_the_same():
+    rig = make_rig(0.0, 120.0, 240.0)
+    assert rig.agrees_with(CameraRig(tuple(dataclasses.replace(camera) for camera in rig)))
+    moved = dataclasses.replace(rig[0], distortion=rig[0].distortion + 1e-9)
+    for other in (
+        CameraRig(rig.cameras[:2]),
+        CameraRig(rig.cameras[::-1]),
+        CameraRig((moved, *rig.cameras[1:])),
+        CameraRig(rig.cameras, Arena(table=0.01)),
+    ):
+        assert not rig.agrees_with(other)
+        assert not other.agrees_with(rig)
 
 
 @pytest.mark.parametrize(

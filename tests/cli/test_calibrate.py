@@ -249,6 +249,8 @@ def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
         ("table {one}/camera60.png {cube} -o new", ["no calibration", "--calibration"]),
         ("table {one}/camera60.png {cube} --calibration {resting} -o new", ["multiple of 3", "camera180"]),
         ("table nowhere {cube} -o new", ["nowhere"]),
+        ("check {resting} {fewer} {cube}", ["fewer", "another calibration or arena"]),
+        ("check {fewer} {resting} {cube}", ["another calibration or arena"]),
         ("table {resting} {cube}", ["-o"]),
     ],
 )
@@ -256,6 +258,10 @@ def test_what_cannot_be_done_is_reported_in_a_line(arguments, words, resting, tm
     used = tmp_path / "used"
     used.mkdir()
     (used / "camera60.yml").write_text("old")
-    folders = {"resting": resting, "one": resting / "000000", "used": used}
+    fewer = tmp_path / "fewer"
+    (fewer / "camera60").mkdir(parents=True)
+    shutil.copy(resting / "000000" / "camera60.png", fewer / "camera60" / "000000.png")
+    shutil.copy(resting / "camera60.yml", fewer)
+    folders = {"resting": resting, "one": resting / "000000", "used": used, "fewer": fewer}
     given = arguments.format(**folders, cube=" ".join(CUBE), board=" ".join(BOARD)).split()
     assert_refused(run_here, tmp_path, given, *words)

@@ -112,6 +112,14 @@ class CameraRig:
     def __getitem__(self, index: int) -> Camera:
         return self.cameras[index]
 
+    def agrees_with(self, other: CameraRig) -> bool:
+        """Whether arena and cameras, in their order, are bitwise the same."""
+        return (self.names, self.arena) == (other.names, other.arena) and all(
+            np.array_equal(getattr(first, field.name), getattr(second, field.name))
+            for first, second in zip(self, other, strict=True)
+            for field in dataclasses.fields(first)
+        )
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the cameras, in order."""

@@ -72,8 +72,11 @@ class Filmed:
             for path in (path for path in self.inputs if path not in pictures):
                 log = stack.enter_context(tracker.open_log(path, recover=self.recover))
                 its = self.cameras.rig_of(Path(path), log)
-                if rig is not None and footage:
-                    _refuse_other(path, its, rig)
+                if rig is not None and footage and not its.agrees_with(rig):
+                    raise CalibrationError(
+                        f"{path}: found another calibration or arena than that of the recordings before it, "
+                        "expected the same, or --calibration"
+                    )
                 rig = its
                 footage.append(Footage(log, stills=self.stills))
                 frames += len(log)
@@ -106,19 +109,6 @@ def _sets(
         rig, images = read_images(pictures[first : first + count], rig, resize=resize and not first)
         sets.append(images)
     return rig, sets
-
-
-def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> None:
-    """Raise CalibrationError if a recording's cameras differ from those of the recordings before it."""
-    import numpy as np
-
-    parts = ("name", "matrix", "distortion", "camera_from_world")
-    for one, other in zip(its, rig, strict=False):
-        if not all(np.array_equal(getattr(one, part), getattr(other, part)) for part in parts):
-            raise CalibrationError(
-                f"{path}: found another calibration of {one.name} than that of the recordings before it, "
-                "expected the same, or --calibration"
-            )
 
 
 @command(calibrate)

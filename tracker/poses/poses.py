@@ -89,16 +89,8 @@ class About:
                 raise LogError(f"{found}, expected Unicode text without null characters")
 
     def agrees_with(self, other: About) -> bool:
-        """Whether object and cameras are bitwise the same."""
-        return (
-            self.object_name == other.object_name
-            and self.rig.names == other.rig.names
-            and all(
-                np.array_equal(getattr(first, field.name), getattr(second, field.name))
-                for first, second in zip(self.rig, other.rig, strict=True)
-                for field in fields(first)
-            )
-        )
+        """Whether object, cameras and arena are bitwise the same."""
+        return self.object_name == other.object_name and self.rig.agrees_with(other.rig)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +245,7 @@ class Poses:
 def concatenate(parts: Sequence[Poses]) -> Poses:
     """Join the poses of consecutive parts of a recording; `source` and `fault` list all different ones.
 
-    LogError: there is no part, frame numbers do not increase, or objects or cameras differ.
+    LogError: there is no part, frame numbers do not increase, or objects, cameras or arenas differ.
     """
     if not parts:
         raise LogError("parts: found none, expected at least one")
@@ -261,7 +253,7 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
     for number, part in enumerate(parts):
         if not first.agrees_with(part.about):
             found = f"{part.about.object_name} seen by {', '.join(part.about.rig.names)}"
-            expected = f"{first.object_name} seen by {', '.join(first.rig.names)} of the same calibration"
+            expected = f"{first.object_name} seen by {', '.join(first.rig.names)} of the same rig"
             raise LogError(f"part {number}: found {found}, expected {expected}")
     texts: dict[str, Any] = {
         name: ", ".join(dict.fromkeys(filter(None, (getattr(part.about, name) for part in parts))))
