@@ -135,6 +135,16 @@ def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
     assert of_again() == prints[-2:]
 
 
+def test_a_known_name_is_no_file_whatever_the_working_folder_holds(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("cube_v2", "cuboid_2x2x8_v2", "own.toml", "own.npz"):
+        (tmp_path / name).touch()
+    known = Options("cube_v2", colors="cuboid_2x2x8_v2")
+    assert known.absolute() == known
+    own = Options("own.toml", colors="own.npz").absolute()
+    assert (own.object, own.colors) == (str(tmp_path / "own.toml"), str(tmp_path / "own.npz"))
+
+
 def test_what_is_behind_a_link_beside_a_store_or_in_a_film_s_frame_is_in_the_fingerprint(tmp_path):
     folder, store = tmp_path / "folder", tmp_path / "a.zarr" / "data.mdb"
     film = tmp_path / "film" / "ground_truth.json"

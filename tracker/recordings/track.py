@@ -12,7 +12,7 @@ import hashlib
 import os
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,12 +30,12 @@ from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, LogFrame, open_log
 from tracker.logs.log import Progress
 from tracker.logs.opening import calibration_files, fitted_to, recording_files
-from tracker.objects.model import CuboidModel, load_object
+from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import Observation
 from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, write_poses
 from tracker.poses.poses import About, Poses
-from tracker.segmentation.color_model import ColorModel, load_colors
+from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
 from tracker.version import version
 
 _OTHERS = (
@@ -86,14 +86,14 @@ class Options(Reading):
     def absolute(self) -> Options:
         """Return the options with absolute paths, which do not depend on the working folder."""
 
-        def path(name: str, there: Callable[[str], bool] = os.path.isfile) -> str:
-            return os.path.abspath(name) if there(name) else name
+        def path(name: str, known: Sequence[str], there: Callable[[str], bool] = os.path.isfile) -> str:
+            return os.path.abspath(name) if name not in known and there(name) else name
 
         return dataclasses.replace(
             self,
-            object=path(self.object),
-            colors=path(self.colors) if self.colors else self.colors,
-            calibration=tuple(path(name, os.path.exists) for name in self.calibration),
+            object=path(self.object, object_names()),
+            colors=path(self.colors, color_model_names()) if self.colors else self.colors,
+            calibration=tuple(path(name, (), os.path.exists) for name in self.calibration),
         )
 
     def plain(self) -> dict[str, Any]:
