@@ -6,8 +6,8 @@ import pytest
 
 import tracker
 from tests.helpers import make_rig
-from tests.helpers.command import assert_one_line_error
-from tests.helpers.log_writers import make_content, write_hdf5, write_native
+from tests.helpers.command import assert_one_line_error, well
+from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5, write_native, write_picture
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
 from tracker.errors import LogError
@@ -175,6 +175,19 @@ def test_a_log_becomes_hdf5_with_all_its_bits(kind, tmp_path, run_here):
                 assert (old.recorded_pose.position == new.recorded_pose.position).all()
         for old, new in zip(one.rig, two.rig, strict=True):
             np.testing.assert_allclose(old.camera_from_world, new.camera_from_world, atol=1e-12)
+
+
+@pytest.mark.parametrize(("part", "warned"), [((), True), (("--from", 1, "--to", 2), False)])
+def test_converting_unrelated_scenes_says_that_they_become_one_recording(part, warned, tmp_path, run_here):
+    for frame in ("000000", "000001"):
+        for camera in CAMERAS:
+            write_picture(tmp_path / "scenes" / frame / f"{camera}.png", np.zeros((24, 28, 3), np.uint8))
+    tiny_rig().save(tmp_path / "scenes")
+    frames = [{"frame": f"00000{k}", "timestamp": 0.1 * k} for k in range(2)]
+    truth = {"settings": {"sequence": False, "rate": 10.0}, "frames": frames}
+    (tmp_path / "scenes" / "ground_truth.json").write_text(json.dumps(truth))
+    result = well(run_here("convert", tmp_path / "scenes", "-o", tmp_path / "new.h5", *part))
+    assert ("2 episodes become one recording" in result.stderr) == warned
 
 
 def test_a_log_becomes_a_folder_and_a_part_of_one(tmp_path, run_here):

@@ -193,10 +193,15 @@ def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_oth
     given = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
     raw = tuple(image[..., 0] for image in given)
     live, mean, (one,) = received(ImageSet(given, (1.0,) * 3, raw=raw))
+    with pytest.raises(LiveError, match="timestamp: found 'now'"):
+        live.at("now")
     assert mean.seen == [(0.0, None, None)]
     assert [found is None for found in one.taken.raw] == [False, True, True]
     assert "camera180: found 2x2 px, expected 6x4 as it is calibrated" in live.faults
     assert any(fault.startswith("camera300: found float64") for fault in live.faults)
+    live, _, _ = received(ImageSet((given[0], given[0], [1, 2, 3]), (1.0,) * 3))
+    assert live.error is None
+    assert any(fault.startswith("camera300: found a list of 3, expected uint8") for fault in live.faults)
 
 
 @pytest.mark.parametrize(

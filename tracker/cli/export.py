@@ -232,6 +232,8 @@ def convert(
                 rig = cameras.rig_of(source, log)
                 write = write_folder if not suffix else write_hdf5
                 write(output, frames, rig, progress)
+                if count := sum(chosen.start < first < chosen.stop for first in log.episode_starts):
+                    say(f"warning: {source}: its {count + 1} episodes become one recording without a break")
     if log.fault is not None:
         say(f"warning: {log.fault}")
 

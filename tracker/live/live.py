@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracker.checks import check_sequence, described, is_number, is_whole
+from tracker.checks import check_sequence, described_input, is_number, is_whole, one_stamp
 from tracker.errors import LiveError, shown
 from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults
 from tracker.live.sources import FORMS, open_source
@@ -163,7 +163,11 @@ class Live:
 
         Returns:
             None if the object was lost then, was last seen too long before, or no moment that old is kept.
+
+        Raises:
+            LiveError: the timestamp is not in seconds.
         """
+        timestamp = one_stamp(timestamp, "timestamp", LiveError)
         with self._changed:
             earlier = (known for known in reversed(self._moments) if known[0].timestamp <= timestamp)
             _, forecast = next(earlier, (None, None))
@@ -272,8 +276,9 @@ class Live:
             if image is None:
                 continue
             shape = camera.height, camera.width, 3
-            if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-                fault = f"found {described(image)}, expected uint8 of {shape}"
+            plain = isinstance(image, np.ndarray) and image.dtype == np.uint8
+            if not plain or image.ndim != 3 or image.shape[2] != 3:
+                fault = f"found {described_input(image)}, expected uint8 of {shape}"
             elif image.shape != shape:
                 found = f"{image.shape[1]}x{image.shape[0]}"
                 fault = f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"
