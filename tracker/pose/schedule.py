@@ -48,10 +48,10 @@ FOLLOWING = Schedule(
     piece=np.full(5, 6.0),
     tukey=np.array([1.0] + [0.5] * 4),
     every=np.array([2] + [1] * 4),
-    negligible=np.full(5, 4.0),
+    negligible=np.full(5, 9.0),
 )
-"""Refinement from a predicted pose, with known blur. After a step of 4, a fifth of a squared standard
-deviation is left, which the filter averages out over time."""
+"""Refinement from a predicted pose, with known blur. After a step of 9, half a squared standard deviation is
+left, which the filter averages out over time."""
 
 MEASURING = FROM_THERE._replace(blur=np.zeros(2), moves=False)
 """Measurement at a fixed pose: the second step uses the blur found by the first."""

@@ -114,7 +114,7 @@ class Follower:
         belief, expected = memory.belief.advance(timestamp)
         cameras, given, uses = usable(memory.cameras, images)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
-        if delays.any():
+        if any(delays.tolist()):
             velocity, covariance = unknown_velocity()
             if expected is not None and belief.motion is not None:
                 # The mean velocity since then varies as much as the velocity does in a third of the time.
