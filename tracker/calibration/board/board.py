@@ -53,11 +53,16 @@ class Board:
 
     def __post_init__(self) -> None:
         squares, square, known = f"{self.columns}x{self.rows} squares", self.square, dictionaries()
+        least, most = 0.2 * square, 0.95 * square  # a white gap is left around each marker
         sizes = all(3 <= count <= MOST_SQUARES for count in (self.columns, self.rows))
         for holds, found, valid in (
             (sizes, squares, f"3 to {MOST_SQUARES} along each edge"),
-            (0 < square <= 1, f"squares of {square:g} m", "above 0, at most 1 m"),
-            (0 < self.marker < square, f"markers of {self.marker:g} m", f"less than the squares' {square:g}"),
+            (0.002 <= square <= 1, f"squares of {square:g} m", "at least 0.002, at most 1 m"),
+            (
+                least <= self.marker <= most,
+                f"markers of {self.marker:g} m",
+                f"from {least:g} to {most:g}, less than the squares' {square:g}",
+            ),
             (self.dictionary in known, f"the dictionary {self.dictionary!r}", f"one of {', '.join(known)}"),
         ):
             if not holds:

@@ -26,6 +26,9 @@ from tracker.geometry import so3
 MOST_RMS = 1.5e-3
 """Largest RMS residual of a camera [focal lengths], 0.9 px at 590; if larger, it is another camera's lens."""
 
+LEAST_RMS = 0.15
+"""Residual that every photo may have [px RMS]: prints and rendered boards are not exact either."""
+
 Photo = tuple[int, int]
 """Numbers of a photo's camera and of its board pose."""
 
@@ -173,7 +176,8 @@ def _odd_one(
 
 def _odd_gain(photo: BoardView, rest: float, others: Photos) -> float:
     """Return how much a photo that agrees with the others may add to the sum of squares [px²]."""
-    return MANY_TIMES**2 * rest / sum(len(one) for one in others.values()) * len(photo)
+    variance = max(rest / sum(len(one) for one in others.values()), LEAST_RMS**2)
+    return MANY_TIMES**2 * variance * len(photo)
 
 
 def _optics(one: Calibrated) -> Optics:
