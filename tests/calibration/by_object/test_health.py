@@ -1,5 +1,6 @@
 import dataclasses
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -99,6 +100,14 @@ def test_what_was_not_measured_is_named_in_one_line_and_has_no_plot(well, text):
     assert shown.count("data:image/png;base64,") == len(QUANTITIES) + 1 - 4
     assert "within its limits" not in shown  # camera300 is dark
     assert "0 to 5.4 mrad" in text
+
+
+def test_a_single_camera_measures_no_height(film, rig, tmp_path):
+    shutil.copytree(film / rig.names[0], tmp_path / "alone" / rig.names[0])
+    alone = measured(tmp_path / "alone", tracker.CameraRig(rig.cameras[:1], rig.arena))
+    assert np.isfinite(alone.values["residual"]).any()
+    assert np.isnan(alone.height).all()
+    assert alone.missing() == "not measured: disagreement, table; there is a single camera"
 
 
 def test_the_limits_are_those_that_the_documentation_states():

@@ -28,7 +28,7 @@ from tracker.logs.log import Log, evenly, picked
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
-from tracker.pose.judge import apparent
+from tracker.pose.judge import alone, apparent
 from tracker.poses.poses import Poses
 from tracker.segmentation.light import CLIPPED, find_light
 
@@ -143,6 +143,8 @@ class Health:
             return None
         seen = np.isfinite(self.values["residual"]).any()
         why = "the object was not seen at rest" if seen else "the object was not surely found"
+        if seen and len(self.cameras) == 1:
+            why = "there is a single camera"
         return f"not measured: {', '.join(names)}; {why}"
 
 
@@ -202,7 +204,8 @@ class Sample(NamedTuple):
 def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: bool) -> Sample:
     """Measure the images (H, W, 3) uint8 BGR of one moment; the tracker's state is neither used nor changed.
 
-    still: whether the object is at rest; if not, height and look are not measured.
+    still: whether the object is at rest; if not, height and look are not measured. A single camera cannot
+        measure the height.
     ImageError: an image does not suit the tracker's cameras.
     """
     values = {key: np.full(len(tracker.rig), np.nan) for key in QUANTITIES if key != "disagreement"}
@@ -218,7 +221,8 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
                 values["residual"][c] = np.sqrt(seen["squares"] / seen["inliers"])
                 values["blur"][c] = 100.0 * seen["blur"] / camera.width
         if still:
-            height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
+            if not alone(fit):
+                height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
             look = None if fit.own is None else look_of(fit, tracker.model.size)
     return Sample(values, height, look)
 
