@@ -308,6 +308,8 @@ def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not
 @pytest.mark.usefixtures("truth")
 def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
     written = ("--overlay", tmp_path / "out.png", "--masks", tmp_path / "new" / "masks")
+    (tmp_path / "new" / "masks").mkdir(parents=True)
+    (tmp_path / "new" / "masks" / "dice_camera300.png").touch()  # of an earlier set of images
     well(run_here(*dice_arguments(scene, "--goal", scene / "goal.json", *written, camera300="none")))
     assert cv2.imread(str(tmp_path / "out.png")).shape[1] == 3 * 540 + 2 * 6
     names = {path.name for path in (tmp_path / "new" / "masks").iterdir()}

@@ -241,10 +241,17 @@ def dice(
     found, dice_masks, goal_masks, assignment = _evaluate(rig, pictures, goal, exact)
     if masks is not None:
         masks.mkdir(parents=True, exist_ok=True)
-        for kind, its in (("dice", dice_masks), ("goal", goal_masks or [])):
-            for name, mask in zip(rig.names, its, strict=False):
-                if mask is not None:
-                    tracker.viz.write_image(masks / f"{kind}_{name}.png", mask)
+        kinds: dict[str, Sequence[Image | None]] = {
+            "dice": dice_masks,
+            "goal": goal_masks or [None] * len(rig),
+        }
+        for kind, its in kinds.items():
+            for name, mask in zip(rig.names, its, strict=True):
+                path = masks / f"{kind}_{name}.png"
+                if mask is None:
+                    path.unlink(missing_ok=True)  # of an earlier set of images
+                else:
+                    tracker.viz.write_image(path, mask)
     if overlay is not None:
         shown, centers = (pictures, rig, goal_masks, dice_masks), [die["position"] for die in found["dice"]]
         picture = tracker.viz.dice_overlay(*shown, positions=centers, assignment=assignment)
