@@ -14,9 +14,9 @@ from synthetic.scene import Mesh
 from synthetic.world.assets import find_assets
 from synthetic.world.simulation import World, robot_meshes
 from tracker.calibration.rig import CameraRig
-from tracker.checks import float_array
+from tracker.checks import float_array, is_whole, of_kind
 from tracker.conventions import Array, FloatArray
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, shown
 
 
 class FingerMasks(Closing):
@@ -31,12 +31,13 @@ class FingerMasks(Closing):
 
     Raises:
         AssetError: the robot's meshes are not available.
-        TrackerError: the margin is negative.
+        TrackerError: the rig is none, or the margin is no whole number of pixels from 0.
     """
 
     def __init__(self, rig: CameraRig, margin: int = 0) -> None:
-        if margin < 0:
-            raise TrackerError(f"margin: found {margin}, expected 0 px or more")
+        of_kind(rig, CameraRig, "rig", TrackerError)
+        if not is_whole(margin) or margin < 0:
+            raise TrackerError(f"margin: found {shown(margin)}, expected a whole number of pixels from 0")
         self._lenses = [Lens(camera, 1) for camera in rig.cameras]
         size = 2 * margin + 1
         self._brush = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)

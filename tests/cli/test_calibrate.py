@@ -240,7 +240,11 @@ def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
     [
         ("check {resting} {cube} --plot {one}/a.png", ["a folder of images"]),
         ("refine {resting} {cube} -o {used}/camera60.yml", ["found a file, expected a folder"]),
-        ("board {board} --square 0.4 -o board.pdf", ["at most 1200 mm"]),
+        ("board {board} --square 0.4 --marker 0.3 -o board.pdf", ["at most 1200 mm"]),
+        ("board {board} --marker 0.0399 -o board.pdf", ["markers of 0.0399 m", "0.008 to 0.038"]),
+        ("board {board} --square 0.0004 -o board.pdf", ["squares of 0.0004 m", "at least 0.002"]),
+        ("extrinsics {board} --intrinsics {resting} --height nan -o new {one}", ["--height", "nan"]),
+        ("extrinsics {board} --intrinsics {resting} --yaw inf -o new {one}", ["--yaw", "inf"]),
         ("check {one}/camera60.png {cube} --calibration {resting}/camera60.yml", ["alone"]),
         ("refine {resting} {cube} --stills --frames 3 -o new", ["--frames", "18"]),
         ("table {resting} {cube} -o {used}", ["in use", "new or an empty folder"]),

@@ -12,12 +12,12 @@ from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.reading import frames_of, recovered
 from tests.helpers.stated_sizes import of_size
 from tracker.calibration.rig import CameraRig
-from tracker.errors import LogError
+from tracker.errors import CalibrationError, LogError
 from tracker.logs.folder import write_folder
 from tracker.logs.hdf5_writer import write_hdf5
 from tracker.logs.layout import stamps_of_names
 from tracker.logs.log import picked
-from tracker.logs.opening import recording_files
+from tracker.logs.opening import fitted_to, recording_files
 
 
 def picture(frame: int, camera: int) -> np.ndarray:
@@ -170,6 +170,8 @@ def test_stamps_of_synthetic_data_are_those_of_the_truth(tmp_path, sequence, sta
         assert [frame.timestamp for frame in log] == pytest.approx(list(stamps.values()))
         assert [frame.camera_timestamps.tolist() for frame in log[:2]] == [[0.0, -0.004, 0.0], [0.1] * 3]
         assert log.episode_starts == starts
+        with pytest.raises(CalibrationError, match=r"found no calibration .*; or one scene's folder alone"):
+            fitted_to(tmp_path, log)
     del stamps["000001"]
     write_truth(tmp_path, stamps, sequence)
     assert recovered(tmp_path, "000001 is missing in ground_truth.json") == ([0], [0, 2, 3])

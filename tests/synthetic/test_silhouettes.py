@@ -66,6 +66,9 @@ def test_what_are_no_joint_angles_is_named(fingers, joints):
         fingers(joints)
 
 
-def test_a_negative_margin_is_refused():
-    with pytest.raises(TrackerError, match="margin: found -1"):
-        FingerMasks(RIG, margin=-1)
+def test_what_is_no_margin_or_rig_is_refused():
+    for margin in (-1, 1.5, "3"):
+        with pytest.raises(TrackerError, match="margin: found "):
+            FingerMasks(RIG, margin=margin)
+    with pytest.raises(TrackerError, match="rig: found 'folder', expected CameraRig"):
+        FingerMasks("folder")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli.options import command, file_option, flag, numbers, option, several
+from tracker.cli.options import Range, command, file_option, flag, numbers, option, several
 from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording, refuse_overwriting
 from tracker.cli.stills import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
@@ -259,11 +259,11 @@ def extrinsics(
     center: tuple[float, float] = option(
         "X,Y", "The board's centre [m].  [0,0]", callback=numbers(2), default="0,0"
     ),
-    height: float = option("Z", "Height of the board's print [m].  [0]", float, default=0.0),
+    height: float = option("Z", "Height of the board's print [m].  [0]", Range(-10, 10), default=0.0),
     yaw: float = option(
         "DEG",
         "Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
-        float,
+        Range(-360, 360),
         default=0.0,
     ),
     output: Path = option("DIR", "For the calibration; new or empty.", OutFolder(new=True), required=True),

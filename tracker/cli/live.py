@@ -4,37 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import math
 import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
 import tracker
 from tracker.cli import options
 from tracker.cli.live_outputs import LiveOutputs, Lookout, Requested, Statistics, check_cameras
-from tracker.cli.options import argument, command, flag, option
+from tracker.cli.options import Range, argument, command, flag, option
 from tracker.cli.outputs import InFile, Recording
 from tracker.cli.terminal import Ended, say
 from tracker.errors import LiveError
 from tracker.files import on_error
 
-
-class _Range(click.FloatRange):
-    """A range that excludes NaN, which click's own accepts."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = super().convert(value, param, ctx)
-        if math.isnan(number):
-            self.fail(f"found {value}, expected a number", param, ctx)
-        return number
-
-
-_POSITIVE = _Range(0, min_open=True)
+_POSITIVE = Range(0, min_open=True)
 _CAMERAS = ("pylon", "opencv")  # the same as in tracker.live.sources, which is not imported for --help
 
 
@@ -43,7 +30,7 @@ class Pace:
     """Options for a source's rate and settings. Each option applies to some sources only."""
 
     rate: float | None = option(
-        "HZ", "Sets of images per second.  [default: 10]", _Range(0, 1000, min_open=True)
+        "HZ", "Sets of images per second.  [default: 10]", Range(0, 1000, min_open=True)
     )
     settings: Path | None = option("FILE", "Settings of pylon's cameras (TOML, GenICam names).", InFile())
     speed: float | None = option("X", "Replay a recording X times as fast.", _POSITIVE)

@@ -48,6 +48,17 @@ def whole(
     return option("N", help, kind, name=name, default=default, show_default=default is not None)
 
 
+class Range(click.FloatRange):
+    """A range that excludes NaN, which click's own accepts."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """See click."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"found {value}, expected a number", param, ctx)
+        return number
+
+
 def flag(help: str, *, name: str = "") -> Any:
     """Make an option without a value."""
     return option(None, help, name=name, is_flag=True)

@@ -157,6 +157,8 @@ def fitted_to(
         rig = log.rig
         if rig is None:
             expected = "--calibration, the folder with a file of each camera, like camera60.yml"
+            if len(log.episode_starts) > 1:
+                expected += "; or one scene's folder alone, if each has its own"
             raise CalibrationError(f"{where}: found no calibration in or beside it, expected {expected}")
         if correct_halved_principal_point:
             cameras = tuple(camera.with_halved_principal_point_corrected() for camera in rig)
