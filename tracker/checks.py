@@ -122,7 +122,7 @@ def float_array(
     given: object, shape: tuple[int, ...], what: str, fault: type[TrackerError], *, finite: bool = True
 ) -> FloatArray:
     """Return a read-only float64 copy; raise `fault`, which names `what`, if the shape or type is wrong."""
-    array = given if isinstance(given, np.ndarray) else array_of(given)
+    array = array_of(given)
     numeric = array.dtype.kind in "iuf"
     if not numeric or array.shape != shape:
         found = f"shape {array.shape}" if numeric else described_input(given)

@@ -285,7 +285,7 @@ class Log:
 
 
 def picked(log: Log, numbers: Sequence[int]) -> Iterator[LogFrame]:
-    """Yield frames by ascending numbers, as quickly as the format allows; errors as for `frame`."""
+    """Yield frames by ascending numbers, as quickly as the format allows; damaged ones as in a slice."""
     if log.random_access:
         for number in numbers:
             yield from log[number : number + 1]

@@ -75,7 +75,7 @@ def usable(
         sample, before = rows.tobytes(), memories[c].sample
         remembered[c] = CameraMemory(sample, memories[c].age)
         # Most images show a bright pixel at once.
-        if max(sample[::SPARSE]) < BLACK and max(sample) < BLACK:
+        if max(sample[::SPARSE]) < BLACK and np.frombuffer(sample, np.uint8).max() < BLACK:
             result[c], uses[c] = None, CameraUse.BLACK
         elif sample == before:
             unchanged.append(c)

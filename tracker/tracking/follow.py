@@ -212,7 +212,7 @@ class Follower:
 
 def extra(counts: Sequence[Seen]) -> float:
     """Return the object-coloured pixels outside the outline in some cameras, relative to those predicted."""
-    return float(sum(one.extra for one in counts) / max(sum(one.predicted for one in counts), 1))
+    return sum(one.extra for one in counts) / max(sum(one.predicted for one in counts), 1.0)
 
 
 def lasting(fit: Fit) -> float:
