@@ -62,16 +62,17 @@ def shared(codes: Array, surfaces: Surfaces, block: int) -> tuple[Array, Array]:
 
 
 @compiled
-def _row(code: int, surfaces: Surfaces) -> int:
+def _row(code: int, first_triangle: Array, first_group: Array, groups: Array) -> int:
     """Return the row of the colour group of a code other than 0."""
     body = int(code >> BODY_SHIFT) - 1
-    triangle = surfaces.first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
-    return int(surfaces.first_group[body] + surfaces.groups[triangle])
+    triangle = first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
+    return int(first_group[body] + groups[triangle])
 
 
 @compiled
 def _share(codes: Array, block: int, surfaces: Surfaces, at: Array, stands: Array) -> int:
     height, width = codes.shape
+    first_triangle, first_group, groups = surfaces.first_triangle, surfaces.first_group, surfaces.groups
     rows = np.empty((block * block, 2), np.int64)
     count = 0
     for top in range(0, height, block):
@@ -79,7 +80,7 @@ def _share(codes: Array, block: int, surfaces: Surfaces, at: Array, stands: Arra
             known = 0
             for j in range(top, min(top + block, height)):
                 for i in range(left, min(left + block, width)):
-                    row = _row(codes[j, i], surfaces) if codes[j, i] else -1
+                    row = _row(codes[j, i], first_triangle, first_group, groups) if codes[j, i] else -1
                     k = 0
                     while k < known and rows[k, 0] != row:
                         k += 1
@@ -100,10 +101,16 @@ def labels_of_codes(codes: Array, surfaces: Surfaces) -> Image:
 
 @compiled
 def _label(codes: Array, surfaces: Surfaces, out: Array) -> None:
+    first_triangle, first_group, groups = surfaces.first_triangle, surfaces.first_group, surfaces.groups
+    labels = surfaces.labels
     for j in range(codes.shape[0]):
         for i in range(codes.shape[1]):
             if codes[j, i]:
-                out[j, i] = surfaces.labels[_row(codes[j, i], surfaces)]
+                out[j, i] = labels[_row(codes[j, i], first_triangle, first_group, groups)]
+
+
+Vector = tuple[float, float, float]
+"""A vector in a body's frame."""
 
 
 @compiled
@@ -111,25 +118,38 @@ def _meet(
     codes: Array, at: Array, world_from_camera: Array, lens: Array, surfaces: Surfaces, hits: Hits
 ) -> None:
     n, pose, corners = surfaces.normals, surfaces.world_from_body, surfaces.corners
-    eye = world_from_camera[:3, 3]
+    ex, ey, ez = world_from_camera[0, 3], world_from_camera[1, 3], world_from_camera[2, 3]
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
+    width, j, first, last = codes.shape[1], 0, 0, 0
+    body, t, row = 0, 0, 0
+    edge = other = start = across = (0.0, 0.0, 0.0)
     for place in range(len(at)):
-        j, i = divmod(at[place], codes.shape[1])
+        if not first <= at[place] < first + width:
+            j = at[place] // width
+            first = j * width
+        i = at[place] - first
         code = codes[j, i]
         if code == 0:
             continue
-        body = int(code >> BODY_SHIFT) - 1
-        t = surfaces.first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
+        if code != last:  # neighbours mostly show one triangle
+            last, body = code, int(code >> BODY_SHIFT) - 1
+            t = surfaces.first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
+            row = surfaces.first_group[body] + surfaces.groups[t]
+            away = ex - pose[body, 0, 3], ey - pose[body, 1, 3], ez - pose[body, 2, 3]
+            px, py, pz = _turned_back(pose, body, away)
+            start = px - corners[t, 0, 0], py - corners[t, 0, 1], pz - corners[t, 0, 2]
+            edge, other = _edge(corners, t, 1), _edge(corners, t, 2)
+            across = _cross(start, edge)
         x, y = (i - lens[2]) / lens[0], (j - lens[3]) / lens[1]
         wx = world_from_camera[0, 0] * x + world_from_camera[0, 1] * y + world_from_camera[0, 2]
         wy = world_from_camera[1, 0] * x + world_from_camera[1, 1] * y + world_from_camera[1, 2]
         wz = world_from_camera[2, 0] * x + world_from_camera[2, 1] * y + world_from_camera[2, 2]
-        u, v, reach = _barycentric(corners, t, pose, body, eye, wx, wy, wz)
+        u, v, reach = _barycentric(start, edge, other, across, _turned_back(pose, body, (wx, wy, wz)))
         bodies[place] = body
-        rows[place] = surfaces.first_group[body] + surfaces.groups[t]
-        points[place, 0] = eye[0] + reach * wx
-        points[place, 1] = eye[1] + reach * wy
-        points[place, 2] = eye[2] + reach * wz
+        rows[place] = row
+        points[place, 0] = ex + reach * wx
+        points[place, 1] = ey + reach * wy
+        points[place, 2] = ez + reach * wz
         w = 1.0 - u - v
         bx = w * n[t, 0, 0] + u * n[t, 1, 0] + v * n[t, 2, 0]
         by = w * n[t, 0, 1] + u * n[t, 1, 1] + v * n[t, 2, 1]
@@ -148,27 +168,19 @@ def _meet(
 
 @compiled
 def _barycentric(
-    corners: Array, t: int, pose: Array, body: int, eye: Array, wx: float, wy: float, wz: float
+    start: Vector, edge: Vector, other: Vector, across: Vector, ray: Vector
 ) -> tuple[float, float, float]:
     """Return weights of corners 1 and 2, clamped to the triangle, and distance on the ray (Möller-Trumbore).
 
+    `start` leads from corner 0 to the eye, `edge` and `other` to corners 1 and 2; `across` is start × edge.
     A pixel's centre may be a rounding error outside the triangle that was rasterised there.
     """
-    ox, oy, oz = eye[0] - pose[body, 0, 3], eye[1] - pose[body, 1, 3], eye[2] - pose[body, 2, 3]
-    px, py, pz = _turned_back(pose, body, ox, oy, oz)
-    px, py, pz = px - corners[t, 0, 0], py - corners[t, 0, 1], pz - corners[t, 0, 2]
-    dx, dy, dz = _turned_back(pose, body, wx, wy, wz)
-    ax, ay, az = _edge(corners, t, 1)
-    bx, by, bz = _edge(corners, t, 2)
-    hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
-    qx, qy, qz = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
-    determinant = ax * hx + ay * hy + az * hz
+    away = _cross(ray, other)
+    determinant = _dot(edge, away)
     if abs(determinant) < 1e-18:  # seen edge-on: any point of it will do
-        middle = px * dx + py * dy + pz * dz
-        return 0.0, 0.0, -middle / (dx * dx + dy * dy + dz * dz)
-    u = (px * hx + py * hy + pz * hz) / determinant
-    v = (dx * qx + dy * qy + dz * qz) / determinant
-    reach = (bx * qx + by * qy + bz * qz) / determinant
+        return 0.0, 0.0, -_dot(start, ray) / _dot(ray, ray)
+    u, v = _dot(start, away) / determinant, _dot(ray, across) / determinant
+    reach = _dot(other, across) / determinant
     u, v = min(max(u, 0.0), 1.0), min(max(v, 0.0), 1.0)
     if u + v > 1.0:
         u, v = u / (u + v), v / (u + v)
@@ -176,8 +188,19 @@ def _barycentric(
 
 
 @compiled
-def _turned_back(pose: Array, body: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _turned_back(pose: Array, body: int, vector: Vector) -> Vector:
     """Rotate a direction from the world into a body's frame."""
+    x, y, z = vector
     return (
         pose[body, 0, 0] * x + pose[body, 1, 0] * y + pose[body, 2, 0] * z,
         pose[body, 0, 1] * x + pose[body, 1, 1] * y + pose[body, 2, 1] * z,
@@ -186,7 +209,10 @@ def _turned_back(pose: Array, body: int, x: float, y: float, z: float) -> tuple[
 
 
 @compiled
-def _edge(corners: Array, t: int, k: int) -> tuple[float, float, float]:
+def _edge(corners: Array, t: int, k: int) -> Vector:
     """Return the edge from a triangle's corner 0 to its corner k."""
-    first, last = corners[t, 0], corners[t, k]
-    return last[0] - first[0], last[1] - first[1], last[2] - first[2]
+    return (
+        float(corners[t, k, 0] - corners[t, 0, 0]),
+        float(corners[t, k, 1] - corners[t, 0, 1]),
+        float(corners[t, k, 2] - corners[t, 0, 2]),
+    )

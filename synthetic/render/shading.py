@@ -79,6 +79,7 @@ def _shade(
     ambient, directions, lamps = light
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
     reflectance, gloss, texture, coats = surfaces.colors, surfaces.gloss, surfaces.texture, surfaces.coats
+    seeds, poses = surfaces.grain_seeds, surfaces.world_from_body
     for j in range(out.shape[0]):
         for i in range(out.shape[1]):
             body = bodies[j, i]
@@ -91,8 +92,7 @@ def _shade(
             vx, vy, vz = vx / distance, vy / distance, vz / distance
             share = 1.0
             if texture[body] > 0:
-                seed, pose = surfaces.grain_seeds[body], surfaces.world_from_body
-                detail = _grain(cells, pose, body, (px, py, pz), seed, distance * pixel_angle)
+                detail = _grain(cells, poses, body, (px, py, pz), seeds[body], distance * pixel_angle)
                 share = max(1.0 + texture[body] * detail, 0.0)
             sky = sky_slope(nz) * reach[j, i, 0]
             row = rows[j, i]

@@ -166,12 +166,15 @@ def sky_slope(nz: float) -> float:
 @compiled
 def _look(hits: Hits, shadows: Shadows, lamps: Array, block: int, out: Array) -> None:
     body, points, normals = hits.body, hits.points, hits.normals
+    (axes, depths, cell), (lamp_axes, lamp_depths, lamp_cell) = shadows.sky, shadows.lamps
     height, width = body.shape
+    a = 0
     for j in range(height):
+        a, b = j if j == a + block else a, 0
         for i in range(width):
+            b = i if i == b + block else b
             if body[j, i] < 0:
                 continue
-            a, b = j - j % block, i - i % block
             if (a != j or b != i) and body[a, b] == body[j, i]:
                 product = 0.0
                 for c in range(3):
@@ -182,37 +185,35 @@ def _look(hits: Hits, shadows: Shadows, lamps: Array, block: int, out: Array) ->
                     continue
             point = points[j, i, 0], points[j, i, 1], points[j, i, 2]
             normal = normals[j, i, 0], normals[j, i, 1], normals[j, i, 2]
-            out[j, i, 0] = _sky_share(shadows.sky, point, normal)
+            out[j, i, 0] = _sky_share(axes, depths, cell, point, normal)
             for k in range(len(lamps)):
-                out[j, i, lamps[k]] = _lamp_share(shadows.lamps, k, point, normal)
+                out[j, i, lamps[k]] = _lamp_share(lamp_axes, lamp_depths, lamp_cell, k, point, normal)
 
 
 @compiled
-def _sky_share(maps: Maps, point: Point, normal: Point) -> float:
+def _sky_share(axes: Array, depths: Array, cell: float, point: Point, normal: Point) -> float:
     """Return the unoccluded share of the sky above a surface, weighted by the cosine to its normal."""
-    axes = maps.axes
     seen = whole = 0.05  # where a surface faces hardly any sky, its light comes from all around
     for k in range(axes.shape[0]):
         cosine = normal[0] * axes[k, 2, 0] + normal[1] * axes[k, 2, 1] + normal[2] * axes[k, 2, 2]
         if cosine > 0:
             whole += cosine
-            seen += cosine * _clear(maps, k, point, normal)
+            seen += cosine * _clear(axes, depths, cell, k, point, normal)
     return _BOUNCED + (1 - _BOUNCED) * seen / whole
 
 
 @compiled
-def _lamp_share(maps: Maps, k: int, point: Point, normal: Point) -> float:
+def _lamp_share(axes: Array, depths: Array, cell: float, k: int, point: Point, normal: Point) -> float:
     """Return the unoccluded share of a lamp's disk."""
     seen = 0.0
     for direction in range(k * _LAMP_DIRECTIONS, (k + 1) * _LAMP_DIRECTIONS):
-        seen += _clear(maps, direction, point, normal)
+        seen += _clear(axes, depths, cell, direction, point, normal)
     return seen / _LAMP_DIRECTIONS
 
 
-@compiled
-def _clear(maps: Maps, k: int, point: Point, normal: Point) -> float:
+@compiled(forceinline=True)
+def _clear(axes: Array, depths: Array, cell: float, k: int, point: Point, normal: Point) -> float:
     """Return the weight of the four cells around a point that do not occlude it; 1 outside the map."""
-    axes, depths, cell = maps.axes, maps.depths, maps.cell
     size, off = depths.shape[1], 1.5 * cell
     # Start more than one cell off the surface, or it would shadow itself.
     qx, qy, qz = (
@@ -239,6 +240,7 @@ def _clear(maps: Maps, k: int, point: Point, normal: Point) -> float:
     return share
 
 
+@compiled
 def hidden(distance: FloatArray, width: float) -> FloatArray:
     """Return the share of the sky's light hidden by a dark strip of `width` at a distance [m], 1 at 0."""
     return 1.0 - distance / np.hypot(distance, width)
@@ -256,10 +258,25 @@ def add_contact(reach: Array, hits: Hits, scene: PlatformScene) -> None:
     strength *= max(1.0 - clearance / width, 0.0)
     if strength == 0:
         return
-    of_box = hits.body == box
-    of_table = (hits.body >= 0) & ~of_box & (hits.points[..., 2] < _FLAT_M)
-    inside = hits.points[of_table] @ pose[:3, :3] - pose[:3, 3] @ pose[:3, :3]
-    away = np.linalg.norm(np.maximum(np.abs(inside) - half, 0.0), axis=-1)
-    height = np.maximum(hits.points[of_box][:, 2], 0.0).astype(np.float64)
-    for which, distance in ((of_box, height), (of_table, away)):
-        reach[which, 0] *= 1.0 - strength * hidden(distance, width)
+    _darken(reach, hits, box, pose, half, strength, width)
+
+
+@compiled
+def _darken(
+    reach: Array, hits: Hits, box: int, pose: Array, half: Array, strength: float, width: float
+) -> None:
+    """Remove light at the foot of a box of half edges `half` [m], and from what lies flat around it."""
+    body, points = hits.body, hits.points
+    for j in range(body.shape[0]):
+        for i in range(body.shape[1]):
+            height, square = points[j, i, 2], 0.0
+            if body[j, i] == box:
+                square = max(height, 0.0) ** 2
+            elif body[j, i] >= 0 and height < _FLAT_M:
+                x, y, z = points[j, i, 0] - pose[0, 3], points[j, i, 1] - pose[1, 3], height - pose[2, 3]
+                for axis in range(3):
+                    along = x * pose[0, axis] + y * pose[1, axis] + z * pose[2, axis]
+                    square += max(abs(along) - half[axis], 0.0) ** 2
+            else:
+                continue
+            reach[j, i, 0] *= 1.0 - strength * hidden(np.sqrt(square), width)
