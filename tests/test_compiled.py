@@ -1,4 +1,5 @@
 import contextlib
+import gc
 import importlib
 import io
 import json
@@ -11,8 +12,11 @@ import numba
 import numpy as np
 import pytest
 from numba.core import types
+from numba.core.runtime import _nrt_python, rtsys
 
 from tests.helpers import ROOT, run_python
+from tracker import ObjectTracker, open_log
+from tracker.cli.demo import DATA
 from tracker.compiled import compiled, fingerprint
 
 PACKAGE = ROOT / "tracker"
@@ -62,6 +66,46 @@ def test_a_compiled_function_gives_what_python_and_numpy_give_and_lets_other_thr
     assert [ratios(a, b) for a, b in ((1.0, 4.0), (1.0, 0.0), (-1.0, 0.0))] == [0.25, np.inf, -np.inf]
     assert np.isnan(ratios(0.0, 0.0))
     assert halves.targetoptions["nogil"]
+
+
+@compiled
+def same(values):
+    return values, 1.0
+
+
+@compiled
+def sum_of_same(values):
+    return same(values)[0].sum()
+
+
+def test_a_kernel_without_counted_references_must_not_return_arrays():
+    with pytest.raises(TypeError, match="same: returns an array, but creates none"):
+        sum_of_same(np.ones(3))
+
+
+def test_kernels_free_all_arrays_that_they_create():
+    with open_log(DATA) as log:
+        frames, rig = list(log)[:3], log.rig
+    kept = []
+    _nrt_python.memsys_enable_stats()
+    try:
+        for _ in range(4):
+            for name in ("cube_v2", "cuboid_2x2x8_v2"):
+                tracker = ObjectTracker(name, rig)
+                for frame in frames:
+                    tracker.detect([frame.images[0], None, None])
+                    tracker.update(frame.images, frame.timestamp)
+                tracker.update(frames[0].images, [frame.timestamp + 0.1 + 0.01 * c for c in range(3)])
+                tracker.predict(frame.timestamp + 0.5)
+            del tracker
+            gc.collect()
+            stats = rtsys.get_allocation_stats()
+            kept.append((stats.alloc - stats.free, stats.mi_alloc - stats.mi_free))
+    finally:
+        _nrt_python.memsys_disable_stats()
+    # Caches replace arrays of earlier tests by those of the last ones: there may be fewer.
+    assert kept[3][0] <= kept[2][0]
+    assert kept[3][1] <= kept[2][1]
 
 
 @pytest.fixture

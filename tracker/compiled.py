@@ -24,6 +24,9 @@ from numba.core.typing.templates import make_concrete_template
 
 _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
+_CREATING = {"array", "copy", "empty", "empty_like", "eye", "full", "ones", "zeros", "zeros_like"}
+"""Names by which kernels create arrays."""
+
 _FOLDER = "kernels-"
 _OTHERS = 1
 """Number of cache folders of other source versions to keep, so that switching versions does not recompile."""
@@ -32,19 +35,32 @@ _OTHERS_SHARED = 8
 """The same below NUMBA_CACHE_DIR, which all copies of a package share."""
 
 
-def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+class _Uncounted(compiler.Compiler):
+    """Counts no references to arrays: that would take a tenth of the time."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)  # type: ignore[no-untyped-call]
+        self.state.targetctx = self.state.targetctx.subtarget(enable_nrt=False)
+
+
+def compiled(function: Callable[..., Any] | None = None, *, counted: bool = False, **options: Any) -> Any:
     """Compile a function on its first call and keep the result on disk; `options` are those of numba.njit.
 
     Division by zero gives what NumPy gives: checks would cost time, mostly in compilation. Assigning one
     array to another is slow to compile, too, as its error message is compiled as well: use loops instead.
     If no folder is writable or holds the machine code already, each process compiles it again.
+
+    Only a kernel that creates arrays by the names in _CREATING counts references to arrays. A kernel needs
+    `counted` to free new arrays that a function returns to it.
     """
     if function is None:
-        return lambda function: compiled(function, **options)
+        return lambda function: compiled(function, counted=counted, **options)
     # Kernels are never called from C; wrappers for C would take as long to compile as those for Python.
-    usual = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    usual: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     # In this package, only kernels call functions with private names.
     usual["no_cpython_wrapper"] = function.__module__.startswith("tracker.") and function.__name__[0] == "_"
+    if not counted and _CREATING.isdisjoint(function.__code__.co_names):
+        usual["pipeline_class"] = _Uncounted
     dispatcher = numba.njit(**{**usual, **options})(function)
     _have_called_as_part(dispatcher)
     # Numba raises RuntimeError if it finds no place for its cache.
@@ -98,9 +114,12 @@ def _compiled_as_part(dispatcher: Any, arguments: tuple[types.Type, ...]) -> Any
     flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
     context, function = description.target_context, dispatcher.py_func
     library = _Part(context.codegen(), function.__qualname__)  # type: ignore[no-untyped-call]
+    pipeline = dispatcher._compiler.pipeline_class
     result = compiler.compile_extra(  # type: ignore[no-untyped-call]
-        description.typing_context, context, function, arguments, None, flags, {}, library=library
+        description.typing_context, context, function, arguments, None, flags, {}, library, pipeline
     )
+    if pipeline is _Uncounted and "array(" in str(result.signature.return_type):
+        raise TypeError(f"{function.__qualname__}: returns an array, but creates none")
     context.insert_user_function(library, result.fndesc, [library])
     return result
 

@@ -211,7 +211,7 @@ def _lamp_share(axes: Array, depths: Array, cell: float, k: int, point: Point, n
     return seen / _LAMP_DIRECTIONS
 
 
-@compiled(forceinline=True)
+@compiled
 def _clear(axes: Array, depths: Array, cell: float, k: int, point: Point, normal: Point) -> float:
     """Return the weight of the four cells around a point that do not occlude it; 1 outside the map."""
     size, off = depths.shape[1], 1.5 * cell
@@ -241,9 +241,9 @@ def _clear(axes: Array, depths: Array, cell: float, k: int, point: Point, normal
 
 
 @compiled
-def hidden(distance: FloatArray, width: float) -> FloatArray:
+def hidden(distance: float, width: float) -> float:
     """Return the share of the sky's light hidden by a dark strip of `width` at a distance [m], 1 at 0."""
-    return 1.0 - distance / np.hypot(distance, width)
+    return float(1.0 - distance / np.hypot(distance, width))
 
 
 def add_contact(reach: Array, hits: Hits, scene: PlatformScene) -> None:

@@ -46,12 +46,12 @@ def left(points, body, one):
 
 
 def test_shade_is_deepest_at_the_contact_and_gone_far_from_it():
-    share = hidden(np.linspace(0.0, 0.06, 200), WIDTH)
+    share = [hidden(distance, WIDTH) for distance in np.linspace(0.0, 0.06, 200)]
     assert share[0] == 1
     assert (np.diff(share) < 0).all()
     assert 0 < share[-1] < 2e-3
     # Of the half of the view that faces the ground, a strip from d to d + w seen from the height d.
-    assert hidden(np.array(WIDTH), WIDTH) == pytest.approx(1 - np.sqrt(0.5))
+    assert hidden(WIDTH, WIDTH) == pytest.approx(1 - np.sqrt(0.5))
 
 
 def test_face_and_table_darken_alike_towards_their_common_line():
@@ -59,7 +59,7 @@ def test_face_and_table_darken_alike_towards_their_common_line():
     face = np.stack([np.full(50, 0.03), np.zeros(50), distance], axis=1)
     table = np.stack([0.03 + distance, np.zeros(50), np.zeros(50)], axis=1)
     for strength in (0.3, 1.0):
-        expected = 1 - strength * hidden(distance, WIDTH)
+        expected = [1 - strength * hidden(one, WIDTH) for one in distance]
         np.testing.assert_allclose(left(face, 1, scene(strength)), expected, atol=1e-6)
         np.testing.assert_allclose(left(table, 0, scene(strength)), expected, atol=1e-5)
 

@@ -149,7 +149,7 @@ def quaternion(rotation):  # type: ignore[no-untyped-def]
     return q / (length if q[3] >= 0.0 else -length)
 
 
-@compiled
+@compiled(counted=True)  # frees the quaternion
 def log_into(rotation, out):  # type: ignore[no-untyped-def]
     """Set out (3,) to the rotation vector of a rotation (3, 3), at any angle."""
     q = quaternion(rotation)

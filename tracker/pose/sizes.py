@@ -13,6 +13,9 @@ SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.0
 """Candidate shares of the stated calibration variance; above 1 the cameras disagree more than their files
 state."""
 
+STATED = SHARES.tolist().index(1.0)
+"""Index of the stated variance."""
+
 SHARES_PRIOR = np.array([0.02, 0.04, 0.06, 0.12, 0.28, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05])
 """Prior probability of each. Three cameras agree by chance far more often than files overstate errors; with
 more weight on small shares, generated scenes with errors of all kinds fall outside their covariances."""
@@ -79,11 +82,10 @@ def _mean(sizes, doubts):  # type: ignore[no-untyped-def]
 @compiled
 def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
     """Fill doubts (S,) of SHARES, with priors, from the stated one both ways until they do not count."""
-    stated = int(np.argmin(np.abs(SHARES - 1.0)))
     doubts[:] = np.inf
     least = np.inf
     for way in (-1, 1):
-        k = stated if way < 0 else stated + 1
+        k = STATED if way < 0 else STATED + 1
         while 0 <= k < len(SHARES):
             doubts[k] = solve(solution, cameras, SHARES[k]) - 2.0 * math.log(SHARES_PRIOR[k])
             least = min(least, doubts[k])

@@ -91,8 +91,10 @@ def contacts_of(table, half, rotation, position, value, slope, plane):  # type: 
     """
     up = rotation[2]
     x, y = position[0] - table.center[0], position[1] - table.center[1]
-    face = int(np.argmax(np.abs(up)))
-    along = int(np.argmin(np.abs(up)))
+    face, along = 0, 0
+    for k in range(1, 3):
+        face = k if abs(up[k]) > abs(up[face]) else face
+        along = k if abs(up[k]) < abs(up[along]) else along
     slope[:, :], plane[:, :] = 0.0, 0.0
     for row, edge in ((0, False), (3, True)):
         value[row] = position[2] - table.height

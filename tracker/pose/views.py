@@ -156,7 +156,7 @@ def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-u
     return near[1:-1, 1:-1]
 
 
-@compiled
+@compiled(counted=True)  # frees what the functions that it calls return
 def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: ignore[no-untyped-def]
     """Fill labels (C, h, w) in a window of camera c's image, each from by × by pixels; count face colours.
 
