@@ -17,7 +17,6 @@ from synthetic.camera.shot import QUALITIES, CameraShot, shoot
 from synthetic.camera.units import Unit, units_of
 from synthetic.effects import Effects
 from synthetic.look.appearance import random_lighting, random_look
-from synthetic.render.renderer import shared_renderer
 from synthetic.scene import PlatformScene
 from synthetic.world.effects import with_effects
 from synthetic.world.fingers import random_fingers
@@ -108,7 +107,7 @@ def restaged(
 
 def _taken(scene: PlatformScene, unit: Unit, quality: str, seed: int) -> CameraShot:
     noise = np.random.default_rng([seed, unit.camera.height])
-    return shoot(shared_renderer(), (scene,), unit, QUALITIES[quality], noise)
+    return shoot((scene,), unit, QUALITIES[quality], noise)
 
 
 def _share(shot: CameraShot) -> float:

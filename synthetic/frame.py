@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from synthetic.camera.miscalibration import Calibrated
+from synthetic.render.renderer import NAME
 from synthetic.scene import ObjectState, PlatformScene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
@@ -18,6 +19,8 @@ from tracker.geometry import so3
 class Frame:
     """One image of each camera, and the ground truth."""
 
+    renderer: ClassVar[str] = NAME
+    """Name of the renderer."""
     index: int
     """Number of the frame."""
     timestamp: float
@@ -32,8 +35,6 @@ class Frame:
     """(cameras,) visible pixels of the object."""
     scene: PlatformScene
     """The scene itself, in the simulation's world."""
-    renderer: str
-    """Name of the renderer."""
     calibrated: Calibrated
     """The true cameras and what their calibration states."""
     stamps: FloatArray

@@ -23,7 +23,6 @@ from synthetic.camera.units import STILL, Crew, crew_of, motion_px
 from synthetic.closing import Closing
 from synthetic.effects import Effects, stream
 from synthetic.frame import Frame as Frame
-from synthetic.render.renderer import shared_renderer
 from synthetic.scene import PlatformScene, SceneAt
 from synthetic.world.effects import still_at, with_effects
 from synthetic.world.look_alikes import KINDS, look_alike
@@ -132,11 +131,10 @@ class FrameMaker(Closing):
         if options.shadows is not None:
             self._quality = dataclasses.replace(self._quality, shadows=options.shadows)
         self._stack = ExitStack()
-        self.renderer = shared_renderer()
         self._platform = self._stack.enter_context(Platform(options.object_name))
 
     def close(self) -> None:
-        """Free the simulation; the renderer is shared by the process and stays."""
+        """Free the simulation."""
         self._stack.close()
 
     def chunk(
@@ -231,7 +229,7 @@ class FrameMaker(Closing):
         scene = scene_at(timestamp)
         stamps, shutters = self._exposures(timestamp, scene, scene_at, crew)
         shots: list[CameraShot] = [
-            shoot(self.renderer, scenes, unit.at(stamp), self._quality, noise)
+            shoot(scenes, unit.at(stamp), self._quality, noise)
             for scenes, unit, stamp in zip(shutters, crew.units, stamps.tolist(), strict=True)
         ]
         visible = np.array([np.count_nonzero(shot.labels) for shot in shots])
@@ -244,7 +242,6 @@ class FrameMaker(Closing):
             visible_fraction=visible / np.maximum(alone, 1),
             visible_px=visible,
             scene=scene,
-            renderer=self.renderer.name,
             calibrated=crew.calibrated,
             stamps=stamps,
             scenes=tuple(scene if stamp == timestamp else scene_at(stamp) for stamp in stamps.tolist()),

@@ -58,6 +58,19 @@ class Mesh:
     groups: Array
     """(T,) index into the colours and labels of the body that uses the mesh."""
 
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        # Compiled code would read wrong rows, even past the end, so equal keys are not trusted.
+        return (
+            isinstance(other, Mesh)
+            and self.key == other.key
+            and np.array_equal(self.vertices, other.vertices)
+            and np.array_equal(self.triangles, other.triangles)
+            and np.array_equal(self.groups, other.groups)
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Body:

@@ -15,7 +15,7 @@ import numpy as np
 from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.look.appearance import random_lighting, random_look
-from synthetic.render.renderer import shared_renderer
+from synthetic.render.renderer import render
 from synthetic.scene import PlatformScene
 from synthetic.world.placement import CUBOID_KINDS
 from synthetic.world.platform import Platform
@@ -69,7 +69,7 @@ def take(
     for camera in cameras:
         lens = Lens(camera, points)
         view = dataclasses.replace(lens.view, block=points)
-        layers = shared_renderer().render(scene, view, shadows=shadows)
+        layers = render(scene, view, shadows=shadows)
         images.append(sensor.expose(lens.to_camera(layers.color, "mean"), rng))
         labels.append(np.asarray(lens.to_camera(layers.labels, "label"), dtype=np.uint8))
         alone = lens.to_camera(layers.alone, "label")

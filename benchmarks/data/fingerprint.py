@@ -12,8 +12,6 @@ from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 
-from synthetic.render.renderer import shared_renderer
-
 ROOT = Path(__file__).resolve().parents[2]
 
 PROJECT = ("tracker", "synthetic", "benchmarks")
@@ -35,7 +33,6 @@ def fingerprint(*modules: str) -> str:
         digest.update(code(content) if file.suffix == ".py" else content)
     for library in LIBRARIES:
         digest.update(f"{library} {version_of(library)}".encode())
-    digest.update(shared_renderer().name.encode())
     return digest.hexdigest()[:12]
 
 

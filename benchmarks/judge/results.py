@@ -21,7 +21,7 @@ import pandas as pd
 
 from benchmarks.data.fingerprint import PROJECT, ROOT, version_of
 from benchmarks.score.tables import figures
-from synthetic.render.renderer import shared_renderer
+from synthetic.render.renderer import NAME
 from tracker import compiled
 from tracker.errors import TrackerError
 from tracker.files import write_whole
@@ -135,7 +135,7 @@ def origin() -> dict[str, Any]:
         "processor": _processor(),
         "python": platform.python_version(),
         "libraries": {name: version_of(name) for name in LIBRARIES},
-        "renderer": shared_renderer().name,
+        "renderer": NAME,
     }
 
 

@@ -12,7 +12,7 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.camera.units import Unit
 from synthetic.render.raster import Layers
-from synthetic.render.renderer import Renderer
+from synthetic.render.renderer import render
 from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
 
@@ -71,7 +71,6 @@ class CameraShot:
 
 
 def shoot(
-    renderer: Renderer,
     scenes: Sequence[PlatformScene],
     unit: Unit,
     quality: Quality,
@@ -80,7 +79,6 @@ def shoot(
     """Take an image with one camera.
 
     Args:
-        renderer: renders `scenes`.
         scenes: scenes at equal intervals while the shutter is open; the light is their mean, the label maps
             are those of the middle one.
         unit: the camera.
@@ -94,7 +92,7 @@ def shoot(
     points = max(1, quality.points // 2) if quality.sensor_height is None and camera.height > 400 else 0
     points = points or quality.points
     lens = Lens(camera.resized(camera.width * factor, camera.height * factor), points)
-    views = [renderer.render(scene, lens.view, shadows=quality.shadows) for scene in scenes]
+    views = [render(scene, lens.view, shadows=quality.shadows) for scene in scenes]
     light = sum((_light(layers, lens, unit) for layers in views[1:]), _light(views[0], lens, unit))
     middle = views[len(views) // 2]
     # The fine camera's lattice of points is also the camera's own, so both share one view.

@@ -25,7 +25,7 @@ from synthetic.camera.rigs import KNOWN, choose_rig, sized
 from synthetic.export.bop import finish_bop, write_bop_frame, write_png
 from synthetic.export.workers import run_tasks
 from synthetic.frames import DatasetError, Frame, FrameMaker, FrameOptions
-from synthetic.render.renderer import Renderer
+from synthetic.render.renderer import NAME
 from tracker.calibration.rig import CameraRig
 from tracker.files import write_whole
 
@@ -166,7 +166,7 @@ class _Truth:
         head: dict[str, Any] = {
             "seed": options.frames.seed,
             "object": options.frames.object_name,
-            "renderer": Renderer.name,
+            "renderer": NAME,
             "settings": options.settings(),
         }
         path = root / TRUTH_FILE

@@ -14,47 +14,42 @@ from synthetic.render.hits import hits_of_codes, labels_of_codes, shared
 from synthetic.render.raster import Layers, PinholeView, paint
 from synthetic.render.shading import add_bounced, shade
 from synthetic.render.shadows import Shadows, add_contact, shadows_of, take_shadows
-from synthetic.render.surfaces import SurfaceStore
+from synthetic.render.surfaces import surfaces_of
 from synthetic.scene import PlatformScene
 
 KEPT = 6
 """Number of scenes whose surfaces and shadows are cached: those of one exposure, shared by all cameras."""
 
 
-class Renderer:
-    """Renders scenes deterministically: the same scene and view give the same bits."""
+NAME = "raster"
+"""The renderer's name in the ground truth."""
 
-    name = "raster"
-    """Name in the ground truth."""
-
-    def __init__(self) -> None:
-        self._surfaces = functools.lru_cache(KEPT)(SurfaceStore().of_scene)
-        self._shadows = functools.lru_cache(KEPT)(self._shadows_of)
-
-    def render(self, scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> Layers:
-        """Render `view` of `scene`; without `shadows` nothing blocks light, which is faster."""
-        surfaces = self._surfaces(scene)
-        bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
-        codes, nearness = paint(view, bodies)
-        alone, _ = paint(view, [row for row in bodies if surfaces.is_object[row[0]]])
-        at, stands = shared(codes, surfaces, view.block) if view.block > 1 else (None, None)
-        hits = hits_of_codes(codes, view, surfaces, at)
-        reach = np.ones((*hits.body.shape, 1 + len(scene.lighting.lamps)), np.float32)
-        if shadows:
-            take_shadows(reach, hits, view, self._shadows(scene), scene.lighting)
-            add_contact(reach, hits, scene)
-        color = shade(hits, view, surfaces, scene.lighting, reach)
-        if scene.patches is not None:
-            add_bounced(color, scene, scene.patches, hits, surfaces)
-        if stands is not None:
-            color = color[0][stands]
-        return Layers(color, labels_of_codes(codes, surfaces), labels_of_codes(alone, surfaces), nearness)
-
-    def _shadows_of(self, scene: PlatformScene) -> Shadows:
-        return shadows_of(self._surfaces(scene), scene.lighting)
+_surfaces = functools.lru_cache(KEPT)(surfaces_of)
 
 
-@functools.cache
-def shared_renderer() -> Renderer:
-    """Return the renderer that the process shares."""
-    return Renderer()
+def render(scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> Layers:
+    """Render `view` of `scene`; without `shadows` nothing blocks light, which is faster.
+
+    The same scene and view give the same bits.
+    """
+    surfaces = _surfaces(scene)
+    bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
+    codes, nearness = paint(view, bodies)
+    alone, _ = paint(view, [row for row in bodies if surfaces.is_object[row[0]]])
+    at, stands = shared(codes, surfaces, view.block) if view.block > 1 else (None, None)
+    hits = hits_of_codes(codes, view, surfaces, at)
+    reach = np.ones((*hits.body.shape, 1 + len(scene.lighting.lamps)), np.float32)
+    if shadows:
+        take_shadows(reach, hits, view, _shadows(scene), scene.lighting)
+        add_contact(reach, hits, scene)
+    color = shade(hits, view, surfaces, scene.lighting, reach)
+    if scene.patches is not None:
+        add_bounced(color, scene, scene.patches, hits, surfaces)
+    if stands is not None:
+        color = color[0][stands]
+    return Layers(color, labels_of_codes(codes, surfaces), labels_of_codes(alone, surfaces), nearness)
+
+
+@functools.lru_cache(KEPT)
+def _shadows(scene: PlatformScene) -> Shadows:
+    return shadows_of(_surfaces(scene), scene.lighting)

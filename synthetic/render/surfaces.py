@@ -6,8 +6,8 @@ the body's own frame.
 
 from __future__ import annotations
 
+import functools
 import zlib
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -83,36 +83,7 @@ class Surfaces(NamedTuple):
     """(B,) bool: whether it has a label."""
 
 
-class SurfaceStore:
-    """A cache of surfaces by their meshes' keys."""
-
-    def __init__(self) -> None:
-        self._meshes: OrderedDict[str, tuple[Mesh, Surface]] = OrderedDict()
-
-    def of_scene(self, scene: PlatformScene) -> Surfaces:
-        """Return the surfaces of all bodies of `scene`, in their order."""
-        return _join(scene, [self.of_mesh(body.mesh) for body in scene.bodies])
-
-    def of_mesh(self, mesh: Mesh) -> Surface:
-        """Return the surface of one mesh."""
-        known = self._meshes.get(mesh.key)
-        if known is None or not _same(known[0], mesh):
-            self._meshes[mesh.key] = mesh, _surface(mesh)
-            if len(self._meshes) > _KEPT_MESHES:
-                self._meshes.popitem(last=False)
-        self._meshes.move_to_end(mesh.key)
-        return self._meshes[mesh.key][1]
-
-
-def _same(one: Mesh, other: Mesh) -> bool:
-    # Compiled code would read wrong rows, even past the end, so equal keys are not trusted.
-    return one is other or (
-        np.array_equal(one.vertices, other.vertices)
-        and np.array_equal(one.triangles, other.triangles)
-        and np.array_equal(one.groups, other.groups)
-    )
-
-
+@functools.lru_cache(maxsize=_KEPT_MESHES)
 def _surface(mesh: Mesh) -> Surface:
     triangles = np.asarray(mesh.triangles, dtype=np.int64).reshape(-1, 3)
     corners = np.asarray(mesh.vertices, dtype=np.float64)[triangles]
@@ -153,8 +124,10 @@ def _corner_normals(corners: FloatArray) -> FloatArray:
     return normals.reshape(-1, 3, 3)
 
 
-def _join(scene: PlatformScene, surfaces: list[Surface]) -> Surfaces:
+def surfaces_of(scene: PlatformScene) -> Surfaces:
+    """Return the surfaces of all bodies of a scene, in their order."""
     bodies = scene.bodies
+    surfaces = [_surface(body.mesh) for body in bodies]
     counts = [len(surface.groups) for surface in surfaces]
     if len(bodies) > MAX_BODIES or max(counts, default=0) > MAX_TRIANGLES:
         raise ValueError(

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.random import default_rng as rng
 
+from synthetic.camera import shot
 from synthetic.camera.compression import Compression
 from synthetic.camera.miscalibration import FLOAT, TILT, exactly, miscalibrated
 from synthetic.camera.rigs import standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, mosaicked
-from synthetic.camera.shot import QUALITIES, shoot
 from synthetic.camera.units import MOST, PERIOD, Timing, Unit
 from synthetic.frames import FrameMaker, FrameOptions, frames
 from synthetic.render.raster import Layers
@@ -177,25 +177,19 @@ def test_scenes_around_a_stamp_follow_one_path_without_jumps(platform):
         assert fastest > 0.1
 
 
-class Lamps:
-    """A renderer whose scenes are lit evenly, by what stands for the scene."""
-
-    name = "lamps"
-
-    def render(self, scene, view, *, shadows=True):
-        shape = (view.height, view.width)
-        labels = np.full(shape, int(10 * scene), np.uint8)
-        return Layers(np.full((*shape, 3), scene, np.float32), labels, labels, np.ones(shape, np.float32))
-
-    def close(self):
-        pass
+def lamps(scene, view, *, shadows):
+    """Layers that are lit evenly, by what stands for the scene."""
+    shape = (view.height, view.width)
+    labels = np.full(shape, int(10 * scene), np.uint8)
+    return Layers(np.full((*shape, 3), scene, np.float32), labels, labels, np.ones(shape, np.float32))
 
 
-def test_a_picture_of_an_open_shutter_is_the_mean_of_its_scenes_and_labels_are_the_middle_ones():
+def test_a_picture_of_an_open_shutter_is_the_mean_of_its_scenes_and_labels_are_the_middle_ones(monkeypatch):
+    monkeypatch.setattr(shot, "render", lamps)
     unit = Unit(RIG[0], Sensor(), CameraSettings(np.ones(3), np.zeros(2)))
-    shot = shoot(Lamps(), (0.1, 0.2, 0.6), unit, QUALITIES["fast"], rng(0))
-    assert np.array_equal(shot.image, np.full((270, 270, 3), round(255 * 0.3), np.uint8))
-    assert (shot.labels == 2).all()
+    found = shot.shoot((0.1, 0.2, 0.6), unit, shot.QUALITIES["fast"], rng(0))
+    assert np.array_equal(found.image, np.full((270, 270, 3), round(255 * 0.3), np.uint8))
+    assert (found.labels == 2).all()
 
 
 def test_a_film_that_is_continued_is_the_film(platform):

@@ -3,7 +3,7 @@ import pytest
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
-from synthetic.render.renderer import shared_renderer
+from synthetic.render.renderer import render
 from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene, transform
 from tests.helpers import opencv_pixels, random_rotations
 from tests.helpers.pyrender_labels import labels_and_depth
@@ -13,7 +13,6 @@ from tracker.geometry.cuboid import FACE_CORNERS, corners
 LABELS = np.array([1, 6, 2, 5, 3, 4], np.uint8)  # +x … -z, none twice
 COLORS = np.array([[1, 1, 10], [1, 9, 9], [2, 8, 2], [7, 2, 7], [9, 2, 1], [8, 7, 1]]) / 20
 WHITE = np.ones(3)
-RENDERER = shared_renderer()
 CAMERA = default_cameras()[0]
 LENS = Lens(CAMERA, 1)
 
@@ -54,7 +53,7 @@ def crowded(rotation: Array) -> PlatformScene:
 
 def test_shadows_only_take_light_away() -> None:
     scene = crowded(np.eye(3))
-    dark, bright = (RENDERER.render(scene, LENS.view, shadows=shadows) for shadows in (True, False))
+    dark, bright = (render(scene, LENS.view, shadows=shadows) for shadows in (True, False))
     assert np.array_equal(dark.labels, bright.labels)
     assert (dark.color <= bright.color + 1e-6).all()
     assert (dark.color < 0.8 * bright.color).any(axis=-1).mean() > 0.02
@@ -65,19 +64,19 @@ def test_light_is_linear() -> None:
     for ambient, strength in ((0.2, 0.0), (0.0, 0.7), (0.4, 2.1)):
         light = lighting(ambient, lamp(0.3, 0.2, 1, strength))
         scene = PlatformScene(crowded(np.eye(3)).bodies, light)
-        colors.append(RENDERER.render(scene, LENS.view).color)
+        colors.append(render(scene, LENS.view).color)
     np.testing.assert_allclose(colors[2], 2 * colors[0] + 3 * colors[1], rtol=1e-5, atol=1e-6)
 
 
 def test_lambert_holds_on_a_level_table() -> None:
     scene = PlatformScene((TABLE,), lighting(0.5, lamp(3, 0, 4, 0.5)))
-    color = LENS.to_camera(RENDERER.render(scene, LENS.view, shadows=False).color, "mean")
+    color = LENS.to_camera(render(scene, LENS.view, shadows=False).color, "mean")
     column, row = np.rint(opencv_pixels(CAMERA, np.zeros((1, 3)))[0]).astype(int)
     np.testing.assert_allclose(color[row, column], 0.2 * (0.5 + 0.5 * 0.8), rtol=1e-3)
 
 
 def test_empty_scene_is_black() -> None:
-    layers = RENDERER.render(PlatformScene((), lighting()), LENS.view)
+    layers = render(PlatformScene((), lighting()), LENS.view)
     assert not layers.color.any()
     assert not layers.labels.any()
     assert not layers.alone.any()
@@ -87,7 +86,7 @@ def test_pyrender_sees_the_same_labels_and_depths() -> None:
     scene = crowded(random_rotations(np.random.default_rng(3), 1)[0])
     for camera in default_cameras():
         view = Lens(camera, 2).view
-        own = RENDERER.render(scene, view, shadows=False)
+        own = render(scene, view, shadows=False)
         labels, depth = labels_and_depth(scene, view)
         assert (own.labels != labels).mean() < 2e-4
         assert ((own.nearness > 0) == (depth > 0)).mean() > 1 - 2e-4

@@ -9,10 +9,10 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.effects import Effects
 from synthetic.render.hits import empty_hits
-from synthetic.render.renderer import Renderer
+from synthetic.render.renderer import render
 from synthetic.render.shading import add_bounced
 from synthetic.render.shadows import add_contact, hidden
-from synthetic.render.surfaces import SurfaceStore
+from synthetic.render.surfaces import surfaces_of
 from synthetic.scene import Body, Lamp, Lighting, Patches, PlatformScene
 from synthetic.world.effects import CONTACT, CONTACT_M, with_effects
 from synthetic.world.meshes import box, disc
@@ -33,7 +33,7 @@ def scene(strength=0.8, clearance=0.0, width=WIDTH):
 
 
 def picture(one):
-    return Renderer().render(one, VIEW).color
+    return render(one, VIEW).color
 
 
 def left(points, body, one):
@@ -80,7 +80,7 @@ def test_none_is_the_old_picture_and_a_lifted_box_has_none():
 def test_colours_end_the_farther_above_the_contour_the_stronger_the_shade():
     ends, near = [], Lens(default_cameras()[0], 4).view
     for strength in (0.0, 0.6, 0.8, 1.0):
-        light = Renderer().render(scene(strength), near)
+        light = render(scene(strength), near)
         sides = light.color[(light.labels > 0) & (light.labels < 5), 0]
         ends.append(int((sides > 0.5 * np.median(sides)).sum()))
     assert ends[0] >= ends[1] > ends[2] > ends[3]
@@ -112,7 +112,7 @@ def given(patches):
     color, labels = np.zeros((1, 1, 3), np.float32), np.zeros(1, np.uint8)
     discs = (Body(name, disc(name, 0.1), np.eye(4), ALBEDO[None], labels) for name in ("floor", "lid"))
     whole = PlatformScene(tuple(discs), Lighting(np.zeros(3)))
-    add_bounced(color, whole, patches, hits, SurfaceStore().of_scene(whole))
+    add_bounced(color, whole, patches, hits, surfaces_of(whole))
     return color[0, 0]
 
 

@@ -11,7 +11,7 @@ if missing():
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.look.appearance import random_lighting, random_look
-from synthetic.render.renderer import shared_renderer
+from synthetic.render.renderer import render
 from synthetic.silhouettes import FingerMasks
 from synthetic.world.fingers import REST
 from synthetic.world.platform import Platform
@@ -32,7 +32,7 @@ def test_the_masks_are_where_pictures_change_with_the_robot(fingers, rng):
         scenes = [platform.scene((), joints, look, lighting, {}) for joints in (None, JOINTS)]
         for camera, mask in zip(RIG, fingers(JOINTS), strict=True):
             view = Lens(camera, 1)
-            near = [shared_renderer().render(scene, view.view, shadows=False).nearness for scene in scenes]
+            near = [render(scene, view.view, shadows=False).nearness for scene in scenes]
             shown = view.to_camera(near[0] != near[1], "label") > 0
             assert mask.shape == (270, 270)
             assert 0.05 < mask.mean() < 0.6

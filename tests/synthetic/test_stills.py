@@ -11,8 +11,8 @@ from synthetic.camera.sensor import Sensor
 from synthetic.look.face_colors import reflectances
 from synthetic.render.hits import labels_of_codes
 from synthetic.render.raster import paint
-from synthetic.render.renderer import shared_renderer
-from synthetic.render.surfaces import SurfaceStore
+from synthetic.render.renderer import render
+from synthetic.render.surfaces import surfaces_of
 from synthetic.scene import ObjectState, PlatformScene
 from tests.helpers import look_at, opencv_pixels
 from tests.helpers.stills import bare_scene, posed_scene, scene_with_fingers, take
@@ -28,7 +28,7 @@ def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
     """The share of each pixel's square that the visible object covers, (H, W) of each camera."""
     lenses = [Lens(camera, 4 * 270 // camera.width) for camera in cameras]
     bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
-    surfaces = SurfaceStore().of_scene(scene)
+    surfaces = surfaces_of(scene)
     layers = [labels_of_codes(paint(lens.view, bodies)[0], surfaces) > 0 for lens in lenses]
     return [lens.to_camera(layer, "mean") for lens, layer in zip(lenses, layers, strict=True)]
 
@@ -126,8 +126,7 @@ def test_fingers_hide_a_part_of_the_object() -> None:
 def test_pixels_that_share_a_look_have_the_same_labels_and_almost_the_same_light() -> None:
     scene, lens = scene_with_fingers(MODELS[1], rng(3)), Lens(CAMERAS[0], 3)
     each, some = (
-        shared_renderer().render(scene, dataclasses.replace(lens.view, block=block), shadows=True)
-        for block in (1, 3)
+        render(scene, dataclasses.replace(lens.view, block=block), shadows=True) for block in (1, 3)
     )
     assert np.array_equal(each.labels, some.labels)
     assert np.array_equal(each.alone, some.alone)

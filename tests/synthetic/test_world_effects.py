@@ -14,7 +14,7 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.effects import Effects
 from synthetic.frames import frames
-from synthetic.render.renderer import shared_renderer
+from synthetic.render.renderer import render
 from synthetic.world.effects import MOVING, SIZE_M, SPEED, still_at, with_effects
 
 SCENE_EFFECTS = ("sizes", "chamfers", "surface", "table", "reflections", "contact", "clutter")
@@ -97,7 +97,7 @@ def test_a_coat_only_adds_light():
     bodies = [replace(body, coats=own) for body, own in zip(scene.bodies, coats, strict=True)]
     scenes = (scene, replace(scene, bodies=tuple(bodies)))
     view = Lens(default_cameras()[0], 1).view
-    plain, coated = (shared_renderer().render(one, view).color for one in scenes)
+    plain, coated = (render(one, view).color for one in scenes)
     assert (coated >= plain).all()
     assert (coated > plain).any(axis=-1).mean() > 0.5
 
@@ -105,7 +105,7 @@ def test_a_coat_only_adds_light():
 def test_pyrender_sees_the_labels_of_scenes_with_effects():
     scene, view = make(*SCENE_EFFECTS)[0].scene, Lens(default_cameras()[0], 1).view
     labels, _ = labels_and_depth(scene, view)
-    assert (shared_renderer().render(scene, view).labels != labels).mean() < 5e-4
+    assert (render(scene, view).labels != labels).mean() < 5e-4
 
 
 def test_sizes_are_off_by_little_about_the_same_centre():
