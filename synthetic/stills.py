@@ -83,7 +83,7 @@ def bare_scene(
     """Draw a scene without the robot; `kind` is "rest", "tilted", "air", or drawn as well."""
     shares = np.array(list(_LAID.values()))
     kind = kind or str(rng.choice(list(_LAID), p=shares / shares.sum()))
-    return random_scene(Platform(model), rng, fingers="none", kind=kind, object_present=object_present)
+    return random_scene(Platform(model), rng, near=None, kind=kind, object_present=object_present)
 
 
 def posed_scene(
@@ -105,4 +105,4 @@ def posed_scene(
 def scene_with_fingers(model: CuboidModel, rng: np.random.Generator, *, near: float = 0.5) -> PlatformScene:
     """Draw a scene in which each finger is near the object with the probability `near`."""
     with Platform(model) as platform:
-        return random_scene(platform, rng, occlusion=near)
+        return random_scene(platform, rng, near=near)

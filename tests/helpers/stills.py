@@ -41,4 +41,4 @@ platform = _or_skip(functools.cache(Platform))
 @_or_skip
 def scene_with_fingers(model: CuboidModel, rng: np.random.Generator, *, near: float = 0.5) -> PlatformScene:
     """As `synthetic.stills.scene_with_fingers`, of platforms that stay open."""
-    return random_scene(platform(model), rng, occlusion=near)
+    return random_scene(platform(model), rng, near=near)

@@ -35,7 +35,7 @@ def bare_scenes(name, count):
     """Scenes without fingers, each with the generator that drew it."""
     for seed in range(count):
         rng = np.random.default_rng(seed)
-        yield random_scene(platform(name), rng, fingers="none"), rng
+        yield random_scene(platform(name), rng, near=None), rng
 
 
 def ratios(scene, kind, rng):

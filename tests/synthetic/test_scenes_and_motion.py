@@ -81,7 +81,7 @@ def test_the_same_generator_gives_the_same_scene_whatever_came_before(platforms,
 def test_objects_are_in_the_arena_and_free_of_fingers(platforms, name):
     platform = platforms[name]
     for seed in range(8 if name == "dice" else 40):
-        scene = random_scene(platform, default_rng(seed), fingers="near")
+        scene = random_scene(platform, default_rng(seed), near=1.0)
         points = all_corners(platform, scene)
         assert points[..., 2].min() > -1e-9
         assert np.hypot(points[..., 0], points[..., 1])[points[..., 2] < 0.03].max(initial=0) < 0.196
@@ -97,7 +97,7 @@ def test_objects_are_in_the_arena_and_free_of_fingers(platforms, name):
 def test_resting_objects_are_level_on_every_face(platforms, name):
     faces = set()
     for seed in range(40):
-        scene = random_scene(platforms[name], default_rng(seed), kind="rest", fingers="none")
+        scene = random_scene(platforms[name], default_rng(seed), kind="rest", near=None)
         (state,) = scene.objects
         heights = np.abs(state.rotation[2])
         assert heights.max() == pytest.approx(1.0, abs=1e-9)
@@ -109,9 +109,9 @@ def test_resting_objects_are_level_on_every_face(platforms, name):
 
 def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to(platforms):
     platform = platforms["cube_v2"]
-    near = [random_scene(platform, default_rng(seed), fingers="near").about for seed in range(20)]
+    near = [random_scene(platform, default_rng(seed), near=1.0).about for seed in range(20)]
     assert np.mean([sum(about["fingers_near"]) for about in near]) > 1.5
-    scene = random_scene(platform, default_rng(0), fingers="none")
+    scene = random_scene(platform, default_rng(0), near=None)
     assert not [body for body in scene.bodies if "finger" in body.name]
 
 
@@ -166,8 +166,6 @@ def test_unknown_kinds_are_refused_by_name(platforms):
     platform, rng = platforms["cube_v2"], default_rng(0)
     with pytest.raises(TrackerError, match=r"dice_goal.*expected one of rest"):
         random_scene(platform, rng, kind="dice_goal")
-    with pytest.raises(TrackerError, match="expected one of random, near"):
-        random_scene(platform, rng, fingers="many")
     with pytest.raises(TrackerError, match=r"fly.*expected one of push"):
         sequence(platform, rng, seconds=1.0, kind="fly")
     with pytest.raises(TrackerError, match="seconds"):
