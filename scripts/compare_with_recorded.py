@@ -19,7 +19,7 @@ from measure_edges import EdgeProfile, edge_profiles
 from restage import POSED, Triplet, recorded, restaged
 
 import tracker
-from synthetic.effects import Effects
+from synthetic.effects import chosen_effects
 from synthetic.world.platform import Platform
 from tracker.conventions import Image
 from tracker.geometry.cuboid import corners
@@ -113,7 +113,7 @@ def main(real: Path, output: Path, effects: str, draws: int, seed: int) -> None:
     for name, record in records.items():
         with Platform(name) as platform:
             made[name] = [
-                fitted(restaged(platform, record, seed + k, Effects.of(effects))) for k in range(draws)
+                fitted(restaged(platform, record, seed + k, chosen_effects(effects))) for k in range(draws)
             ]
     cv2.imwrite(str(output), sheet([(records[name], made[name][0]) for name in POSED]))
     click.echo("| median | " + " | ".join(f"{kind}: recorded | rendered | ratio" for kind in KINDS) + " |")

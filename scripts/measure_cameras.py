@@ -29,7 +29,7 @@ from camera_measures import (
 )
 from PIL import Image as Files
 
-from synthetic.effects import NAMES, Effects
+from synthetic.effects import NAMES, chosen_effects
 from synthetic.frames import frames
 from tracker.conventions import FloatArray, Image
 
@@ -91,7 +91,7 @@ def recorded(real: Path) -> dict[str, dict[str, Image]]:
 def rendered(kind: str, scenes: int, effects: str) -> dict[str, Image]:
     """Return images of all cameras for some scenes."""
     name, size, path = KINDS[kind]
-    made = frames(name, scenes, SEED, size=size, path=path, empty=0.0, effects=Effects.of(effects).names)
+    made = frames(name, scenes, SEED, size=size, path=path, empty=0.0, effects=chosen_effects(effects))
     return {f"{frame.index}/{c}": image for frame in made for c, image in enumerate(frame.images)}
 
 

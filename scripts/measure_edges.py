@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from restage import POSED, Triplet, View, recorded, restaged
 
-from synthetic.effects import Effects
+from synthetic.effects import chosen_effects
 from synthetic.world.platform import Platform
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners, face_centers
@@ -231,7 +231,7 @@ def main(real: Path, effects: str, draws: int, seed: int, blur: float | None) ->
                 profile
                 for draw in range(draws)
                 for profile in edge_profiles(
-                    restaged(platform, record, seed + draw, Effects.of(effects), blur=blur)
+                    restaged(platform, record, seed + draw, chosen_effects(effects), blur=blur)
                 )
             ]
         for title, profiles in (("recorded", list(edge_profiles(record))), (effects, made)):

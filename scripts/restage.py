@@ -7,6 +7,7 @@ object and cameras are raised together until the object rests on it.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,6 @@ import tracker
 from synthetic.camera.sensor import CameraSettings, Sensor, linear
 from synthetic.camera.shot import QUALITIES, CameraShot, shoot
 from synthetic.camera.units import Unit, units_of
-from synthetic.effects import Effects
 from synthetic.look.appearance import random_lighting, random_look
 from synthetic.scene import PlatformScene
 from synthetic.world.effects import with_effects
@@ -74,7 +74,7 @@ def recorded(real: Path, name: str) -> Triplet:
 
 
 def restaged(
-    platform: Platform, record: Triplet, seed: int, effects: Effects, *, blur: float | None = None
+    platform: Platform, record: Triplet, seed: int, effects: Sequence[str], *, blur: float | None = None
 ) -> Triplet:
     """Render the triplet with the generator, with colours, light and fingers drawn from `seed`.
 

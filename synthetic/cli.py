@@ -92,11 +92,11 @@ def dataset(
     truth holds in its world; the true cameras stand in the truth. With `timing`, the truth has stamp and pose
     of each camera.
     """
-    from synthetic.effects import Effects
+    from synthetic.effects import chosen_effects
     from synthetic.export.dataset import DatasetOptions, make_dataset
     from synthetic.frames import FrameOptions
 
-    frames = FrameOptions(object_name, size=int(size), effects=Effects.of(effects).names, **more)
+    frames = FrameOptions(object_name, size=int(size), effects=chosen_effects(effects), **more)
     options = DatasetOptions(frames, count, calibration, bop)
     with click.progressbar(length=count, label=object_name, file=sys.stderr, show_pos=True) as bar:
 

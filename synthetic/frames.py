@@ -21,7 +21,7 @@ from synthetic.camera.sensor import PATHS
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
 from synthetic.camera.units import STILL, Crew, crew_of, motion_px
 from synthetic.closing import Closing
-from synthetic.effects import Effects, stream
+from synthetic.effects import chosen_effects, stream
 from synthetic.frame import Frame as Frame
 from synthetic.scene import PlatformScene, SceneAt
 from synthetic.world.effects import still_at, with_effects
@@ -97,7 +97,7 @@ class FrameOptions:
                 known = ", ".join(map(str, values))
                 raise DatasetError(f"{key}: found {getattr(self, key)!r}, expected one of {known}")
         # In the order of NAMES, whatever the order in which they were given.
-        object.__setattr__(self, "effects", Effects.of(self.effects).names)
+        object.__setattr__(self, "effects", chosen_effects(self.effects))
         if self.look_alike is not None and self.object_name == DICE:
             raise DatasetError("look_alike: found dice, expected a cube or cuboid")
         for key, least in (("seed", 0), ("length", 1)):
@@ -126,7 +126,6 @@ class FrameMaker(Closing):
     def __init__(self, options: FrameOptions, rig: CameraRig | None = None) -> None:
         self.options = options
         self.rig = sized(rig or standard_rig(), options.size)
-        self._effects = Effects.of(options.effects)
         self._quality: Quality = QUALITIES[options.quality]
         if options.shadows is not None:
             self._quality = dataclasses.replace(self._quality, shadows=options.shadows)
@@ -172,21 +171,21 @@ class FrameMaker(Closing):
     def _still_at(self, tidy: PlatformScene, number: int) -> SceneAt:
         """Return a single scene with effects, as a function of time around its timestamp."""
         scene = self._dressed(tidy, number)
-        return still_at(scene, number * PERIOD, self._effects, self.options.seed, number)
+        return still_at(scene, number * PERIOD, self.options.effects, self.options.seed, number)
 
     def _dressed(self, tidy: PlatformScene, number: int) -> PlatformScene:
         """Return a scene with a look-alike, if one is chosen, and with effects."""
         kind, seed = self.options.look_alike, self.options.seed
         if kind is not None:
             tidy = look_alike(tidy, kind, stream("look_alike", seed, number))
-        return with_effects(tidy, self._effects, seed, number)
+        return with_effects(tidy, self.options.effects, seed, number)
 
     def _crew(self, number: int) -> Crew:
         """Draw the cameras of a chunk."""
         rng = self._rng(_CAMERAS, number)
         sensor = self._quality.sensor(rng, self.options.path)
         film = self.options.sequence
-        return crew_of(self.rig, sensor, rng, self._effects, self.options.seed, number, film=film)
+        return crew_of(self.rig, sensor, rng, self.options.effects, self.options.seed, number, film=film)
 
     def _rng(self, stream: int, number: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, stream, number])

@@ -120,7 +120,7 @@ WORKLOADS = (
         for name, case in CASES.items()
     ),
 )
-"""See `synthetic.world.look_alikes` and `synthetic.effects.Effects` for those with these prefixes."""
+"""See `synthetic.world.look_alikes` and `synthetic.effects.NAMES` for those with these prefixes."""
 
 BY_NAME = {workload.name: workload for workload in WORKLOADS}
 

@@ -6,7 +6,7 @@ They run free and are grabbed one after another, and exposures are not instantan
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -17,7 +17,7 @@ from synthetic.camera.miscalibration import Calibrated, exactly, miscalibrated
 from synthetic.camera.optics import Coma, Focus, Fringes
 from synthetic.camera.response import Drift, FixedPattern, Response, Sharpening
 from synthetic.camera.sensor import CameraSettings, Sensor, mosaicked
-from synthetic.effects import Effects, stream
+from synthetic.effects import stream
 from synthetic.scene import PlatformScene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
@@ -136,7 +136,7 @@ _OWN: dict[str, Callable[[np.random.Generator], object]] = {
 
 
 def units_of(
-    rig: CameraRig, sensor: Sensor, rng: np.random.Generator, effects: Effects, seed: int, number: int
+    rig: CameraRig, sensor: Sensor, rng: np.random.Generator, effects: Container[str], seed: int, number: int
 ) -> tuple[Unit, ...]:
     """Draw the units of a rig.
 
@@ -150,7 +150,7 @@ def units_of(
     """
 
     def drawn(name: str, sample: Callable[[np.random.Generator], Drawn]) -> list[Drawn | None]:
-        if not getattr(effects, name):
+        if name not in effects:
             return [None] * len(rig)
         own = stream(name, seed, number)
         return [sample(own) for _ in rig]
@@ -158,7 +158,7 @@ def units_of(
     settings = [sensor.settings(rng) for _ in rig]
     responses = drawn("response", Response.sample)
     sensors = [sensor if response is None else response.of(sensor) for response in responses]
-    if effects.focus:
+    if "focus" in effects:
         sensors = [dataclasses.replace(own, psf_sigma=0.0) for own in sensors]
     own = [drawn(name, sample) for name, sample in _OWN.items()]
     return tuple(Unit(*parts) for parts in zip(rig, sensors, settings, *own, strict=True))
@@ -202,7 +202,7 @@ def crew_of(
     rig: CameraRig,
     sensor: Sensor,
     rng: np.random.Generator,
-    effects: Effects,
+    effects: Container[str],
     seed: int,
     number: int,
     *,
@@ -210,13 +210,13 @@ def crew_of(
 ) -> Crew:
     """Draw the cameras of scene or film `number`, see `units_of`; only films are grabbed in turn."""
     timing = None
-    if effects.timing and film:
+    if "timing" in effects and film:
         timing = Timing.sample(stream("timing", seed, number), len(rig))
-    elif effects.motion_blur:
+    elif "motion_blur" in effects:
         timing = Timing.together(stream("motion_blur", seed, number), len(rig))
     return Crew(
         units_of(rig, sensor, rng, effects, seed, number),
-        miscalibrated(rig, stream("calibration", seed, number)) if effects.calibration else exactly(rig),
+        miscalibrated(rig, stream("calibration", seed, number)) if "calibration" in effects else exactly(rig),
         timing,
-        Compression.sample(stream("compression", seed, number)) if effects.compression else None,
+        Compression.sample(stream("compression", seed, number)) if "compression" in effects else None,
     )

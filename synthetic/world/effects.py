@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Container
 
 import numpy as np
 
-from synthetic.effects import Effects, stream
+from synthetic.effects import stream
 from synthetic.scene import Body, ObjectState, PlatformScene, SceneAt, direction, transform
 from synthetic.world import meshes
 from synthetic.world.chamfers import chamfered
@@ -61,24 +61,26 @@ _CHANGES: dict[str, Callable[[PlatformScene, np.random.Generator], PlatformScene
 """Changes of scenes by effect, in the order of their application."""
 
 
-def with_effects(scene: PlatformScene, effects: Effects, seed: int, number: int) -> PlatformScene:
+def with_effects(scene: PlatformScene, effects: Container[str], seed: int, number: int) -> PlatformScene:
     """Apply the effects that change scenes; all scenes of one `number` get the same ones.
 
     Args:
         scene: a tidy scene.
-        effects: the effects to apply.
+        effects: names of effects.
         seed: seed of all randomness.
         number: number of the single scene or of the motion.
     """
-    for name in (name for name in _CHANGES if name in effects.names):
+    for name in (name for name in _CHANGES if name in effects):
         scene = _CHANGES[name](scene, stream(name, seed, number))
     return scene
 
 
-def still_at(scene: PlatformScene, timestamp: float, effects: Effects, seed: int, number: int) -> SceneAt:
+def still_at(
+    scene: PlatformScene, timestamp: float, effects: Container[str], seed: int, number: int
+) -> SceneAt:
     """Return a single scene as a function of time, equal to `scene` at its timestamp [s]."""
     rng = stream("motion_blur", seed, number, 1)
-    if not effects.motion_blur or rng.random() >= MOVING:
+    if "motion_blur" not in effects or rng.random() >= MOVING:
         return lambda _: scene
     azimuth, speed, rate = rng.uniform([0.0, 0.0, -RATE], [2 * np.pi, SPEED, RATE])
     velocity = speed * direction(azimuth)

@@ -11,7 +11,7 @@ from synthetic.camera.response import LEVELS, NOISE, OLD_NOISE, Drift, FixedPatt
 from synthetic.camera.rigs import default_cameras, standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, linear, mosaicked
 from synthetic.camera.units import units_of
-from synthetic.effects import NAMES, Effects, stream
+from synthetic.effects import NAMES, chosen_effects, stream
 from synthetic.errors import EffectError
 
 RAMP = np.tile(np.arange(8, dtype=np.float32), (8, 1))
@@ -162,18 +162,18 @@ def test_exposure_drifts_slowly_and_by_what_is_drawn():
     factors = np.log([own.at(time) for time in np.arange(0.0, 3 * own.period, 0.1)])
     assert np.abs(factors).max() == pytest.approx(own.amplitude, rel=0.01)
     assert np.abs(np.diff(factors)).max() < 0.03
-    unit = dataclasses.replace(units_of(standard_rig(), Sensor(), rng(0), Effects.none(), 1, 1)[0], drift=own)
+    unit = dataclasses.replace(units_of(standard_rig(), Sensor(), rng(0), (), 1, 1)[0], drift=own)
     np.testing.assert_allclose(unit.at(2.0).settings.gains / unit.settings.gains, own.at(2.0))
 
 
 def test_effects_of_cameras_leave_each_others_draws_alone():
     rig, sensor = standard_rig(), Sensor.sample(rng(1), "new")
-    every, usual = units_of(rig, sensor, rng(2), Effects.all(), 5, 6), rng(2)
-    none = units_of(rig, sensor, usual, Effects.none(), 5, 6)
+    every, usual = units_of(rig, sensor, rng(2), NAMES, 5, 6), rng(2)
+    none = units_of(rig, sensor, usual, (), 5, 6)
     after = usual.random()
     for name in NAMES:
         generator = rng(2)
-        only = units_of(rig, sensor, generator, Effects.only(name), 5, 6)
+        only = units_of(rig, sensor, generator, [name], 5, 6)
         for unit, full, bare in zip(only, every, none, strict=True):
             assert np.array_equal(unit.settings.gains, bare.settings.gains)
             for own in OWN:
@@ -188,24 +188,22 @@ def test_effects_of_cameras_leave_each_others_draws_alone():
 
 def test_cameras_of_a_rig_differ_from_each_other_and_from_scene_to_scene():
     sensor = Sensor.sample(rng(1), "new")
-    units = [units_of(standard_rig(), sensor, rng(2), Effects.all(), 5, k) for k in (0, 1)]
+    units = [units_of(standard_rig(), sensor, rng(2), NAMES, 5, k) for k in (0, 1)]
     for own in OWN[:2]:
         assert len({getattr(unit, own) for scene in units for unit in scene}) == 6
 
 
 def test_a_text_names_what_is_on_in_one_order():
-    assert Effects.of("none") == Effects.none() == Effects.of(())
-    assert Effects.of("world") == Effects.all() == Effects.of(NAMES)
+    assert chosen_effects("none") == chosen_effects("") == chosen_effects(()) == ()
+    assert chosen_effects("world") == chosen_effects(reversed(NAMES)) == NAMES
     for text in ("focus, chamfers", ["focus", "chamfers"]):
-        assert Effects.of(text) == Effects.only("chamfers", "focus")
-    for name in NAMES:
-        assert Effects.only(name).names == (name,)
+        assert chosen_effects(text) == ("chamfers", "focus")
 
 
 @pytest.mark.parametrize("found", ["fog", "chamfers,fog", ["fog"]])
 def test_an_unknown_effect_is_refused_by_its_name(found):
     with pytest.raises(EffectError, match="effect: found 'fog', expected one of chamfers"):
-        Effects.of(found)
+        chosen_effects(found)
 
 
 def test_streams_of_effects_differ_by_name_seed_and_number():

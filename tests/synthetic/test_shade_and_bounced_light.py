@@ -7,7 +7,6 @@ pytest.importorskip("trimesh", reason="platform: no module trimesh")
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
-from synthetic.effects import Effects
 from synthetic.render.hits import empty_hits
 from synthetic.render.renderer import render
 from synthetic.render.shading import add_bounced
@@ -87,8 +86,8 @@ def test_colours_end_the_farther_above_the_contour_the_stronger_the_shade():
 
 
 def test_the_same_seed_draws_the_same_shade_and_all_strengths_occur():
-    drawn = [with_effects(scene(), Effects.only("contact"), 5, number).contact for number in range(200)]
-    assert drawn[7] == with_effects(scene(), Effects.only("contact"), 5, 7).contact
+    drawn = [with_effects(scene(), ["contact"], 5, number).contact for number in range(200)]
+    assert drawn[7] == with_effects(scene(), ["contact"], 5, 7).contact
     low, high = np.min(drawn, axis=0), np.max(drawn, axis=0)
     for k, (least, most) in enumerate((CONTACT, CONTACT_M)):
         assert least <= low[k] < least + 0.1 * (most - least)

@@ -12,7 +12,6 @@ if missing():
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
-from synthetic.effects import Effects
 from synthetic.frames import frames
 from synthetic.render.renderer import render
 from synthetic.world.effects import MOVING, SIZE_M, SPEED, still_at, with_effects
@@ -31,7 +30,7 @@ def made(effects, name, seed, **more):
 
 def worn(*effects):
     """The scene with effects, of which no picture is drawn."""
-    return with_effects(make()[0].scene, Effects.only(*effects), 77, 0)
+    return with_effects(make()[0].scene, effects, 77, 0)
 
 
 def fingerprint(body):
@@ -41,8 +40,8 @@ def fingerprint(body):
 
 def test_without_effects_a_scene_is_the_very_one_that_was_made():
     scene = make()[0].scene
-    assert with_effects(scene, Effects.none(), 77, 0) is scene
-    assert with_effects(scene, Effects.only("focus", "compression"), 77, 0) is scene
+    assert with_effects(scene, (), 77, 0) is scene
+    assert with_effects(scene, ("focus", "compression"), 77, 0) is scene
 
 
 @pytest.mark.parametrize("name", ["cube_v2", "dice"])
@@ -134,7 +133,7 @@ def test_clutter_is_seen_and_hides_next_to_nothing(name):
 
 
 def test_what_moves_while_the_shutter_is_open_is_where_the_truth_says_in_the_middle_of_it():
-    effects, fastest, moving = Effects.only("motion_blur"), 0.0, 0
+    effects, fastest, moving = ["motion_blur"], 0.0, 0
     scene = make()[0].scene
     for number in range(40):
         at = still_at(scene, 1.0, effects, 5, number)
