@@ -103,6 +103,12 @@ class Body:
         object.__setattr__(self, "coats", _frozen(coats))
 
     @property
+    def points(self) -> FloatArray:
+        """(V, 3) the mesh's vertices in the world [m]."""
+        pose = self.world_from_body
+        return np.asarray(self.mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
+
+    @property
     def size(self) -> FloatArray:
         """(3,) edge lengths of a cuboid about the origin [m]."""
         result: FloatArray = 2 * np.abs(self.mesh.vertices).max(axis=0)

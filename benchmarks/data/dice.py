@@ -51,8 +51,7 @@ def _scenes(kind: str, seed: int) -> Callable[[int], DiceScene]:
         bars = []
         for body in frame.scene.bodies:
             if body.name.startswith("cross_"):
-                world = body.mesh.vertices @ body.world_from_body[:3, :3].T + body.world_from_body[:3, 3]
-                bars.append(np.stack([world.min(axis=0), world.max(axis=0)], axis=1))
+                bars.append(np.stack([body.points.min(axis=0), body.points.max(axis=0)], axis=1))
         return DiceScene(
             frame.index,
             frame.images,

@@ -175,7 +175,7 @@ def _write_model(folder: Path, size: FloatArray, object_name: str) -> None:
         info[f"min_{axis}"], info[f"size_{axis}"] = -edge / 2, edge
     _write_json(folder / "models_info.json", {str(OBJECT_ID): info})
     labels = np.full(6, 3) if object_name == DICE else load_object(object_name).face_labels
-    mesh = box("", edges)
+    mesh = box(edges)
     solid = trimesh.Trimesh(
         mesh.vertices,
         mesh.triangles,

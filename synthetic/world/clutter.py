@@ -114,7 +114,7 @@ def _tool(rng: np.random.Generator, azimuth: float) -> list[Part]:
 def _box(rng: np.random.Generator, azimuth: float) -> list[Part]:
     """Draw a box beyond the wall, no higher than its rim."""
     size = rng.uniform([0.04, 0.04, 0.12], [0.15, 0.15, 0.19])
-    solid = meshes.box("", size)
+    solid = meshes.box(size)
     turn = rng.uniform(0.0, np.pi)
     c, s = np.cos(turn), np.sin(turn)
     radius = rng.uniform(0.42, 0.5)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Container
 import numpy as np
 
 from synthetic.effects import stream
-from synthetic.scene import Body, ObjectState, PlatformScene, SceneAt, direction, transform
+from synthetic.scene import ObjectState, PlatformScene, SceneAt, direction, transform
 from synthetic.world import meshes
 from synthetic.world.chamfers import chamfered
 from synthetic.world.clutter import cluttered
@@ -36,12 +36,7 @@ see `scripts/measure_edges.py`."""
 def resized(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """Return the scene with random errors of the cuboid's edge lengths; its centre stays."""
     change = rng.uniform(-SIZE_M, SIZE_M, 3)
-
-    def other(body: Body) -> Body:
-        mesh = meshes.box(f"{body.mesh.key}_{change.tobytes().hex()}", body.size + change)
-        return dataclasses.replace(body, mesh=mesh)
-
-    return scene.with_cuboid(other)
+    return scene.with_cuboid(lambda body: dataclasses.replace(body, mesh=meshes.box(body.size + change)))
 
 
 def standing(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:

@@ -55,15 +55,14 @@ def _repainted(own: Body, labels: Array, colors: Array | None = None) -> list[Bo
     return [_as_body(own, own.mesh, labels, colors, faces=True)]
 
 
-def _scaled(own: Body, factors: Array, key: str) -> list[Body]:
-    """Return the object with its edges scaled by `factors` (3,)."""
-    mesh = meshes.box(f"{own.mesh.key}_{key}", factors * own.size)
-    return [_on_table(own, _as_body(own, mesh, own.labels, faces=True))]
+def _scaled(own: Body, factors: Array | float) -> list[Body]:
+    """Return the object with its edges scaled by `factors` (3,), or all by one."""
+    return [_on_table(own, _as_body(own, meshes.box(factors * own.size), own.labels, faces=True))]
 
 
 def _on_table(own: Body, body: Body) -> Body:
     """Return a body moved vertically so that its lowest point is as high as the object's."""
-    height = np.min(_in_world(body)[:, 2]) - np.min(_in_world(own)[:, 2])
+    height = np.min(body.points[:, 2]) - np.min(own.points[:, 2])
     pose = np.array(body.world_from_body)
     pose[2, 3] -= height
     return dataclasses.replace(body, world_from_body=pose)
@@ -124,14 +123,13 @@ def _pairs(own: Body, rng: np.random.Generator) -> list[Body]:
 
 
 def _size(own: Body, rng: np.random.Generator) -> list[Body]:
-    scale = rng.uniform(*(SMALLER if rng.random() < 0.5 else LARGER))
-    return _scaled(own, np.full(3, scale), f"{scale:.6f}")
+    return _scaled(own, rng.uniform(*(SMALLER if rng.random() < 0.5 else LARGER)))
 
 
 def _stretched(own: Body, rng: np.random.Generator) -> list[Body]:
     factors = np.ones(3)
     factors[rng.integers(3)] = rng.uniform(*(SHORTER if rng.random() < 0.5 else LONGER))
-    return _scaled(own, factors, "_".join(f"{factor:.6f}" for factor in factors))
+    return _scaled(own, factors)
 
 
 def _plain(own: Body, rng: np.random.Generator) -> list[Body]:
@@ -157,7 +155,7 @@ def _layers(own: Body, rng: np.random.Generator) -> list[Body]:
     for low, high in itertools.pairwise(ends):
         slab = own.size.copy()
         slab[axis] = high - low
-        solid = meshes.box("", slab)
+        solid = meshes.box(slab)
         parts.append((solid.vertices + (low + high) / 2 * np.eye(3)[axis], solid.triangles))
         before = labels[-1] if labels else avoid
         while True:
@@ -221,7 +219,7 @@ def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
         size[2] += 2e-4 * number
         facing = turn @ so3.exp([np.pi / 2, 0.0, 0.0]) if stands else turn
         pose = transform(facing, [*place, size[1 if stands else 2] / 2])
-        mesh = meshes.box("plate_" + "_".join(f"{edge:.6f}" for edge in size), size, one_group=True)
+        mesh = meshes.box(size, one_group=True)
         plate = _as_body(own, mesh, np.array([label]), world_from_body=pose, name=f"plate_{number}")
         bodies.append(plate)
     return bodies
@@ -257,13 +255,8 @@ def _photo(own: Body, rng: np.random.Generator) -> list[Body]:
     pose = np.array(own.world_from_body)
     pose[:3, :3] = so3.exp([0.0, 0.0, rng.uniform(0.0, 2 * np.pi)]) @ so3.exp([lean, 0.0, 0.0])
     photo = _as_body(own, mesh, np.array(labels), colors, world_from_body=pose, texture=0.0)
-    pose[2, 3] -= np.min(_in_world(photo)[:, 2]) - 0.0005
+    pose[2, 3] -= np.min(photo.points[:, 2]) - 0.0005
     return [dataclasses.replace(photo, world_from_body=pose)]
-
-
-def _in_world(body: Body) -> FloatArray:
-    pose = body.world_from_body
-    return np.asarray(body.mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
 
 
 KINDS_OF: dict[str, Callable[[Body, np.random.Generator], list[Body]]] = {

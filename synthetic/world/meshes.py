@@ -41,7 +41,7 @@ def circle(angle: Array) -> FloatArray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def box(key: str, size: Array, *, one_group: bool = False) -> Mesh:
+def box(size: Array, *, one_group: bool = False) -> Mesh:
     """Return a cuboid of edge lengths `size` (3,) [m] about the origin.
 
     Its groups are the faces in the order of `geometry.cuboid.FACE_NAMES`; `one_group`: all are group 0.
@@ -51,14 +51,13 @@ def box(key: str, size: Array, *, one_group: bool = False) -> Mesh:
     first = 4 * np.arange(6)[:, None]
     triangles = (first[:, :, None] + QUAD).reshape(-1, 3)
     groups = np.zeros(12, dtype=np.int64) if one_group else np.repeat(np.arange(6), 2)
-    return Mesh(key, vertices, triangles, groups)
+    return Mesh(f"box_{np.asarray(size).tobytes().hex()}_{one_group}", vertices, triangles, groups)
 
 
-def die(key: str, size: float, spread: float, diameter: float) -> Mesh:
+def die(size: float, spread: float, diameter: float) -> Mesh:
     """Return a die of edge length `size` [m] about the origin with pips: 1 on +x, 2 on +y, 3 on +z.
 
     Args:
-        key: the mesh's unique name.
         size: edge length [m].
         spread: distance of the outer rows of pips from the centre of a face [m].
         diameter: diameter of the pips [m], at most 0.9 `spread`; they are polygons of the circle's area.
@@ -82,7 +81,7 @@ def die(key: str, size: float, spread: float, diameter: float) -> Mesh:
             vertices[:, [(axis + 1) % 3, (axis + 2) % 3]] = flat
             parts.append((vertices, triangles[:, ::sign]))
             groups.append(is_pip)
-    return Mesh(key, *concatenate(parts), np.concatenate(groups))
+    return Mesh(f"die_{size}_{spread}_{diameter}", *concatenate(parts), np.concatenate(groups))
 
 
 def _cell_with_pip(cell: FloatArray, center: FloatArray, diameter: float) -> tuple[FloatArray, Array, Array]:
@@ -104,13 +103,16 @@ def _cell_with_pip(cell: FloatArray, center: FloatArray, diameter: float) -> tup
     return np.concatenate([rim, cell]), triangles, (np.arange(len(triangles)) < n - 2).astype(np.int64)
 
 
-def disc(key: str, radius: float, segments: int = 96) -> Mesh:
+def disc(radius: float) -> Mesh:
     """Return a flat disc of `radius` [m] about the origin that faces +z."""
+    segments = 96
     angle = 2 * np.pi * np.arange(segments) / segments
     rim = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(segments)], axis=1)
     index = np.arange(segments)
     triangles = np.stack([np.zeros_like(index), 1 + index, 1 + (index + 1) % segments], axis=1)
-    return Mesh(key, np.vstack([np.zeros((1, 3)), rim]), triangles, np.zeros(segments, dtype=np.int64))
+    return Mesh(
+        f"disc_{radius}", np.vstack([np.zeros((1, 3)), rim]), triangles, np.zeros(segments, dtype=np.int64)
+    )
 
 
 def cylinder(radius: float, length: float) -> tuple[FloatArray, Array]:

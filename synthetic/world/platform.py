@@ -60,14 +60,12 @@ class Platform(Closing):
         """Number of objects."""
         self.assets: Path = find_assets()
         self._object_mesh = (
-            meshes.die(DICE, DIE_SIZE, PIP_SPREAD, PIP_DIAMETER)
-            if self.model is None
-            else meshes.box(_object_key(self.size), self.size)
+            meshes.die(DIE_SIZE, PIP_SPREAD, PIP_DIAMETER) if self.model is None else meshes.box(self.size)
         )
         vertices, triangles = meshes.load(self.assets / CONTAINMENT)
         self._wall_mesh = Mesh("wall", vertices, triangles, np.zeros(len(triangles), dtype=np.int64))
-        self._table_mesh = meshes.disc("table", _TABLE_RADIUS)
-        self._floor_mesh = meshes.disc("floor", _FLOOR_RADIUS)
+        self._table_mesh = meshes.disc(_TABLE_RADIUS)
+        self._floor_mesh = meshes.disc(_FLOOR_RADIUS)
 
     @functools.cached_property
     def world(self) -> World:
@@ -151,14 +149,9 @@ class Platform(Closing):
         width, length = look.cross_size
         if width > 0:
             for name, size in (("x", [length, width]), ("y", [width, length])):
-                key = f"cross_{size[0]:.6f}_{size[1]:.6f}"
                 # Lower bars for y, so that the two tops do not flicker where they overlap.
                 height = _CROSS_HEIGHT * (1.0 if name == "x" else 0.8)
-                mesh = meshes.box(key, np.array([*size, height]), one_group=True)
+                mesh = meshes.box(np.array([*size, height]), one_group=True)
                 pose = transform(level, [0.0, 0.0, height / 2 + 1e-5])
                 bodies.append(Body(f"cross_{name}", mesh, pose, look.cross[None], nothing, 0.0, 0.05))
         return bodies
-
-
-def _object_key(size: FloatArray) -> str:
-    return "box_" + "_".join(f"{edge:.6f}" for edge in size)

@@ -71,8 +71,7 @@ def test_meshes_of_the_robot_end_at_the_tips(posed):
     joints, bodies = posed
     for finger, tip in enumerate(kinematics.tips(joints)):
         (body,) = (body for body in bodies if body.name == f"finger_tip_link_{120 * finger}")
-        points = body.mesh.vertices @ body.world_from_body[:3, :3].T + body.world_from_body[:3, 3]
-        distance = np.linalg.norm(points - tip, axis=1)
+        distance = np.linalg.norm(body.points - tip, axis=1)
         assert distance.min() == pytest.approx(kinematics.TIP_RADIUS, abs=1e-4)
 
 

@@ -27,14 +27,14 @@ def reach(mesh, directions):
 
 def body(size):
     labels = np.arange(1, 7, dtype=np.uint8)
-    return Body("cuboid", box("box", size), np.eye(4), np.full((6, 3), 0.3), labels)
+    return Body("cuboid", box(size), np.eye(4), np.full((6, 3), 0.3), labels)
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("cut", "lost"), [(False, np.sqrt(2) - 1), (True, 1 / np.sqrt(2))])
 def test_rims_take_from_edges_what_geometry_says_and_nothing_from_faces(size, cut, lost):
     width = 0.0007
-    mesh, sharp = rimmed_box(size, width, cut=cut), box("sharp", size)
+    mesh, sharp = rimmed_box(size, width, cut=cut), box(size)
     np.testing.assert_allclose(reach(mesh, FACE_NORMALS), reach(sharp, FACE_NORMALS), rtol=0, atol=1e-12)
     bisectors = (FACE_NORMALS[EDGES[:, 2]] + FACE_NORMALS[EDGES[:, 3]]) / np.sqrt(2)
     np.testing.assert_allclose(reach(sharp, bisectors) - reach(mesh, bisectors), width * lost, atol=1e-12)
@@ -81,7 +81,7 @@ def test_rims_and_prints_keep_labels_and_pose():
 @pytest.mark.parametrize("size", SIZES)
 def test_a_print_covers_its_face_up_to_the_margin_and_the_rounded_corners(size):
     margin, corner = 0.0005, 0.003
-    mesh = printed_mesh(box("sharp", size), 6, margin, corner)
+    mesh = printed_mesh(box(size), 6, margin, corner)
     triangles = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False).area_faces
     areas = np.bincount(mesh.groups, triangles, minlength=12)
     for face in range(6):

@@ -130,7 +130,7 @@ def test_dice_are_numbered_and_have_brighter_pips_and_a_goal_lies_on_the_grid(pl
 
 def test_a_die_is_a_closed_cube_whose_opposite_faces_have_7_pips():
     size, diameter = 0.022, 0.0034
-    mesh = meshes.die("die", size, 0.0044, diameter)
+    mesh = meshes.die(size, 0.0044, diameter)
     solid = trimesh.Trimesh(mesh.vertices, mesh.triangles)
     # Closed, with equal vertices made one: no triangle ends in the middle of another's side.
     assert solid.is_watertight

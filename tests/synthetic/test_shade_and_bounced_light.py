@@ -24,9 +24,9 @@ WIDTH = 0.003
 def scene(strength=0.8, clearance=0.0, width=WIDTH):
     pose = np.eye(4)
     pose[2, 3] = SIZE[2] / 2 + clearance
-    table = Body("table", disc("table", 0.2), np.eye(4), np.full((1, 3), 0.1), np.zeros(1, np.uint8))
+    table = Body("table", disc(0.2), np.eye(4), np.full((1, 3), 0.1), np.zeros(1, np.uint8))
     labels = np.arange(1, 7, dtype=np.uint8)
-    cube = Body("cube", box("cube", SIZE), pose, np.full((6, 3), 0.5), labels, faces=True)
+    cube = Body("cube", box(SIZE), pose, np.full((6, 3), 0.5), labels, faces=True)
     light = Lighting(np.full(3, 0.6), (Lamp(np.array([0.0, 0.0, 1.0]), np.full(3, 0.4)),))
     return PlatformScene((table, cube), light, contact=(strength, width))
 
@@ -109,7 +109,7 @@ def given(patches):
     hits.body[0, 0], hits.row[0, 0] = 0, 0
     hits.points[0, 0], hits.normals[0, 0] = 0.0, (0.0, 0.0, 1.0)
     color, labels = np.zeros((1, 1, 3), np.float32), np.zeros(1, np.uint8)
-    discs = (Body(name, disc(name, 0.1), np.eye(4), ALBEDO[None], labels) for name in ("floor", "lid"))
+    discs = (Body(name, disc(0.1), np.eye(4), ALBEDO[None], labels) for name in ("floor", "lid"))
     whole = PlatformScene(tuple(discs), Lighting(np.zeros(3)))
     add_bounced(color, whole, patches, hits, surfaces_of(whole))
     return color[0, 0]
