@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Container, Iterator
-from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -129,12 +128,11 @@ class FrameMaker(Closing):
         self._quality: Quality = QUALITIES[options.quality]
         if options.shadows is not None:
             self._quality = dataclasses.replace(self._quality, shadows=options.shadows)
-        self._stack = ExitStack()
-        self._platform = self._stack.enter_context(Platform(options.object_name))
+        self._platform = Platform(options.object_name)
 
     def close(self) -> None:
         """Free the simulation."""
-        self._stack.close()
+        self._platform.close()
 
     def chunk(
         self, number: int, chosen: Container[int] | None = None, emptied: Container[int] = ()
@@ -163,16 +161,6 @@ class FrameMaker(Closing):
                 yield self._recorded(self._frame(index, timestamp, emptied_at, crew), taken, crew)
             taken.append(frame.images)
 
-    def of_scene(self, number: int, scene: PlatformScene) -> Frame:
-        """Return a frame of a scene made elsewhere."""
-        crew, stamp = self._crew(number), number * PERIOD
-        return self._recorded(self._frame(number, stamp, self._still_at(scene, number), crew), [], crew)
-
-    def _still_at(self, tidy: PlatformScene, number: int) -> SceneAt:
-        """Return a single scene with effects, as a function of time around its timestamp."""
-        scene = self._dressed(tidy, number)
-        return still_at(scene, number * PERIOD, self.options.effects, self.options.seed, number)
-
     def _dressed(self, tidy: PlatformScene, number: int) -> PlatformScene:
         """Return a scene with a look-alike, if one is chosen, and with effects."""
         kind, seed = self.options.look_alike, self.options.seed
@@ -196,7 +184,8 @@ class FrameMaker(Closing):
         if not options.sequence:
             present = bool(rng.random() >= options.empty)
             tidy = random_scene(self._platform, rng, object_present=present, kind=options.kind)
-            yield number * PERIOD, self._still_at(tidy, number)
+            stamp, scene = number * PERIOD, self._dressed(tidy, number)
+            yield stamp, still_at(scene, stamp, options.effects, options.seed, number)
             return
         from synthetic.world.motion import film
 

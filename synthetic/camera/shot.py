@@ -26,17 +26,18 @@ class Quality:
 
     name: str
     """Name in the ground truth and on the command line."""
-    sensor_height: int | None
-    """Rows of the sensor's grid [px]; a smaller image is halved from it. None: rows of the output image."""
+    full: bool
+    """Whether the sensor's grid has SENSOR_HEIGHT rows, and a smaller image is halved from it; else those of
+    the output image."""
     points: int
     """Points per pixel of the sensor's grid, along each axis."""
     shadows: bool
     """Whether lamps cast shadows."""
 
-    def sensor(self, rng: np.random.Generator, path: str | None = None) -> Sensor:
+    def sensor(self, rng: np.random.Generator, path: str | None) -> Sensor:
         """Draw a kind of camera; its figures are scaled where it works at half the resolution."""
         sensor = Sensor.sample(rng, path)
-        if self.sensor_height is not None:
+        if self.full:
             return sensor
         # One pixel collects the charge of four: less noise, and half the blur in pixels twice as wide.
         return dataclasses.replace(
@@ -51,9 +52,9 @@ class Quality:
 QUALITIES = {
     quality.name: quality
     for quality in (
-        Quality("fast", sensor_height=None, points=2, shadows=False),
-        Quality("default", sensor_height=SENSOR_HEIGHT, points=2, shadows=True),
-        Quality("best", sensor_height=SENSOR_HEIGHT, points=4, shadows=True),
+        Quality("fast", full=False, points=2, shadows=False),
+        Quality("default", full=True, points=2, shadows=True),
+        Quality("best", full=True, points=4, shadows=True),
     )
 }
 
@@ -86,11 +87,10 @@ def shoot(
         noise: draws the noise and nothing else.
     """
     camera = unit.camera
-    halved = quality.sensor_height is not None and quality.sensor_height > camera.height
+    halved = quality.full and camera.height < SENSOR_HEIGHT
     factor = 2 if halved else 1
     # An image at full resolution is already sampled finely.
-    points = max(1, quality.points // 2) if quality.sensor_height is None and camera.height > 400 else 0
-    points = points or quality.points
+    points = 1 if not quality.full and camera.height > 400 else quality.points
     lens = Lens(camera.resized(camera.width * factor, camera.height * factor), points)
     views = [render(scene, lens.view, shadows=quality.shadows) for scene in scenes]
     light = sum((_light(layers, lens, unit) for layers in views[1:]), _light(views[0], lens, unit))

@@ -136,7 +136,7 @@ def _meet(
             t = surfaces.first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
             row = surfaces.first_group[body] + surfaces.groups[t]
             away = ex - pose[body, 0, 3], ey - pose[body, 1, 3], ez - pose[body, 2, 3]
-            px, py, pz = _turned_back(pose, body, away)
+            px, py, pz = turned_back(pose, body, away)
             start = px - corners[t, 0, 0], py - corners[t, 0, 1], pz - corners[t, 0, 2]
             edge, other = _edge(corners, t, 1), _edge(corners, t, 2)
             across = _cross(start, edge)
@@ -144,7 +144,7 @@ def _meet(
         wx = world_from_camera[0, 0] * x + world_from_camera[0, 1] * y + world_from_camera[0, 2]
         wy = world_from_camera[1, 0] * x + world_from_camera[1, 1] * y + world_from_camera[1, 2]
         wz = world_from_camera[2, 0] * x + world_from_camera[2, 1] * y + world_from_camera[2, 2]
-        u, v, reach = _barycentric(start, edge, other, across, _turned_back(pose, body, (wx, wy, wz)))
+        u, v, reach = _barycentric(start, edge, other, across, turned_back(pose, body, (wx, wy, wz)))
         bodies[place] = body
         rows[place] = row
         points[place, 0] = ex + reach * wx
@@ -198,7 +198,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 @compiled
-def _turned_back(pose: Array, body: int, vector: Vector) -> Vector:
+def turned_back(pose: Array, body: int, vector: Vector) -> Vector:
     """Rotate a direction from the world into a body's frame."""
     x, y, z = vector
     return (

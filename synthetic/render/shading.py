@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from synthetic.render.hits import Hits
+from synthetic.render.hits import Hits, turned_back
 from synthetic.render.raster import PinholeView
 from synthetic.render.shadows import sky_slope
 from synthetic.render.surfaces import Surfaces
@@ -145,10 +145,8 @@ def _grain(
 ) -> float:
     """Return noise at a point of the world, without sizes that a pixel of `footprint` [m] cannot resolve."""
     pose = world_from_body
-    qx, qy, qz = point[0] - pose[body, 0, 3], point[1] - pose[body, 1, 3], point[2] - pose[body, 2, 3]
-    x = pose[body, 0, 0] * qx + pose[body, 1, 0] * qy + pose[body, 2, 0] * qz
-    y = pose[body, 0, 1] * qx + pose[body, 1, 1] * qy + pose[body, 2, 1] * qz
-    z = pose[body, 0, 2] * qx + pose[body, 1, 2] * qy + pose[body, 2, 2] * qz
+    away = point[0] - pose[body, 0, 3], point[1] - pose[body, 1, 3], point[2] - pose[body, 2, 3]
+    x, y, z = turned_back(pose, body, away)
     # Shift by fractions of a cell that depend on the body, so that no face lies in a lattice plane.
     x += 1e-3 * ((seed & 255) + 0.37)
     y += 1e-3 * (((seed >> 8) & 255) + 0.71)

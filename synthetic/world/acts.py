@@ -21,7 +21,7 @@ PERIOD = 1 / 120
 JOINT_SPEED = 2.0
 """Largest planned rate of a joint [rad/s]."""
 
-_SMOOTHSTEP_PEAK = 1.5
+SMOOTHSTEP_PEAK = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ def smooth_steps(seconds: float) -> FloatArray:
 def joint_path(start: Array, goal: Array, speed: float = JOINT_SPEED) -> FloatArray:
     """Return joint angles (M, 9) [rad] from `start` to `goal` (9,), no joint faster than `speed` [rad/s]."""
     difference = np.asarray(goal) - np.asarray(start)
-    share = smooth_steps(_SMOOTHSTEP_PEAK * float(np.abs(difference).max()) / speed)
+    share = smooth_steps(SMOOTHSTEP_PEAK * float(np.abs(difference).max()) / speed)
     result: FloatArray = start + share[:, None] * difference
     return result
 
@@ -126,7 +126,7 @@ def tip_path(start: Array, finger: int, goal: Array, speed: float) -> FloatArray
     """
     origin = tips(start)[finger]
     distance = float(np.linalg.norm(goal - origin))
-    shares = smooth_steps(_SMOOTHSTEP_PEAK * distance / speed)
+    shares = smooth_steps(SMOOTHSTEP_PEAK * distance / speed)
     result = np.tile(start, (len(shares), 1))
     for row, share in zip(result, shares, strict=True):
         angles = finger_angles(finger, origin + share * (goal - origin))

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from synthetic.world.acts import (
+    SMOOTHSTEP_PEAK,
     Moments,
     Stage,
     joint_path,
@@ -134,7 +135,6 @@ _REACH = 0.11
 _LEGS_TRIED = 24
 _GRIPS_TRIED = 6
 _CHECKS = 9
-_PEAK = 1.5
 
 
 def grasp(stage: Stage) -> Moments:
@@ -176,7 +176,7 @@ def leg(stage: Stage, *, lift: bool = False) -> Moments:
         checked = way(np.linspace(1.0, 0.0, _CHECKS, endpoint=False))
         if not all(_is_possible(stage, *pose, joints) for pose in checked):
             continue
-        seconds = _PEAK * max(distance / speed, angle / rate, 0.2)
+        seconds = SMOOTHSTEP_PEAK * max(distance / speed, angle / rate, 0.2)
         for place, facing in way(smooth_steps(seconds)):
             found = held(stage.platform, place, facing, joints, stage.grip)
             if found is None:

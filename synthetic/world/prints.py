@@ -107,7 +107,7 @@ def _rectangle_with_print(half: FloatArray, margin: float, corner: float) -> tup
     """Return points (N, 2), counter-clockwise triangles, and which are border, of a face within ±half."""
     outline = _rounded_outline(half - margin, corner)
     count = len(outline)
-    inside = np.array([[0, k, k + 1] for k in range(1, count - 1)])
+    inside = meshes.fan(count)
     around = []
     for k in range(count):
         quarter, following = k // (_ARC + 1), (k + 1) % count // (_ARC + 1)

@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 
+from synthetic.render.shadows import sky_slope
 from synthetic.scene import Body, Lighting, Patches, PlatformScene
 from tracker.conventions import FloatArray
 from tracker.geometry.cuboid import FACE_NORMALS
@@ -98,7 +99,7 @@ def _of_link(link: Body, lighting: Lighting) -> Patches:
 
 def _irradiance(normal: FloatArray, lighting: Lighting) -> FloatArray:
     """Return the irradiance (3,) on an unoccluded surface of this normal (3,); the table below is dark."""
-    total = lighting.ambient * (0.675 + 0.325 * normal[2])
+    total = lighting.ambient * sky_slope(normal[2])
     for lamp in lighting.lamps:
         total = total + lamp.color * max(float(lamp.direction @ normal), 0.0)
     result: FloatArray = total

@@ -1,6 +1,5 @@
 """What tests of the simulated platform need, and why they are skipped without it."""
 
-import contextlib
 import functools
 import importlib.util
 
@@ -35,6 +34,8 @@ def skip_without_platform() -> None:
 def platforms_stay_open(monkeypatch: pytest.MonkeyPatch) -> None:
     """No frame depends on what a platform showed before; to load the robot takes as long as to draw one."""
     if not missing():
+        from synthetic.world.platform import Platform
         from tests.helpers.stills import platform
 
-        monkeypatch.setattr("synthetic.frames.Platform", lambda name: contextlib.nullcontext(platform(name)))
+        monkeypatch.setattr("synthetic.frames.Platform", platform)
+        monkeypatch.setattr(Platform, "close", lambda self: None)
