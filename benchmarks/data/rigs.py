@@ -17,9 +17,9 @@ import numpy as np
 from benchmarks.data.plan import Plan, stream
 from benchmarks.data.scenes import OBJECTS, Scene
 from benchmarks.data.store import Store, each
-from synthetic.camera.rigs import default_cameras
+from synthetic.camera.rigs import default_cameras, looking
 from synthetic.camera.sensor import Sensor
-from synthetic.scene import drawn, transform
+from synthetic.scene import direction, drawn, transform
 from synthetic.stills import bare_scene, scene_with_fingers, take
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -103,14 +103,8 @@ def _camera(
     the distortion; 1 as on the platform.
     """
     rng = np.random.default_rng([int(azimuth), *size])
-    around, above = np.radians([azimuth, elevation])
-    level = np.cos(above)
-    position = distance * np.array([level * np.cos(around), level * np.sin(around), np.sin(above)])
+    position = distance * direction(*np.radians([azimuth, elevation]))
     target = np.add(rng.uniform(-0.006, 0.006, 3), (0.0, 0.0, 0.01))
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
     fx, fy = focal * rng.uniform(0.997, 1.003, 2)
     cx, cy = (np.array(size) - 1) / 2 + rng.uniform(-0.015, 0.015, 2) * min(size)
     return Camera(
@@ -119,7 +113,7 @@ def _camera(
         height=size[1],
         matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
         distortion=lens * _DISTORTION * rng.uniform(0.97, 1.03, 5),
-        camera_from_world=transform(rotation, -rotation @ position),
+        camera_from_world=looking(position, target),
         camera_from_world_std=np.zeros((4, 4)),
     )
 

@@ -7,9 +7,11 @@ import os
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from synthetic.scene import direction, transform
 from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
@@ -56,11 +58,6 @@ def _camera(index: int) -> Camera:
     azimuth = np.radians(_AZIMUTHS_DEG[index])
     radius, height = _POSITIONS_M[index]
     position = radius * direction(azimuth) + [0.0, 0.0, height]
-    forward = np.asarray(_TARGETS_M[index]) - position
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
     (fx, fy), (cx, cy) = _FOCALS_PX[index], _PRINCIPAL_POINTS_PX[index]
     return Camera(
         name=f"camera{_AZIMUTHS_DEG[index]}",
@@ -68,9 +65,19 @@ def _camera(index: int) -> Camera:
         height=270,
         matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
         distortion=np.array(_DISTORTIONS[index]),
-        camera_from_world=transform(rotation, -rotation @ position),
+        camera_from_world=looking(position, _TARGETS_M[index]),
         camera_from_world_std=np.zeros((4, 4)),
     )
+
+
+def looking(position: Array, target: npt.ArrayLike) -> FloatArray:
+    """Return camera_from_world (4, 4) of an upright camera at `position` that looks at `target` (3,) [m]."""
+    forward = np.asarray(target) - position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    return transform(rotation, -rotation @ position)
 
 
 def standard_rig() -> CameraRig:
