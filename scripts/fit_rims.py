@@ -22,7 +22,7 @@ import numpy as np
 
 import tracker
 from benchmarks.data.recorded import triplets
-from benchmarks.measure.recorded import third_camera_miss
+from benchmarks.measure.recorded import third_camera_miss, without_each
 from tracker.conventions import Image
 from tracker.objects.model import LEAST_RIM_STD
 from tracker.pose.fit import Fit
@@ -39,11 +39,9 @@ def measure(
     """Return misses in each camera [px], and how much farther away each puts the object by itself [mm]."""
     model = dataclasses.replace(detector.model, rim=width, rim_std=LEAST_RIM_STD)
     exact = tracker.ObjectTracker(model, detector.rig, detector.colors)
-    whole = exact.detect(list(images)).object_pose
+    whole = exact.detect(images).object_pose
     misses, farther = [], []
-    for k, camera in enumerate(detector.rig):
-        two = exact.detect([None if j == k else image for j, image in enumerate(images)]).object_pose
-        own = exact.detect([image if j == k else None for j, image in enumerate(images)]).object_pose
+    for camera, two, own in without_each(exact, images):
         misses.append(third_camera_miss(camera, model, two, own)["px"])
         if own is not None and whole is not None:
             away = whole.position - camera.position

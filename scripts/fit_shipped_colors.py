@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.data.recorded import SEGMENTED, labelled_images
 from tracker.color_learning.fit import FitOptions, Histograms, combine, image_histograms
-from tracker.color_learning.labelled import LabelledImage, read_image, read_labelled
+from tracker.color_learning.labelled import LabelledImage, read_image
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import ColorModel
 from tracker.segmentation.light import apply_gains, find_light
 
-OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 DATA = Path(__file__).resolve().parent.parent / "tracker" / "segmentation" / "data"
 
 UNVEILED = FitOptions(brightness=0.2, tail_width=4.0, shaded_share=0.0, reject=0.02)
@@ -37,15 +37,6 @@ SIMULATION_RGB = {
     "magenta": (164, 91, 164),
     "yellow": (255, 235, 108),
 }
-
-
-def labelled_images(real: Path) -> dict[str, list[LabelledImage]]:
-    """Return labelled images by object."""
-    result = {}
-    for name in OBJECTS:
-        folders = [real / kind / name for kind in ("pose", "segmentation")]
-        result[name] = [image for folder in folders if folder.is_dir() for image in read_labelled(folder)]
-    return result
 
 
 def simulation_image(seed: int = 0) -> LabelledImage:
@@ -105,10 +96,10 @@ def dice_model(real: Path, histograms: dict[str, list[Histograms]]) -> ColorMode
 
 def main(real: Path) -> None:
     """Fit and write every model."""
-    options, images = FitOptions(), labelled_images(real)
+    options, images = FitOptions(), {name: labelled_images(real, name) for name in SEGMENTED}
     histograms = face_histograms(images, options)
     drawn_as_others = face_histograms(images, options.for_others())
-    models = [object_model(name, histograms[name], drawn_as_others, options) for name in OBJECTS]
+    models = [object_model(name, histograms[name], drawn_as_others, options) for name in SEGMENTED]
     for model in (*models, simulation_model(), dice_model(real, histograms)):
         model.save(DATA / f"{model.name}.npz")
     for path in sorted(DATA.glob("*.npz")):

@@ -17,8 +17,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from fit_shipped_colors import dice_image, labelled_images
+from fit_shipped_colors import dice_image
 
+from benchmarks.data.recorded import SEGMENTED, labelled_images
 from synthetic.camera.sensor import RESPONSE_GAMMA, linear
 from tracker.color_learning.labelled import LabelledImage
 from tracker.conventions import Array, FloatArray, Image
@@ -81,7 +82,7 @@ def measure(images: list[LabelledImage]) -> dict[str, Any]:
 
 def main(real: Path) -> None:
     """Measure and write the table."""
-    objects = {name: measure(images) for name, images in labelled_images(real).items()}
+    objects = {name: measure(labelled_images(real, name)) for name in SEGMENTED}
     objects["dice"] = measure([dice_image(real)])
     about = (
         "Medians of labelled images in which the scene's greys are brought to `grey`; `from_above`: share of "

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import tracker
+from benchmarks.data.recorded import triplet
 from synthetic.camera.sensor import CameraSettings, Sensor, linear
 from synthetic.camera.shot import QUALITIES, CameraShot, shoot
 from synthetic.camera.units import Unit, units_of
@@ -22,7 +23,6 @@ from synthetic.world.effects import with_effects
 from synthetic.world.fingers import random_fingers
 from synthetic.world.placement import lowest
 from synthetic.world.platform import Platform
-from tracker.color_learning.labelled import read_labelled
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 
@@ -62,15 +62,13 @@ class Triplet:
 
 def recorded(real: Path, name: str) -> Triplet:
     """Return an object's recorded triplet, with its hand-made masks and the tracker's pose."""
-    folder = real / "pose" / name
-    images = {image.name.split("camera")[1]: image for image in read_labelled(folder)}
-    rig, model = tracker.CameraRig.load(folder), tracker.load_object(name)
-    taken = [images[key] for key in ("60", "180", "300")]
-    pose = tracker.ObjectTracker(model, rig).detect([image.image for image in taken]).object_pose
+    detector, taken = triplet(real, name, corrected=False)
+    pose = detector.detect([image.image for image in taken]).object_pose
     if pose is None:
-        raise SystemExit(f"{folder}: the tracker finds no pose")
-    views = tuple(View(image.image, image.labels, camera) for image, camera in zip(taken, rig, strict=True))
-    return Triplet(model, views, pose.position, pose.rotation)
+        raise SystemExit(f"{real / 'pose' / name}: the tracker finds no pose")
+    pairs = zip(taken, detector.rig, strict=True)
+    views = tuple(View(image.image, image.labels, camera) for image, camera in pairs)
+    return Triplet(detector.model, views, pose.position, pose.rotation)
 
 
 def restaged(

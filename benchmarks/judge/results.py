@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks.data.fingerprint import PROJECT, ROOT, version_of
+from benchmarks.data.fingerprint import LIBRARIES, PROJECT, ROOT, version_of
 from benchmarks.score.tables import figures
 from synthetic.render.renderer import NAME
 from tracker import compiled
@@ -27,8 +27,6 @@ from tracker.errors import TrackerError
 from tracker.files import write_whole
 
 RESULTS_FILE = "results.json"
-
-LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "pybullet", "trimesh", "pyrender")
 
 _OWN = ("gate.json", "published.json")
 """Files that the benchmarks write into their own folder."""

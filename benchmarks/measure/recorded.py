@@ -135,12 +135,20 @@ def _third_camera(
     detector: tracker.ObjectTracker, images: Sequence[Image], whole: tracker.PoseEstimate | None
 ) -> Iterator[dict[str, Any]]:
     """Compare, for each camera, its own pose with the pose from the other two cameras."""
-    for k, camera in enumerate(detector.rig):
-        two = detector.detect([None if j == k else image for j, image in enumerate(images)]).object_pose
-        own = detector.detect([image if j == k else None for j, image in enumerate(images)]).object_pose
+    for camera, two, own in without_each(detector, images):
         shift, turn = apart(two, whole)
         row = {"camera": camera.name, "shift_mm": shift, "turn_deg": turn}
         yield row | third_camera_miss(camera, detector.model, two, own)
+
+
+def without_each(
+    detector: tracker.ObjectTracker, images: Sequence[Image]
+) -> Iterator[tuple[Camera, tracker.PoseEstimate | None, tracker.PoseEstimate | None]]:
+    """Yield each camera, the pose from the other cameras, and the one from its image alone."""
+    for k, camera in enumerate(detector.rig):
+        others = detector.detect([None if j == k else image for j, image in enumerate(images)]).object_pose
+        own = detector.detect([image if j == k else None for j, image in enumerate(images)]).object_pose
+        yield camera, others, own
 
 
 def third_camera_miss(

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 import tracker
+from benchmarks.data.recorded import SEGMENTED, labelled_images
 from scripts import fit_shipped_colors
-from scripts.fit_shipped_colors import OBJECTS, SIMULATION_RGB, object_model
+from scripts.fit_shipped_colors import SIMULATION_RGB, object_model
 from tests.helpers import exposed
 from tracker.color_learning.fit import FitOptions
 from tracker.color_learning.labelled import intersection_over_union
@@ -15,7 +16,7 @@ OPTIONS = FitOptions()
 @pytest.fixture(scope="module")
 def labelled(real):
     """All labelled images, by object."""
-    return fit_shipped_colors.labelled_images(real)
+    return {name: labelled_images(real, name) for name in SEGMENTED}
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def assert_shipped(model, tmp_path):
     assert np.mean(difference > 0) < 1e-3
 
 
-@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("name", SEGMENTED)
 def test_the_objects_tables_are_what_the_script_fits(name, histograms, drawn_as_others, tmp_path):
     assert_shipped(object_model(name, histograms[name], drawn_as_others, OPTIONS), tmp_path)
 
@@ -54,7 +55,7 @@ def test_faces_of_pictures_left_out_are_found_in_the_colours_of_the_others(
     labelled, histograms, drawn_as_others
 ):
     known, unknown = [], []
-    for name in OBJECTS:
+    for name in SEGMENTED:
         for k, image in enumerate(labelled[name]):
             rest = histograms[name][:k] + histograms[name][k + 1 :]
             found = tracker.segment(image.image, object_model(name, rest, drawn_as_others, OPTIONS))
