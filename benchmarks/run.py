@@ -90,7 +90,7 @@ def accuracy(run: Run) -> Frames:
     answers, skipped = measure_accuracy(run.plan, run.workloads, run.objects, keep)
     for what, why in skipped.items():
         run.skip(what, why)
-    return {"accuracy": answers}
+    return {"accuracy": answers} if len(answers) else {}
 
 
 def recorded(run: Run) -> Frames:

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks import program
 from benchmarks import run as runs
+from benchmarks.data.package.environment import VARIABLE
 from benchmarks.data.plan import Plan
 from benchmarks.data.workloads import WORKLOADS
 from benchmarks.judge.results import Results, ResultsError, origin, read_results, write_results
@@ -197,6 +198,14 @@ def test_a_smoke_run_measures_and_says_so(tmp_path, monkeypatch):
     assert frames.pictures.nunique() == 9
     pictures = {"errors.png", "times.png", "trust.png", "visible.png", "worst.jpg"}
     assert {path.name for path in out.iterdir() if path.suffix != ".json"} == pictures
+
+
+@pytest.mark.parametrize("only", ["simulation package", "rig: large box"])
+def test_a_run_without_any_answer_says_what_it_left_out(tmp_path, monkeypatch, only):
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "nowhere"))
+    printed = printed_by("accuracy", "--only", only, "--object", "cube_v2", "--scenes", 1, "-o", tmp_path)
+    assert ("Left out: simulation package" in printed) is (only == "simulation package")
+    assert "## Accuracy" not in printed
 
 
 def test_errors_are_one_line_and_say_what_to_install(tmp_path, monkeypatch, capsys):
