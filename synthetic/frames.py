@@ -272,9 +272,6 @@ def frames(
     seed: int,
     *,
     rig: CameraRig | None = None,
-    quality: str = "default",
-    sequence: bool = False,
-    size: int = 270,
     first: int = 0,
     **more: Any,
 ) -> Iterator[Frame]:
@@ -284,17 +281,14 @@ def frames(
         object_name: cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2 or dice.
         count: number of frames.
         seed: seed of all randomness.
-        rig: the cameras, scaled to `size`; by default those of the simulated platform.
-        quality: `fast`, `default` or `best`.
-        sequence: one continuous motion per chunk, instead of single scenes.
-        size: height of the images [px].
+        rig: the cameras, scaled to the images' size; by default those of the simulated platform.
         first: number of the first frame.
         more: other fields of `FrameOptions`.
 
     Raises:
         TrackerError: an option is invalid, or the robot's meshes are not available.
     """
-    options = FrameOptions(object_name, seed, quality, sequence, size, **more)
+    options = FrameOptions(object_name, seed, **more)
     with FrameMaker(options, rig) as maker:
         numbers = range(first, first + count)
         for chunk, part in itertools.groupby(numbers, lambda number: number // options.chunk):

@@ -235,27 +235,31 @@ def regrasp(stage: Stage) -> Moments:
             return
 
 
-def lift_and_lower(stage: Stage) -> Moments:
-    """Grip the object, lift it, turn it a little and let it go."""
-    if not stage.grip:
-        yield from withdraw(stage)
-        yield from grasp(stage)
-    if stage.grip:
-        yield from leg(stage, lift=True)
-        yield from leg(stage)
-        yield from release(stage)
-    else:
-        yield from wait(stage, 0.3)
-
-
-def carry(stage: Stage) -> Moments:
-    """Carry the object through the air for some legs; grip and lift it first if it is free."""
+def _pick_up(stage: Stage) -> Moments:
+    """Grip the object if it is free, and wait a little if that is not possible."""
     if not stage.grip:
         yield from withdraw(stage)
         yield from grasp(stage)
         if not stage.grip:
             yield from wait(stage, 0.3)
-            return
+
+
+def lift_and_lower(stage: Stage) -> Moments:
+    """Grip the object, lift it, turn it a little and let it go."""
+    yield from _pick_up(stage)
+    if stage.grip:
+        yield from leg(stage, lift=True)
+        yield from leg(stage)
+        yield from release(stage)
+
+
+def carry(stage: Stage) -> Moments:
+    """Carry the object through the air for some legs; grip and lift it first if it is free."""
+    lies = not stage.grip
+    yield from _pick_up(stage)
+    if not stage.grip:
+        return
+    if lies:
         yield from leg(stage, lift=True)
     for _ in range(int(stage.rng.integers(2, 6))):
         if stage.rng.random() < 0.4:

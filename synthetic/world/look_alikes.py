@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from synthetic.look.face_colors import reflectances
 from synthetic.scene import Body, Mesh, PlatformScene, direction, transform
@@ -87,14 +88,9 @@ def look_alike(scene: PlatformScene, kind: str, rng: np.random.Generator) -> Pla
 
 def turned_arrangements(labels: Array) -> set[tuple[int, ...]]:
     """Return all arrangements of faces that are rotations of `labels` (6,)."""
-    result = set()
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1, -1), repeat=3):
-            turn = np.eye(3)[list(order)] * np.array(signs)[:, None]
-            if np.linalg.det(turn) > 0:
-                places = np.argmax(FACE_NORMALS @ turn.T @ FACE_NORMALS.T, axis=1)
-                result.add(tuple(int(label) for label in labels[places]))
-    return result
+    turns = Rotation.create_group("O").as_matrix()
+    places = np.argmax(FACE_NORMALS @ turns @ FACE_NORMALS.T, axis=-1)
+    return {tuple(map(int, labels[row])) for row in places}
 
 
 def _permuted_labels(labels: Array, rng: np.random.Generator, avoid: Array | None = None) -> Array:
