@@ -20,9 +20,8 @@ class Frame:
     """One image of each camera, and the ground truth."""
 
     renderer: ClassVar[str] = NAME
-    """Name of the renderer."""
+
     index: int
-    """Number of the frame."""
     timestamp: float
     """[s]"""
     images: tuple[Image, ...]

@@ -36,7 +36,6 @@ class Still:
     """Images of a scene, one per camera, and the ground truth."""
 
     scene: PlatformScene
-    """The scene in the images."""
     images: list[Image]
     """(H, W, 3) uint8, BGR."""
     labels: list[Image]
@@ -89,12 +88,9 @@ def bare_scene(
 def posed_scene(
     model: CuboidModel, pose: tuple[Array, Array] | None, rng: np.random.Generator
 ) -> PlatformScene:
-    """Return a scene without the robot, with the object at `pose`; None: without the object.
+    """Return a scene without the robot, whose colours and light are drawn.
 
-    Args:
-        model: the object.
-        pose: position (3,) [m] and rotation (3, 3).
-        rng: draws colours and light.
+    The object is at `pose`, a position (3,) [m] and a rotation (3, 3); None: there is none.
     """
     platform = Platform(model)
     look, lighting = random_look(rng, model), random_lighting(rng)

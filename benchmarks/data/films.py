@@ -28,7 +28,6 @@ class Style:
     """Contents of the films of one style."""
 
     effects: tuple[str, ...] = ()
-    """Real-world effects."""
     kinds: tuple[str, ...] = ("mixed",)
     """Kinds of motion in consecutive films; mixed: pushed, tumbled, lifted, carried, dropped."""
     quality: str = "default"

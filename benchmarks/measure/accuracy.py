@@ -39,11 +39,8 @@ def measure_accuracy(
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """Return one row per answer, by workload and object, and the reasons for skipped workloads.
 
-    Args:
-        plan: which scenes.
-        workloads: the workloads to run.
-        objects: names of the objects to use, if a workload has them; None: all.
-        keep: stores the answers to each set of scenes, so that an interrupted run can continue there.
+    Of a workload's objects only those in `objects` are used; None: all. `keep` stores the answers to each set
+    of scenes, so that an interrupted run can continue there.
     """
     answers: list[dict[str, Any]] = []
     skipped: dict[str, str] = {}

@@ -56,7 +56,6 @@ class Shown:
     rig: tracker.CameraRig
     """The true cameras, which may differ from the tracker's calibration."""
     model: tracker.CuboidModel
-    """The object."""
     estimate: tracker.PoseEstimate | None
     truth: tracker.PoseEstimate | None
     """The true pose; None: no object."""

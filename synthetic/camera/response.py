@@ -132,7 +132,6 @@ class FixedPattern:
     offset: float
     """Standard deviation of the offset [light 1]."""
     seed: int
-    """Seed of the pattern."""
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> FixedPattern:

@@ -108,9 +108,7 @@ class Sensor:
     def sample(cls, rng: np.random.Generator, path: str | None = None) -> Sensor:
         """Draw a sensor like those of one of the platform's robots on one day, for light on a 540 px grid.
 
-        Args:
-            rng: source of all randomness.
-            path: `new` or `old`; drawn by default.
+        Its path is `new` or `old`, drawn by default.
         """
         drawn = ("new", "old")[int(rng.integers(2))]
         blue, green, red = (float(part) for part in np.multiply(BLACK, rng.uniform(0.7, 1.2)))

@@ -77,14 +77,9 @@ def shoot(
     quality: Quality,
     noise: np.random.Generator,
 ) -> CameraShot:
-    """Take an image with one camera.
+    """Take an image with one camera of scenes at equal intervals while its shutter is open.
 
-    Args:
-        scenes: scenes at equal intervals while the shutter is open; the light is their mean, the label maps
-            are those of the middle one.
-        unit: the camera.
-        quality: how much work is spent on the image.
-        noise: draws the noise and nothing else.
+    The light is their mean, the label maps are those of the middle one. `noise` draws nothing but the noise.
     """
     camera = unit.camera
     halved = quality.full and camera.height < SENSOR_HEIGHT

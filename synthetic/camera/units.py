@@ -100,21 +100,14 @@ class Unit:
     camera: Camera
     """The true camera."""
     sensor: Sensor
-    """Its sensor."""
     settings: CameraSettings
-    """Its settings and lighting."""
     focus: Focus | None = None
-    """Blur that replaces the sensor's."""
+    """Replaces the sensor's blur."""
     fringes: Fringes | None = None
-    """Lateral chromatic aberration."""
     skewed_psf: Coma | None = None
-    """Skewed point spread."""
     sharpening: Sharpening | None = None
-    """Unsharp mask."""
     fixed_pattern: FixedPattern | None = None
-    """Constant differences between pixels."""
     drift: Drift | None = None
-    """Slow changes of exposure."""
 
     def at(self, time: float) -> Unit:
         """Return the camera as it is at a time [s]."""
@@ -138,15 +131,9 @@ _OWN: dict[str, Callable[[np.random.Generator], object]] = {
 def units_of(
     rig: CameraRig, sensor: Sensor, rng: np.random.Generator, effects: Container[str], seed: int, number: int
 ) -> tuple[Unit, ...]:
-    """Draw the units of a rig.
+    """Draw the units of a rig, which share a sensor; `rng` draws their settings.
 
-    Args:
-        rig: the cameras.
-        sensor: the sensor that they share.
-        rng: draws the settings.
-        effects: their effects, each drawn from a stream of its own.
-        seed: seed of the effects' streams.
-        number: number of the scene or film, for the effects' streams.
+    Each effect has a stream of its own, of the seed and the number of the scene or film.
     """
 
     def drawn(name: str, sample: Callable[[np.random.Generator], Drawn]) -> list[Drawn | None]:
@@ -183,11 +170,9 @@ class Crew:
         return GROUP if self.compression is not None and self.compression.kind == "h264" else 1
 
     def recorded(self, taken: Sequence[tuple[Image, ...]], *, raw: bool) -> tuple[Image, ...]:
-        """Return the last images of all cameras as they come out of a recording.
+        """Return the last images of all cameras as they come out of a recording; if `raw`, mosaics (H, W).
 
-        Args:
-            taken: images (H, W, 3) BGR of each camera, from the last key frame on.
-            raw: record and return mosaics (H, W).
+        `taken` has images (H, W, 3) BGR of each camera, from the last key frame on.
         """
         images = taken[-1]
         if self.compression is not None:

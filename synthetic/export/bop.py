@@ -75,14 +75,9 @@ def undistorted(image: Image, camera: Camera, interpolation: int) -> Image:
 def finish_bop(
     root: Path, rig: CameraRig, entries: Sequence[dict[str, Any]], object_name: str, *, raw: bool = False
 ) -> None:
-    """Write the JSON files and the model, from the ground truth of all frames and the masks.
+    """Write the JSON files and the model, from the masks and the frames' ground truth, see `Frame.truth`.
 
-    Args:
-        root: the layout's folder.
-        rig: the cameras, unless a frame's ground truth states others.
-        entries: the frames' ground truth, see `Frame.truth`.
-        object_name: name of the object.
-        raw: whether the frames' images are mosaics.
+    Cameras are those of `rig` unless the truth states others; `raw`: the frames' images are mosaics.
     """
     size = np.full(3, DIE_SIZE) if object_name == DICE else load_object(object_name).size
     scene = root / SCENE_FOLDER

@@ -45,7 +45,6 @@ class DatasetOptions:
     frames: FrameOptions
     """Everything that determines the pixels, except the cameras."""
     count: int
-    """Number of frames."""
     calibration: str = "simulation"
     """One of `synthetic.camera.rigs.KNOWN`, or a folder with one platform file for each camera."""
     bop: bool = False

@@ -20,20 +20,14 @@ from tracker.conventions import Array, FloatArray, Image
 
 @dataclass(frozen=True, eq=False)
 class PinholeView:
-    """A camera without distortion: u = fx X/Z + cx, v = fy Y/Z + cy, with pixel centres at integers."""
+    """A camera without distortion: u = fx X/Z + cx, v = fy Y/Z + cy [px], with pixel centres at integers."""
 
     width: int
-    """[px]."""
     height: int
-    """[px]."""
     fx: float
-    """[px]."""
     fy: float
-    """[px]."""
     cx: float
-    """[px]."""
     cy: float
-    """[px]."""
     camera_from_world: FloatArray
     """(4, 4) [m]; OpenCV's axes: x to the right, y down, z forward."""
     block: int = 1

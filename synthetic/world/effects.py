@@ -57,14 +57,7 @@ _CHANGES: dict[str, Callable[[PlatformScene, np.random.Generator], PlatformScene
 
 
 def with_effects(scene: PlatformScene, effects: Container[str], seed: int, number: int) -> PlatformScene:
-    """Apply the effects that change scenes; all scenes of one `number` get the same ones.
-
-    Args:
-        scene: a tidy scene.
-        effects: names of effects.
-        seed: seed of all randomness.
-        number: number of the single scene or of the motion.
-    """
+    """Apply the effects that change scenes; all scenes of one seed and number get the same ones."""
     for name in (name for name in _CHANGES if name in effects):
         scene = _CHANGES[name](scene, stream(name, seed, number))
     return scene

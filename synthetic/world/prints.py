@@ -77,13 +77,10 @@ def with_prints(body: Body, prints: Prints) -> Body:
 
 
 def printed_mesh(mesh: Mesh, first: int, margin: float, corner: float) -> Mesh:
-    """Return the mesh with its groups 0 to 5, rectangles along the axes, cut into print and border.
+    """Return a cuboid's mesh with its groups 0 to 5, rectangles along the axes, cut into print and border.
 
-    Args:
-        mesh: mesh of a cuboid along the axes.
-        first: group of the first face's border; those of the other faces follow.
-        margin: width of the borders [m].
-        corner: radius of the prints' corners [m].
+    `first` is the group of the first face's border; those of the others follow. `margin` is the width of the
+    borders and `corner` the radius of the prints' corners [m].
     """
     groups, triangles = np.asarray(mesh.groups), np.asarray(mesh.triangles)
     kept = groups >= _FACES
