@@ -11,7 +11,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from synthetic.errors import EffectError
+from tracker.errors import TrackerError
+
+
+class EffectError(TrackerError):
+    """An effect does not exist, or lacks a package."""
+
 
 NAMES = (
     # The object's edges are rounded or chamfered by up to 1 mm, about like real ones, with glints and dark

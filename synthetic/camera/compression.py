@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from synthetic.camera.sensor import demosaicked, mosaicked
-from synthetic.errors import EffectError
+from synthetic.effects import EffectError
 from tracker.conventions import Image
 from tracker.errors import install
 

@@ -21,7 +21,7 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-from synthetic.errors import AssetError
+from tracker.errors import TrackerError
 
 PACKAGE, VERSION = "robot_properties_fingers", "2.0.2"
 """The package on PyPI, and the version whose meshes the ground truth uses."""
@@ -40,6 +40,10 @@ _ADVICE = (
     f"Put the folders urdf and meshes of {PACKAGE} {VERSION} (from PyPI) into a folder called {PACKAGE} and "
     f"set {VARIABLE} to that folder, or connect to the internet once"
 )
+
+
+class AssetError(TrackerError):
+    """The robot's description or meshes are not available."""
 
 
 def find_assets() -> Path:

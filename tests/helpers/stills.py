@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from synthetic.errors import AssetError
 from tests.helpers.needs import lack
 
 pytest.importorskip("trimesh", reason="platform: no module trimesh")
@@ -15,6 +14,7 @@ pytest.importorskip("trimesh", reason="platform: no module trimesh")
 from synthetic import stills
 from synthetic.scene import PlatformScene
 from synthetic.stills import Still, take
+from synthetic.world.assets import AssetError
 from synthetic.world.platform import Platform
 from synthetic.world.scenes import random_scene
 from tracker import CuboidModel

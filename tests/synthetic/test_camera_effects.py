@@ -11,8 +11,7 @@ from synthetic.camera.response import LEVELS, NOISE, OLD_NOISE, Drift, FixedPatt
 from synthetic.camera.rigs import default_cameras, standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, linear, mosaicked
 from synthetic.camera.units import units_of
-from synthetic.effects import NAMES, chosen_effects, stream
-from synthetic.errors import EffectError
+from synthetic.effects import NAMES, EffectError, chosen_effects, stream
 
 RAMP = np.tile(np.arange(8, dtype=np.float32), (8, 1))
 PLACE = np.full((1, 1), 3.51, np.float32)

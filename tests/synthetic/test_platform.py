@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from synthetic.errors import AssetError
 from synthetic.world import assets
 
 pytest.importorskip("trimesh", reason="platform: no module trimesh")
@@ -96,7 +95,7 @@ def test_several_platforms_live_side_by_side(platform):
 
 def test_a_chosen_folder_without_the_files_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv(assets.VARIABLE, str(tmp_path))
-    with pytest.raises(AssetError, match=r"TRIFINGER_ASSETS.*trifingerpro\.urdf"):
+    with pytest.raises(assets.AssetError, match=r"TRIFINGER_ASSETS.*trifingerpro\.urdf"):
         assets.find_assets()
 
 
@@ -106,6 +105,6 @@ def test_a_download_that_fails_says_what_to_do_and_leaves_nothing(tmp_path, monk
     monkeypatch.setattr(assets, "_installed", lambda: None)
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "nowhere"))
-    with pytest.raises(AssetError, match=assets.VARIABLE):
+    with pytest.raises(assets.AssetError, match=assets.VARIABLE):
         assets.find_assets()
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
