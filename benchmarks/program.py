@@ -120,6 +120,8 @@ def _measuring(parts: Sequence[str], *, whole: bool = False, **chosen: Any) -> R
 
 
 def _drawn(released: bool, seed: int | None) -> tuple[str, int]:
+    if released and seed is not None:
+        raise ResultsError(f"seed: found {seed}, expected none: release scenes are drawn from the commit")
     if seed is not None:
         return "other", seed
     if not released:

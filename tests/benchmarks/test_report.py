@@ -204,8 +204,9 @@ def test_publishing_writes_all_documents_of_release_scenes(published):
     assert not (folder / "out" / "worst.jpg").exists()
 
 
-def test_nothing_is_published_of_a_tree_with_changes(published):
+def test_nothing_is_published_of_a_tree_with_changes_or_of_other_scenes(published):
     runs, tree, _ = published
+    assert "release scenes are drawn from the commit" in str(runs("--seed", "5").exception)
     tree["clean"] = False
     assert isinstance(runs().exception, ResultsError)
     assert not documents.PUBLISHED.exists()
