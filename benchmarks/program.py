@@ -195,6 +195,7 @@ def compare(before: Path, after: Path) -> None:
 def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: str) -> None:
     """Fail where few scenes, or the recorded triplets, show something worse than the baseline."""
     run = Run(gates.plan(cache), output, real_folder(real), gates.WORKLOADS, films=gates.FILMS)
+    before = Results() if update else read_results(baseline)
     results = measure(run, ["gate"], whole=True)
     if update:
         if not results.about["clean"]:
@@ -204,8 +205,7 @@ def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: s
         results.about["reason"] = update
         write_results(baseline, results)
         return
-    before = read_results(baseline)
-    click.echo(f"baseline of {before.about['commit'][:12]}: {before.about['reason']}")
+    click.echo(f"baseline of {before.about['commit'][:12]}: {before.about.get('reason', 'no reason given')}")
     worse = gates.failures(before, results)
     for line in worse:
         click.echo(f"worse: {line}")

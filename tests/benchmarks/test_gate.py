@@ -6,12 +6,13 @@ import pandas as pd
 import pytest
 
 import tracker
+from benchmarks import program
 from benchmarks.data.plan import CACHE
 from benchmarks.judge import gate
 from benchmarks.judge.compare import compare, text
 from benchmarks.judge.results import Results, ResultsError, read_results, write_results
 from benchmarks.measure.accuracy import measure_accuracy
-from tests.benchmarks.made_up import ABOUT, answers, printed_by
+from tests.benchmarks.made_up import ABOUT, answers, printed_by, results
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.pose.evidence import NUMBERS
 
@@ -134,6 +135,15 @@ def test_the_committed_baseline_is_of_these_scenes_and_says_why_it_stands(baseli
     assert baseline.about["reason"]
     assert set(baseline.frames["accuracy"].group) == {workload.name for workload in gate.WORKLOADS}
     assert (baseline.frames["accuracy"].groupby("group").object.nunique() == 2).all()
+
+
+def test_any_run_may_be_the_baseline_and_is_looked_for_before_a_minute_is_spent(tmp_path, monkeypatch):
+    monkeypatch.setattr(program, "measure", lambda run, parts, whole: results(4))
+    with pytest.raises(ResultsError, match=r"none\.json"):
+        printed_by("gate", "--baseline", tmp_path / "none.json", "-o", tmp_path)
+    write_results(tmp_path / "results.json", results(4))
+    printed = printed_by("gate", "--baseline", tmp_path / "results.json", "-o", tmp_path)
+    assert printed.startswith("baseline of 0123abc: no reason given\n")
 
 
 @pytest.fixture(scope="module")
