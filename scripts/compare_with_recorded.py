@@ -73,12 +73,8 @@ def _noise(triplets: Sequence[Triplet], level: float) -> float:
 
 def _spectrum(triplets: Sequence[Triplet]) -> float:
     """Return the noise power of green at its highest frequencies relative to middle ones."""
-    ratios = []
-    for triplet in triplets:
-        for view in triplet.views:
-            power = np.asarray(noise_spectrum(view.image, 1), dtype=np.float64)
-            ratios.append(power[-1] / power[len(power) // 2])
-    return float(np.median(ratios))
+    powers = [noise_spectrum(view.image, 1) for triplet in triplets for view in triplet.views]
+    return float(np.median([power[-1] / power[len(power) // 2] for power in powers]))
 
 
 def _of(inner: bool | None, value: Callable[[EdgeProfile], float]) -> Callable[[Sequence[Triplet]], float]:

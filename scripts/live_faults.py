@@ -36,8 +36,6 @@ parser.add_argument("--times", type=int, default=10, help="how often each (defau
 parser.add_argument("--away", type=float, default=5.0, help="how long a camera is gone [s] (default: 5)")
 parser.add_argument("--record", type=Path, help=argparse.SUPPRESS)
 
-NAMES = ("camera60", "camera180", "camera300")
-
 
 class Faults:
     """The current faults of the simulated cameras."""
@@ -87,7 +85,8 @@ class Run:
         film.draw()
         sets = film._sets
         openers = [
-            lambda c=c: Pretended(c, [images[c] for images in sets], self.faults) for c in range(len(NAMES))
+            lambda c=c: Pretended(c, [images[c] for images in sets], self.faults)
+            for c in range(len(film.rig))
         ]
         sizes = [(camera.width, camera.height) for camera in film.rig]
         follower = tracker.ObjectTracker(tracker.load_object("cube_v2"), film.rig)

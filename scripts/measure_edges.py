@@ -30,6 +30,9 @@ REACH, SIDE, MIDDLE = 8.0, (3.5, 6.0), 2.0
 """Half the length of a profile, the range in which its sides are assumed even, and the largest distance from
 the edge at which its rim may show [px]."""
 
+OFFSETS = np.arange(-REACH, REACH + STEP / 2, STEP)
+"""Places of the samples of a profile across the edge [px]."""
+
 SEARCH = 3.0
 """Largest distance between the projected edge and the image's [px]."""
 
@@ -74,17 +77,12 @@ class EdgeProfile:
         """Width of the step from 10 to 90 % [px]."""
         step = self.sides[1] - self.sides[0]
         share = (self.values - self.sides[0]) @ step / (step @ step)
-        offsets = _offsets()
-        low, high = (offsets[np.argmax(share > level)] for level in (0.1, 0.9))
+        low, high = (OFFSETS[np.argmax(share > level)] for level in (0.1, 0.9))
         return float(high - low)
 
     def _rim(self) -> FloatArray:
-        result: FloatArray = self.values[np.abs(_offsets()) <= MIDDLE].mean(axis=1)
+        result: FloatArray = self.values[np.abs(OFFSETS) <= MIDDLE].mean(axis=1)
         return result
-
-
-def _offsets() -> FloatArray:
-    return np.arange(-REACH, REACH + STEP / 2, STEP)
 
 
 def edge_profiles(triplet: Triplet) -> Iterator[EdgeProfile]:
@@ -126,24 +124,22 @@ def _profile(
     line = line[:: max(1, int(len(line) / length))]
     # The sides are wide enough for a face of 8 px, in images of half the size.
     scale = min(1.0, view.image.shape[0] / 540 + 0.25)
-    offsets = _offsets()
     sides = [scale * (SIDE[0] + SIDE[1]) / 2 * sign for sign in (-1, 1)]
     at = [_sampled(view.labels, line, normal, np.array([side])) for side in sides]
     kept = (at[0][:, 0] == first) & (at[1][:, 0] == second)
     if kept.sum() < least:
         return None
     line = line[kept]
-    values = _sampled(view.image, line, normal, offsets).astype(np.float64)
-    before, after = (
-        (-offsets >= scale * SIDE[0]) & (-offsets <= scale * SIDE[1]),
-        (offsets >= scale * SIDE[0]) & (offsets <= scale * SIDE[1]),
-    )
+    values = _sampled(view.image, line, normal, OFFSETS).astype(np.float64)
+    distance = np.abs(OFFSETS)
+    even = (distance >= scale * SIDE[0]) & (distance <= scale * SIDE[1])
+    before, after = even & (OFFSETS < 0), even & (OFFSETS > 0)
     levels = np.stack([np.median(values[:, part], axis=(0, 1)) for part in (before, after)])
     step = levels[1] - levels[0]
     if np.linalg.norm(step) < 15:
         return None
     share = (values - levels[0]) @ step / (step @ step)
-    crossing = _crossings(share, offsets)
+    crossing = _crossings(share)
     good = np.isfinite(crossing)
     if good.sum() < least:
         return None
@@ -153,21 +149,21 @@ def _profile(
         miss = crossing - np.polyval(fit, along)
         good = np.isfinite(crossing) & (np.abs(miss) < max(3 * np.nanstd(miss[good]), 0.3))
     line = (line + np.polyval(fit, along)[:, None] * normal)[good]
-    values = _sampled(view.image, line, normal, offsets).astype(np.float64)
+    values = _sampled(view.image, line, normal, OFFSETS).astype(np.float64)
     mean = values.mean(axis=0)
     levels = np.stack([mean[part].mean(axis=0) for part in (before, after)])
     return EdgeProfile(second > 0, mean, levels, float(np.std(miss[good])), float(np.polyval(fit, 0.0)))
 
 
-def _crossings(share: Array, offsets: FloatArray) -> FloatArray:
+def _crossings(share: Array) -> FloatArray:
     """Return, for each row of shares (N, K), the rise through 0.5 nearest to 0 within SEARCH; NaN: none."""
     result = np.full(len(share), np.nan)
-    near = np.flatnonzero(np.abs(offsets) <= SEARCH)
+    near = np.flatnonzero(np.abs(OFFSETS) <= SEARCH)
     for row, values in enumerate(share):
         rises = [k for k in near[:-1] if values[k] < 0.5 <= values[k + 1]]
         if rises:
-            k = min(rises, key=lambda k: abs(offsets[k]))
-            result[row] = offsets[k] + STEP * (0.5 - values[k]) / (values[k + 1] - values[k])
+            k = min(rises, key=lambda k: abs(OFFSETS[k]))
+            result[row] = OFFSETS[k] + STEP * (0.5 - values[k]) / (values[k + 1] - values[k])
     return result
 
 

@@ -306,7 +306,6 @@ TABLES: tuple[Table, ...] = (
             Metric("longest_wait", "found again after", films.vanished("longest_wait"), "{:.0f} frames"),
         ),
         ("vanished",),
-        heads=("object", "", ""),
     ),
     Table(
         "update",

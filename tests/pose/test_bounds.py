@@ -66,26 +66,26 @@ def test_every_strip_in_view_has_pixels(size):
         assert (strips["count"].sum(axis=1)[strips["in_view"]] >= 8).all()
 
 
+def begun(cameras, blind=()):
+    """Whether stated errors count where a refinement begins, and its solution; some cameras are blind."""
+    refiner = refiner_of(tracker.CameraRig(tuple(cameras)))
+    solution, states = refiner.begun(np.eye(3), np.zeros(3))
+    pictures = np.zeros(len(cameras), PICTURE)
+    pictures["used"] = ~np.isin(range(len(cameras)), blind)
+    return begin(refiner.model, pictures, solution[0], states, LIKELY), solution[0]
+
+
 @pytest.mark.parametrize("stated", [False, True])
 def test_cameras_whose_errors_are_not_stated_are_exact(rig, stated):
     std = np.full((4, 4), 1e-3) if stated else None
     cameras = [dataclasses.replace(camera, camera_from_world_std=std) for camera in rig]
-    refiner = refiner_of(tracker.CameraRig(tuple(cameras)))
-    solution, states = refiner.begun(np.eye(3), np.zeros(3))
-    pictures = np.zeros(3, PICTURE)
-    pictures["used"] = True
-    assert begin(refiner.model, pictures, solution[0], states, LIKELY) is stated
+    assert begun(cameras)[0] is stated
 
 
 def test_cameras_at_one_place_see_alike_and_those_around_hardly(rig):
     def alike(*cameras, blind=()):
-        cameras = [dataclasses.replace(camera, name=f"camera{k}") for k, camera in enumerate(cameras)]
-        refiner = refiner_of(tracker.CameraRig(tuple(cameras)))
-        solution, states = refiner.begun(np.eye(3), np.zeros(3))
-        pictures = np.zeros(len(cameras), PICTURE)
-        pictures["used"] = ~np.isin(range(len(cameras)), blind)
-        begin(refiner.model, pictures, solution[0], states, LIKELY)
-        return solution["alike"][0]
+        named = [dataclasses.replace(camera, name=f"camera{k}") for k, camera in enumerate(cameras)]
+        return begun(named, blind)[1]["alike"]
 
     assert alike(*rig, blind=(1, 2)) == pytest.approx(1.0)
     assert alike(*[rig.cameras[0]] * 3) == pytest.approx(3.0)
