@@ -84,8 +84,8 @@ def stated(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
 
 def _posed(camera: Camera, camera_from_world: FloatArray) -> Camera:
     """Return the camera at another pose, whose rotation is made orthonormal again after rounding."""
-    u, _, vt = np.linalg.svd(camera_from_world[:3, :3])
-    return dataclasses.replace(camera, camera_from_world=transform(u @ vt, camera_from_world[:3, 3]))
+    rotation = so3.nearest_rotation(camera_from_world[:3, :3])
+    return dataclasses.replace(camera, camera_from_world=transform(rotation, camera_from_world[:3, 3]))
 
 
 def _given(camera: Camera, rng: np.random.Generator) -> Camera:
