@@ -58,14 +58,11 @@ def film(
         dropped: probability that an image is missing.
 
     Raises:
-        TrackerError: an argument is invalid.
+        TrackerError: `kind` is unknown.
     """
     kinds = DICE_MOTIONS if platform.model is None else CUBOID_MOTIONS
     if kind is not None and kind not in kinds:
         raise TrackerError(f"kind of motion: found {kind!r}, expected one of {', '.join(kinds)}")
-    if not (seconds > 0 and rate > 0 and jitter >= 0 and 0 <= dropped < 1):
-        found = f"seconds {seconds}, rate {rate}, jitter {jitter}, dropped {dropped}"
-        raise TrackerError(f"motion: found {found}, expected positive, positive, ≥ 0 and from 0 to below 1")
     chosen = kind or kinds[int(rng.integers(len(kinds)))]
     return _pictures(platform, rng, chosen, _stamps(rng, seconds, rate, jitter, dropped))
 
