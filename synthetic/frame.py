@@ -66,11 +66,11 @@ class Frame:
         """The calibration that a user is given."""
         return self.calibrated.given
 
-    def truth(self, names: tuple[str, ...]) -> dict[str, Any]:
-        """Return the entry for `ground_truth.json`, for cameras with these names."""
+    def truth(self) -> dict[str, Any]:
+        """Return the entry for `ground_truth.json`."""
         cameras: dict[str, dict[str, Any]] = {}
-        for c, (name, camera) in enumerate(zip(names, self.rig, strict=True)):
-            own = cameras[name] = {
+        for c, camera in enumerate(self.rig):
+            own = cameras[camera.name] = {
                 "visible_fraction": float(self.visible_fraction[c]),
                 "visible_px": int(self.visible_px[c]),
             }

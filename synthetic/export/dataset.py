@@ -11,7 +11,6 @@ import itertools
 import json
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -74,26 +73,23 @@ def make_worker(options: DatasetOptions, folder: Path) -> Callable[[Sequence[int
         for frame in itertools.islice(frames, len(numbers)):
             if options.bop:
                 write_bop_frame(folder / "bop", frame)
-            write_frame(folder, frame, maker.rig.names)
-            yield frame.truth(maker.rig.names)
+            write_frame(folder, frame)
+            yield frame.truth()
 
     return work
 
 
-def write_frame(folder: Path, frame: Frame, names: tuple[str, ...]) -> None:
+def write_frame(folder: Path, frame: Frame) -> None:
     """Write a frame's images and label maps to a folder named by its number, atomically."""
     final = folder / f"{frame.index:06d}"
-    temporary = Path(tempfile.mkdtemp(prefix=f".{final.name}.", dir=folder))
+    temporary = folder / f".{final.name}.{os.getpid()}"
+    temporary.mkdir(exist_ok=True)
     try:
-        for name, image, labels in zip(names, frame.images, frame.labels, strict=True):
+        for name, image, labels in zip(frame.rig.names, frame.images, frame.labels, strict=True):
             write_png(temporary / f"{name}.png", image)
             write_png(temporary / f"labels_{name}.png", labels)
         if frame.given is not frame.rig:
             frame.given.save(temporary)
-        # mkdtemp makes a folder that only its owner can read; give it the mode of any new folder.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o777 & ~umask)
         if final.exists():  # written by an interrupted run that had not yet saved its ground truth
             shutil.rmtree(final)
         os.rename(temporary, final)

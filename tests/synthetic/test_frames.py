@@ -62,14 +62,14 @@ def test_an_emptied_frame_differs_by_its_object_alone():
 
 def test_where_there_is_no_object_there_is_no_label():
     (frame,) = make(1, empty=1.0)
-    assert frame.truth(RIG.names)["object"] is None
+    assert frame.truth()["object"] is None
     assert not frame.visible_fraction.any()
     assert not any(labels.any() for labels in frame.labels)
 
 
 def test_dice_have_their_numbers_and_pips_are_no_holes_in_them():
     (frame,) = make(1, name="dice", empty=0.0)
-    assert len(frame.truth(RIG.names)["object"]) == 25
+    assert len(frame.truth()["object"]) == 25
     seen = set(np.unique(np.concatenate(frame.labels, axis=None)).tolist()) - {0}
     assert len(seen) > 15
     assert seen <= set(range(1, 26))

@@ -56,7 +56,7 @@ def shown(kind, name):
 def test_a_kind_is_seen_has_no_truth_and_leaves_all_else_alone(kind, name):
     frame, usual = shown(kind, name), shown(None, name)
     assert frame.objects == ()
-    assert frame.truth(RIG.names)["object"] is None
+    assert frame.truth()["object"] is None
     assert frame.scene.about["look_alike"] == kind
     assert frame.visible_px[0] > 60
     assert (frame.visible_fraction <= 1).all()

@@ -154,7 +154,7 @@ def test_pictures_show_the_object_where_it_was_at_their_stamps(films):
     for frame in films[1]:
         assert frame.stamps.max() == frame.timestamp
         assert frame.stamps.min() < frame.timestamp
-        truth = frame.truth(RIG.names)
+        truth = frame.truth()
         for name, stamp, (state,) in zip(RIG.names, frame.stamps, frame.objects_at_stamps, strict=True):
             assert truth["cameras"][name]["timestamp"] == stamp
             assert truth["cameras"][name]["object"]["position"] == state.position.tolist()
