@@ -11,9 +11,6 @@ from tests.benchmarks.made_up import assert_survives, printed_by
 from tests.helpers.stills import bare_scene
 from tracker.geometry.cuboid import FACE_NORMALS, corners
 
-WITHOUT_FINGERS = 0
-"""A scene's number."""
-
 
 def small(case: RigCase, width: int = 120) -> RigCase:
     """The same rig with pictures of about this width, which are quick to render."""
@@ -27,7 +24,7 @@ def small(case: RigCase, width: int = 120) -> RigCase:
 def test_the_truth_projects_onto_its_labels(name):
     case = small(CASES[name])
     model = case.objects[-1]
-    scene = rig_scene(case, model, 5, WITHOUT_FINGERS)
+    scene = rig_scene(case, model, 5, 0)  # even scenes have no fingers
     points = corners(model.size) @ scene.rotation.T + scene.position
     normals = FACE_NORMALS @ scene.rotation.T
     middles = scene.position + normals * (model.size[[0, 0, 1, 1, 2, 2]] / 2)[:, None]

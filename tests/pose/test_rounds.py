@@ -20,10 +20,6 @@ def images(rig):
     return shot(rig, pose_at(0.0), 7)
 
 
-def read(estimator, images):
-    return estimator.reader.labelled(images, estimator.reader.lit(images))
-
-
 @pytest.fixture
 def begun(monkeypatch):
     """What is begun: places, turns and cameras left out."""
@@ -39,7 +35,7 @@ def begun(monkeypatch):
 
 def scores_of(estimator, images, order):
     """Of what each round of a search finds."""
-    next_of = estimator.search.rounds(read(estimator, images))
+    next_of = estimator.search.rounds(estimator.reader(images))
     return [[one.score for one in next_of(wide)] for wide in order]
 
 
@@ -60,7 +56,7 @@ def test_what_is_begun_does_not_depend_on_the_rounds_before(estimator, images, b
 
 
 def test_a_clear_view_needs_one_hypothesis(estimator, images, begun):
-    fits = estimator.candidates(read(estimator, images))
+    fits = estimator.candidates(estimator.reader(images))
     assert len(begun) == 1
     assert len(fits) == 1
     assert settled(fits[0])
@@ -81,5 +77,5 @@ def test_few_poses_are_refined_whatever_the_pictures_show(estimator, images, rig
         return refine(self, sight, one, schedule, lag)
 
     monkeypatch.setattr(PoseEstimator, "_fitted", noted)
-    estimator.candidates(read(estimator, shown))
+    estimator.candidates(estimator.reader(shown))
     assert sum(one is not FIRST for one in schedules) <= REFINED

@@ -8,7 +8,7 @@ from numpy.random import default_rng as rng
 
 from synthetic.camera import shot
 from synthetic.camera.compression import Compression
-from synthetic.camera.miscalibration import FLOAT, TILT, exactly, miscalibrated
+from synthetic.camera.miscalibration import FLOAT, TILT, miscalibrated
 from synthetic.camera.rigs import standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, mosaicked
 from synthetic.camera.units import MOST, PERIOD, Timing, Unit
@@ -72,13 +72,6 @@ def test_given_cameras_are_off_beyond_what_they_state_but_mostly_agree_in_what_t
     assert 0.03 < np.mean(np.array(beyond) > 3) < 0.12
     # A recorded cube's pose of two cameras is 0.47 to 1.24 px off in the third.
     assert 0.2 < np.median(off) < 1.0
-
-
-def test_an_exact_calibration_is_the_rig_itself():
-    calibrated = exactly(RIG)
-    state = ObjectState("cube", np.zeros(3), np.eye(3))
-    assert calibrated.rig is calibrated.given is RIG
-    assert calibrated.in_calibrated_world(state) is state
 
 
 @pytest.mark.parametrize("kind", ["jpeg", "mosaic", "h264"])

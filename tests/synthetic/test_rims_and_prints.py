@@ -25,11 +25,6 @@ def reach(mesh, directions):
     return (directions @ np.asarray(mesh.vertices).T).max(axis=1)
 
 
-def body(size):
-    labels = np.arange(1, 7, dtype=np.uint8)
-    return Body("cuboid", box(size), np.eye(4), np.full((6, 3), 0.3), labels)
-
-
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("cut", "lost"), [(False, np.sqrt(2) - 1), (True, 1 / np.sqrt(2))])
 def test_rims_take_from_edges_what_geometry_says_and_nothing_from_faces(size, cut, lost):
@@ -67,8 +62,8 @@ def test_a_point_of_a_rim_has_the_label_of_the_face_it_looks_like(cut):
 
 
 def test_rims_and_prints_keep_labels_and_pose():
-    rng = np.random.default_rng(3)
-    tidy = body(SIZES[0])
+    rng, labels = np.random.default_rng(3), np.arange(1, 7, dtype=np.uint8)
+    tidy = Body("cuboid", box(SIZES[0]), np.eye(4), np.full((6, 3), 0.3), labels)
     changed = with_prints(with_rims(tidy, random_rims(rng, 0.0005)), random_prints(rng))
     assert len(changed.labels) == len(changed.colors) == len(changed.coats) == 60
     assert len(changed.mesh.groups) == len(changed.mesh.triangles)

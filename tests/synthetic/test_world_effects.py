@@ -19,12 +19,8 @@ from synthetic.world.effects import MOVING, SIZE_M, SPEED, still_at, with_effect
 SCENE_EFFECTS = ("sizes", "chamfers", "surface", "table", "reflections", "contact", "clutter")
 
 
-def make(*effects, name="cube_v2", seed=77, **more):
-    return made(effects, name, seed, **more)
-
-
 @functools.cache
-def made(effects, name, seed, **more):
+def make(*effects, name="cube_v2", seed=77, **more):
     return list(frames(name, 2, seed, quality="fast", empty=0.0, effects=effects, **more))
 
 

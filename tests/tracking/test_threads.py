@@ -125,11 +125,7 @@ def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, s
     assert all(item == answer or "another call" in item for item in found)
 
 
-def pickled(one):
-    return pickle.loads(pickle.dumps(one))
-
-
-copies = pytest.mark.parametrize("copied", [pickled, copy.deepcopy])
+copies = pytest.mark.parametrize("copied", [lambda one: pickle.loads(pickle.dumps(one)), copy.deepcopy])
 
 
 @copies
