@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -133,6 +133,12 @@ class FrameMaker(Closing):
     def close(self) -> None:
         """Free the simulation."""
         self._platform.close()
+
+    def numbered(self, numbers: Iterable[int]) -> Iterator[Frame]:
+        """Yield the frames with these increasing numbers."""
+        for chunk, part in itertools.groupby(numbers, lambda number: number // self.options.chunk):
+            chosen = set(part)
+            yield from itertools.islice(self.chunk(chunk, chosen), len(chosen))
 
     def chunk(
         self, number: int, chosen: Container[int] | None = None, emptied: Container[int] = ()
@@ -288,9 +294,5 @@ def frames(
     Raises:
         TrackerError: an option is invalid, or the robot's meshes are not available.
     """
-    options = FrameOptions(object_name, seed, **more)
-    with FrameMaker(options, rig) as maker:
-        numbers = range(first, first + count)
-        for chunk, part in itertools.groupby(numbers, lambda number: number // options.chunk):
-            chosen = list(part)
-            yield from itertools.islice(maker.chunk(chunk, chosen), len(chosen))
+    with FrameMaker(FrameOptions(object_name, seed, **more), rig) as maker:
+        yield from maker.numbered(range(first, first + count))

@@ -69,8 +69,7 @@ def make_worker(options: DatasetOptions, folder: Path) -> Callable[[Sequence[int
     maker = FrameMaker(options.frames, options.rig())
 
     def work(numbers: Sequence[int]) -> Iterator[dict[str, Any]]:
-        frames = maker.chunk(numbers[0] // options.frames.chunk, frozenset(numbers))
-        for frame in itertools.islice(frames, len(numbers)):
+        for frame in maker.numbered(numbers):
             if options.bop:
                 write_bop_frame(folder / "bop", frame)
             write_frame(folder, frame)
