@@ -16,11 +16,9 @@ import cv2
 import numpy as np
 from camera_measures import noise_curve, noise_spectrum
 from measure_edges import EdgeProfile, edge_profiles
-from restage import POSED, Triplet, recorded, restaged
+from restage import POSED, Triplet, recorded, redrawn
 
 import tracker
-from synthetic.effects import chosen_effects
-from synthetic.world.platform import Platform
 from tracker.conventions import Image
 from tracker.geometry.cuboid import corners
 
@@ -105,12 +103,8 @@ MEASURES: dict[str, Callable[[Sequence[Triplet]], float]] = {
 @click.option("--seed", default=5150, help="Of the draws.")
 def main(real: Path, output: Path, effects: str, draws: int, seed: int) -> None:
     """Write the sheet and print the table."""
-    records, made = {name: recorded(real, name) for name in POSED}, {}
-    for name, record in records.items():
-        with Platform(name) as platform:
-            made[name] = [
-                fitted(restaged(platform, record, seed + k, chosen_effects(effects))) for k in range(draws)
-            ]
+    records = {name: recorded(real, name) for name in POSED}
+    made = {name: list(map(fitted, redrawn(records[name], effects, draws, seed))) for name in POSED}
     cv2.imwrite(str(output), sheet([(records[name], made[name][0]) for name in POSED]))
     click.echo("| median | " + " | ".join(f"{kind}: recorded | rendered | ratio" for kind in KINDS) + " |")
     click.echo("|---" * (1 + 3 * len(KINDS)) + "|")

@@ -16,10 +16,8 @@ from pathlib import Path
 import click
 import cv2
 import numpy as np
-from restage import POSED, Triplet, View, recorded, restaged
+from restage import POSED, Triplet, View, recorded, redrawn
 
-from synthetic.effects import chosen_effects
-from synthetic.world.platform import Platform
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners, face_centers
 
@@ -222,14 +220,8 @@ def main(real: Path, effects: str, draws: int, seed: int, blur: float | None) ->
     rows = []
     for name in POSED:
         record = recorded(real, name)
-        with Platform(name) as platform:
-            made = [
-                profile
-                for draw in range(draws)
-                for profile in edge_profiles(
-                    restaged(platform, record, seed + draw, chosen_effects(effects), blur=blur)
-                )
-            ]
+        drawn = redrawn(record, effects, draws, seed, blur=blur)
+        made = [profile for triplet in drawn for profile in edge_profiles(triplet)]
         for title, profiles in (("recorded", list(edge_profiles(record))), (effects, made)):
             click.echo(f"| {name}, {title} | " + " | ".join(summary(profiles)) + " |")
             rows.append(f"| {name}, {title} | " + " | ".join(feet(profiles)) + " |")

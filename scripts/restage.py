@@ -17,6 +17,7 @@ from benchmarks.data.recorded import triplet
 from synthetic.camera.sensor import CameraSettings, Sensor, linear
 from synthetic.camera.shot import QUALITIES, CameraShot, shoot
 from synthetic.camera.units import Unit, units_of
+from synthetic.effects import chosen_effects
 from synthetic.look.appearance import random_lighting, random_look
 from synthetic.scene import PlatformScene
 from synthetic.world.effects import with_effects
@@ -69,6 +70,15 @@ def recorded(real: Path, name: str) -> Triplet:
     pairs = zip(taken, detector.rig, strict=True)
     views = tuple(View(image.image, image.labels, camera) for image, camera in pairs)
     return Triplet(detector.model, views, pose.position, pose.rotation)
+
+
+def redrawn(
+    record: Triplet, effects: str, draws: int, seed: int, *, blur: float | None = None
+) -> list[Triplet]:
+    """Render the triplet so many times, from `seed` on, see `restaged`; `effects` as on the command line."""
+    chosen = chosen_effects(effects)
+    with Platform(record.model.name) as platform:
+        return [restaged(platform, record, seed + k, chosen, blur=blur) for k in range(draws)]
 
 
 def restaged(
