@@ -9,7 +9,7 @@ from tracker.errors import ObjectModelError
 from tracker.geometry.cuboid import FACE_NAMES
 from tracker.objects import model
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
-from tracker.objects.model import CuboidModel, load_object, object_names
+from tracker.objects.model import CuboidModel, load_object, object_names, to_toml
 
 VALID = """
 name = "mine"
@@ -87,6 +87,13 @@ def test_colors_beside_the_file_are_found_from_anywhere(mine, monkeypatch):
     table.touch()
     monkeypatch.chdir(os.sep)
     assert Path(load_object(mine).colors) == table
+
+
+def test_names_in_any_script_are_read_as_written(mine):
+    named = dataclasses.replace(load_object("cube_v2"), name='würfel "🎲"', colors="🎲.npz")
+    mine.write_text(to_toml(named), encoding="utf-8")
+    read = load_object(mine)
+    assert (read.name, read.colors) == (named.name, str(mine.with_name("🎲.npz")))
 
 
 def test_the_format_in_the_docstring_is_valid(mine):

@@ -133,12 +133,12 @@ def to_toml(model: CuboidModel) -> str:
         f'"{face}" = "{COLOR_NAMES[label]}"'
         for face, label in zip(FACE_NAMES, model.face_labels.tolist(), strict=True)
     ]
-    # Strings and lists of numbers are the same in JSON and TOML.
+    # Strings and lists of numbers are the same in JSON and TOML, but for escapes of emojis.
     values = {
         "name": model.name, "size": model.size.tolist(), "colors": model.colors, "rim": model.rim,
         "rim_std": model.rim_std,
     }  # fmt: skip
-    lines = [f"{key} = {json.dumps(value)}" for key, value in values.items()]
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
     return "\n".join([*lines, "", "[faces]", *faces, ""])
 
 
