@@ -1,4 +1,7 @@
 import dataclasses
+import errno
+from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -96,6 +99,13 @@ def test_a_folder_that_holds_no_rig_is_named_with_what_it_holds(files, options, 
         (tmp_path / name).write_text(text)
     with pytest.raises(CalibrationError, match=message):
         CameraRig.load(tmp_path / "none" if files is None else tmp_path, **options)
+
+
+def test_a_folder_that_may_not_be_read_is_named(tmp_path, monkeypatch):
+    refused = PermissionError(errno.EACCES, "Permission denied", str(tmp_path))
+    monkeypatch.setattr(Path, "iterdir", Mock(side_effect=refused))
+    with pytest.raises(CalibrationError, match="cannot be read: Permission denied"):
+        CameraRig.load(tmp_path)
 
 
 def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_the_error_names(tmp_path):

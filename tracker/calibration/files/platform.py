@@ -245,7 +245,8 @@ def calibration_files(root: Path, pattern: str | None) -> list[Path]:
 
     CalibrationError: there is no such file.
     """
-    names = sorted(file.name for file in root.iterdir() if file.is_file())
+    with told_of(root, CalibrationError):
+        names = sorted(file.name for file in root.iterdir() if file.is_file())
     readable = [name for name in names if re.fullmatch(r"[^.].*\.ya?ml|[^.]\.ya?ml", name)]
     if pattern is None:
         files, expected = [name for name in readable if "camera" in name], "a file like camera60.yml"
