@@ -1,5 +1,6 @@
 """What several test files share."""
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -89,6 +90,14 @@ def make_camera(azimuth_degrees: float = 60.0, name: str | None = None) -> Camer
         camera_from_world=look_at(position),
         camera_from_world_std=std,
     )
+
+
+def misplaced(camera: Camera, rng: np.random.Generator, shift: float, turn: float) -> Camera:
+    """The camera off by these standard deviations [m, rad] along each of its axes."""
+    pose = camera.camera_from_world.copy()
+    pose[:3, :3] = so3.exp(turn * rng.normal(size=3)) @ pose[:3, :3]
+    pose[:3, 3] += shift * rng.normal(size=3)
+    return dataclasses.replace(camera, camera_from_world=pose)
 
 
 def make_rig(*size: int) -> CameraRig:

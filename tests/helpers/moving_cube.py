@@ -6,6 +6,7 @@ import functools
 import numpy as np
 
 from synthetic.camera.sensor import Sensor
+from tests.helpers import misplaced
 from tests.helpers.filmed import RIG
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import Still, posed_scene
@@ -31,13 +32,8 @@ def carried() -> tuple[Still, ...]:
 def knocked(rig: CameraRig, seed: int) -> CameraRig:
     """The rig with cameras that are off by about 2 mm and 0.3° along each axis."""
     rng = np.random.default_rng(seed)
-    cameras = []
-    for camera in rig:
-        transform = camera.camera_from_world.copy()
-        transform[:3, :3] = so3.exp(np.radians(0.3) * rng.normal(size=3)) @ transform[:3, :3]
-        transform[:3, 3] += 2e-3 * rng.normal(size=3)
-        cameras.append(dataclasses.replace(camera, camera_from_world=transform))
-    return dataclasses.replace(rig, cameras=tuple(cameras))
+    cameras = tuple(misplaced(camera, rng, 2e-3, np.radians(0.3)) for camera in rig)
+    return dataclasses.replace(rig, cameras=cameras)
 
 
 def relative_errors(found: CameraRig, true: CameraRig) -> FloatArray:

@@ -5,10 +5,10 @@ import pytest
 
 import tracker
 from synthetic.scene import drawn
-from tests.helpers import within
+from tests.helpers import misplaced, within
 from tests.helpers.consistency import FACTORS, consistent, nees, pose_error
 from tests.helpers.kept_stills import bare
-from tracker.geometry import so3
+from tracker.calibration.deviations import element_std
 from tracker.pose.judge import confidence
 
 SHOTS = 6
@@ -67,15 +67,10 @@ that one scene decides."""
 
 def stated(camera, times, rng):
     """A camera as its file has it, which states its errors; the true one is off by so many times as much."""
-    transform = np.eye(4)
-    rotation = so3.exp(times * TURN * rng.standard_normal(3)) @ camera.camera_from_world[:3, :3]
-    transform[:3, :3] = rotation
-    transform[:3, 3] = camera.camera_from_world[:3, 3] + times * SHIFT * rng.standard_normal(3)
-    std = np.zeros((4, 4))
-    # Of the elements of [ω]× R where the three parts of ω vary alike.
-    std[:3, :3] = TURN * np.sqrt(1.0 - rotation**2 + 1e-12)
-    std[:3, 3] = SHIFT
-    return dataclasses.replace(camera, camera_from_world=transform, camera_from_world_std=std)
+    given = misplaced(camera, rng, times * SHIFT, times * TURN)
+    covariance = np.diag(np.repeat(np.square([SHIFT, TURN]), 3))
+    std = element_std(given.camera_from_world[:3, :3], covariance)
+    return dataclasses.replace(given, camera_from_world_std=std)
 
 
 @pytest.fixture(scope="module", params=["cube_v2", "cuboid_2x2x8_v2"])

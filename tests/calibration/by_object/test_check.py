@@ -7,7 +7,7 @@ import pytest
 
 import tracker
 from synthetic.scene import transform
-from tests.helpers import make_camera
+from tests.helpers import make_camera, misplaced
 from tracker.calibration.by_object.check import LIMIT, check, check_calibration
 from tracker.calibration.by_object.looks import OFTEN, Look
 from tracker.calibration.by_object.sightings import Footage
@@ -28,12 +28,8 @@ def moved(camera, shift, turn):
     return dataclasses.replace(camera, camera_from_world=elsewhere)
 
 
-def stated(camera, rng):
-    """A camera that is off by what its file states."""
-    given = camera.camera_from_world.copy()
-    given[:3, 3] += rng.normal(0, 5e-4, 3)
-    given[:3, :3] = so3.exp(rng.normal(0, 1.5e-3, 3)) @ given[:3, :3]
-    return dataclasses.replace(camera, camera_from_world=given)
+STATED = 5e-4, 1.5e-3
+"""Standard deviations of a camera, as its file states them [m, rad]."""
 
 
 def looks(true, given, count=20, seed=1):
@@ -116,7 +112,7 @@ def test_errors_as_large_as_files_state_are_no_motion():
     named = 0
     for seed in range(12):
         rng = np.random.default_rng([5, seed])
-        given = [stated(camera, rng) for camera in CAMERAS]
+        given = [misplaced(camera, rng, *STATED) for camera in CAMERAS]
         named += not check_calibration(looks(CAMERAS, given, seed=seed), given).fits
     assert named <= 1
 
@@ -155,14 +151,14 @@ def test_one_camera_or_no_look_of_two_is_refused():
 
 
 def test_stated_deviations_predict_the_misses_of_cameras_that_are_off_by_them():
-    covariance = np.diag(np.repeat(np.square([5e-4, 1.5e-3]), 3))
+    covariance = np.diag(np.repeat(np.square(STATED), 3))
     squares = []
     for seed in range(40):
         rng = np.random.default_rng([6, seed])
         given = []
         for camera in CAMERAS:
             std = element_std(camera.camera_from_world[:3, :3], covariance)
-            given.append(dataclasses.replace(stated(camera, rng), camera_from_world_std=std))
+            given.append(dataclasses.replace(misplaced(camera, rng, *STATED), camera_from_world_std=std))
         for one in check_calibration(looks(CAMERAS, given, count=1, seed=seed), given).cameras:
             squares.append((one.corners.seen**2, one.corners.stated**2))
     seen, expected = np.sqrt(np.mean(squares, axis=0))
