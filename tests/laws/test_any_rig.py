@@ -8,9 +8,11 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
+from synthetic.scene import transform
 from tests.helpers import LENSES, exposed, within
 from tests.helpers.fits import deviation
 from tests.helpers.kept_stills import bare, take
+from tracker.calibration.by_object.table import moved
 from tracker.geometry import so3
 from tracker.pipeline import Status
 from tracker.pose.fit import Fit
@@ -41,15 +43,10 @@ def new(name, rig):
 
 def elsewhere(rig, shift, turn):
     """The same cameras and arena in a world whose origin is elsewhere and whose x axis is turned [rad]."""
-    new_from_old = np.eye(4)
-    new_from_old[:3, :3], new_from_old[:3, 3] = so3.exp([0.0, 0.0, turn]), shift
-    back = np.linalg.inv(new_from_old)
-    cameras = [
-        dataclasses.replace(camera, camera_from_world=camera.camera_from_world @ back) for camera in rig
-    ]
+    new_from_old = transform(so3.exp([0.0, 0.0, turn]), shift)
     center = new_from_old @ [*rig.arena.center, rig.arena.table, 1.0]
     arena = dataclasses.replace(rig.arena, center=tuple(center[:2]), table=center[2])
-    return tracker.CameraRig(tuple(cameras), arena), new_from_old
+    return dataclasses.replace(moved(rig, np.linalg.inv(new_from_old)), arena=arena), new_from_old
 
 
 ORIGINS = {
@@ -62,8 +59,8 @@ ORIGINS = {
 
 @pytest.mark.parametrize("where", ORIGINS)
 def test_where_the_worlds_origin_is_does_not_matter(rig, name, pairs, where):
-    moved, new_from_old = elsewhere(rig, *ORIGINS[where])
-    one = new(name, moved)
+    there, new_from_old = elsewhere(rig, *ORIGINS[where])
+    one = new(name, there)
     for truth, reference in pairs:
         fit = one.fit(truth.images)
         shift = fit.position - new_from_old[:3, :3] @ reference.position - new_from_old[:3, 3]
@@ -77,8 +74,8 @@ def test_where_the_worlds_origin_is_does_not_matter(rig, name, pairs, where):
 
 @pytest.mark.parametrize("turn", [0.7, np.pi / 2, 3.0])
 def test_how_the_worlds_axes_are_turned_does_not_matter(rig, name, pairs, turn):
-    moved, new_from_old = elsewhere(rig, [0.2, -0.1, 0.3], turn)
-    one, axes = new(name, moved), new_from_old[:3, :3]
+    there, new_from_old = elsewhere(rig, [0.2, -0.1, 0.3], turn)
+    one, axes = new(name, there), new_from_old[:3, :3]
     for truth, reference in pairs:
         fit = one.fit(truth.images)
         back = dataclasses.replace(
@@ -91,8 +88,8 @@ def test_how_the_worlds_axes_are_turned_does_not_matter(rig, name, pairs, turn):
 
 @pytest.mark.parametrize("name", OBJECTS[:1], indirect=True)
 def test_over_time_the_worlds_origin_does_not_matter_either(rig, name, pairs):
-    moved, new_from_old = elsewhere(rig, [0.31, -0.2, 0.12], 0.0)
-    here, there = new(name, rig), new(name, moved)
+    other_rig, new_from_old = elsewhere(rig, [0.31, -0.2, 0.12], 0.0)
+    here, there = new(name, rig), new(name, other_rig)
     images = pairs[0][0].images
     for k in range(4):
         pose = here.update(images, 0.1 * k).filtered_object_pose
@@ -104,8 +101,7 @@ def test_over_time_the_worlds_origin_does_not_matter_either(rig, name, pairs):
 
 def away(rig, degrees, axis, name="away"):
     """Cameras at the same places that look away."""
-    turn = np.eye(4)
-    turn[:3, :3] = so3.exp(np.radians(degrees) * np.asarray(axis, dtype=float))
+    turn = transform(so3.exp(np.radians(degrees) * np.asarray(axis, dtype=float)), np.zeros(3))
     return [
         dataclasses.replace(
             camera, name=f"{camera.name} {name}", camera_from_world=turn @ camera.camera_from_world
