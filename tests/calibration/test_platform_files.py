@@ -188,7 +188,6 @@ def test_deviations_are_read_as_written_and_a_lens_alone_is_no_camera_yet(calibr
     assert np.array_equal(read.matrix_std, MATRIX_STD)
     assert np.array_equal(read.distortion_std, DISTORTION_STD)
     assert read.placed
-    assert np.array_equal(read_camera(file).matrix, calibrated.camera.matrix)
     camera = dataclasses.replace(calibrated.camera, camera_from_world=np.eye(4), camera_from_world_std=None)
     write_calibrated(dataclasses.replace(calibrated, camera=camera, placed=False), file)
     read = read_calibrated(file)

@@ -77,7 +77,7 @@ def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, me
     for name in names:
         for azimuth in (60, 180, 300):
             write_calibrated(Calibrated(make_camera(azimuth)), tmp_path / f"{name.format(azimuth)}.yml")
-    with pytest.raises(CalibrationError, match=message) as caught:
+    with pytest.raises(CalibrationError, match=f"{message}.*select with") as caught:
         CameraRig.load(tmp_path)
     for pattern in patterns:
         assert pattern in str(caught.value)
@@ -213,12 +213,6 @@ def test_cameras_of_every_robot_look_at_the_arena_from_half_a_metre(robot, real)
         assert camera.position[2] > 0.3
         (pixel,) = camera.project([[0.0, 0.0, 0.0]])
         assert (np.abs(pixel - camera.width / 2) < 30).all()
-
-
-@pytest.mark.parametrize("folder", ["simulation", "robots"])
-def test_a_folder_of_several_variants_asks_for_one(folder, real):
-    with pytest.raises(CalibrationError, match="select with"):
-        CameraRig.load(real / "calibration" / folder)
 
 
 def test_cropping_the_full_camera_gives_the_cropped_one(real):

@@ -1,3 +1,4 @@
+import contextlib
 import re
 import shutil
 from pathlib import Path
@@ -170,8 +171,7 @@ def test_an_environment_sees_what_its_fingers_do(monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))
     from gym_environment import MoveCube
 
-    environment = MoveCube(width=135)
-    try:
+    with contextlib.closing(MoveCube(width=135)) as environment:
         first, about = environment.reset(seed=3)
         assert environment.observation_space.contains(first)
         assert np.linalg.norm(first["keypoints"].mean(axis=0) - about["truth"]) < 1e-3
@@ -191,8 +191,6 @@ def test_an_environment_sees_what_its_fingers_do(monkeypatch):
         assert all(np.array_equal(first[key], again[key]) for key in first)
         repeated, *_ = environment.step(np.ones(9, np.float32))
         assert all(np.array_equal(after[key], repeated[key]) for key in after)
-    finally:
-        environment.close()
 
 
 def test_the_still_is_the_same_each_time_but_for_its_seed_and_its_error_small(tmp_path, run_script):

@@ -10,11 +10,11 @@ from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_check import moved
 from tests.helpers import ROOT
 from tests.helpers.kept_stills import take
+from tests.helpers.log_writers import write_picture
 from tests.helpers.stills import bare_scene
 from tracker.calibration.by_object.health import HEIGHT, MOST, QUANTITIES, health
 from tracker.logs import open_log
 from tracker.recordings.track import track
-from tracker.viz import write_image
 from tracker.viz.calibration import page
 
 FRAMES = 5
@@ -31,8 +31,7 @@ def film(rig, tmp_path_factory):
         if k >= FRAMES - 2:
             images[2] = images[2] // 4
         for name, image in zip(rig.names, images, strict=True):
-            (folder / name).mkdir(parents=True, exist_ok=True)
-            write_image(folder / name / f"{k:06d}.png", image)
+            write_picture(folder / name / f"{k:06d}.png", image)
     return folder
 
 
