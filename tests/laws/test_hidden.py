@@ -124,10 +124,7 @@ def test_what_is_hidden_altogether_is_not_found(truth):
     [
         (np.zeros(SHAPE, bool), r"hidden: found bool of shape \(270, 270\), expected a mask"),
         ([None, None], "hidden: found 2, expected a mask .* camera60, camera180, camera300"),
-        (
-            [None, None, np.zeros(SHAPE, np.uint8)],
-            r"hidden of camera300: found uint8 of shape .*, expected bool",
-        ),
+        ([None, None, np.zeros(SHAPE, np.uint8)], "hidden of camera300: found uint8 .*, expected bool"),
         ([np.zeros((270, 540), bool), None, None], r"camera60: found bool of shape \(270, 540\)"),
         ([None, "mask.png", None], "hidden of camera180: found 'mask.png'"),
         ({"camera60": None}, "hidden by camera: missing camera180, camera300"),

@@ -51,10 +51,6 @@ def patches(truth, size):
     return pictures
 
 
-def upside_down(image):
-    return np.ascontiguousarray(image[::-1, ::-1])
-
-
 def wavy(image, reach=11.0, period=9.0):
     """The image with every row and every column shifted back and forth by `reach` pixels."""
     y, x = np.indices(image.shape[:2]).astype(np.float32)
@@ -62,10 +58,6 @@ def wavy(image, reach=11.0, period=9.0):
         base + np.float32(reach) * np.sin(2 * np.pi * other / period) for base, other in ((x, y), (y, x))
     )
     return cv2.remap(image, *moved, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-
-
-def out_of_focus(image):
-    return cv2.GaussianBlur(image, (0, 0), 12)
 
 
 HIGH = dataclasses.replace(RIG, arena=dataclasses.replace(RIG.arena, table=0.15))
@@ -90,7 +82,13 @@ def test_the_status_says_why_there_is_a_pose_or_none(truth, status, detected):
     assert (answer.object_pose is not None) == (status is Status.FOUND)
 
 
-@pytest.mark.parametrize("spoilt", [upside_down, out_of_focus])
+SPOILT = {
+    "upside down": lambda image: np.ascontiguousarray(image[::-1, ::-1]),
+    "out of focus": lambda image: cv2.GaussianBlur(image, (0, 0), 12),
+}
+
+
+@pytest.mark.parametrize("spoilt", SPOILT.values(), ids=SPOILT)
 def test_pictures_that_show_no_cube_as_it_is_give_no_pose_that_is_sure(truth, spoilt):
     answer = new().detect([spoilt(image) for image in truth.images])
     assert answer.object_pose is None or answer.object_pose.confidence < 0.5
