@@ -102,24 +102,17 @@ def write_photos(
 
 @functools.cache
 def _rays() -> FloatArray:
-    """(H · OFTEN, W · OFTEN, 3) rays through parts of pixels, z = 1; within a pixel they are linear."""
+    """(H · OFTEN, W · OFTEN, 3) rays through parts of pixels, z = 1; between pixels they are linear."""
     rows, columns = np.mgrid[: LENS.height, : LENS.width]
     matrix, distortion = LENS.arrays
     target = (np.stack([columns, rows], axis=-1).reshape(-1, 2) - matrix[:2, 2]) / matrix[(0, 1), (0, 1)]
     flat = target.copy()
     for _ in range(8):  # a fixed point, whatever the version's own inverse does
-        ahead = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+        ahead = np.insert(flat, 2, 1.0, axis=1)
         bent, _ = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), np.eye(3), distortion)
         flat += target - bent[:, 0]
-    centers = flat.reshape(LENS.height, LENS.width, 2)
-    down, across = np.gradient(centers, axis=(0, 1))
-    parts = (np.arange(OFTEN) + 0.5) / OFTEN - 0.5
-    fine = (
-        centers[:, None, :, None]
-        + down[:, None, :, None] * parts[:, None, None, None]
-        + across[:, None, :, None] * parts[:, None]
-    ).reshape(LENS.height * OFTEN, LENS.width * OFTEN, 2)
-    return np.concatenate([fine, np.ones((*fine.shape[:2], 1))], axis=2)
+    fine = cv2.resize(flat.reshape(LENS.height, LENS.width, 2), None, fx=OFTEN, fy=OFTEN)
+    return np.insert(fine, 2, 1.0, axis=2)
 
 
 @functools.lru_cache(maxsize=4)
