@@ -124,6 +124,14 @@ def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tm
     assert_one_line_error(run_here(*arguments[:-2]), "found 1", "at least 2")
 
 
+def test_colors_can_be_checked_on_images_that_show_none_of_them(labelled, tmp_path, run_here):
+    for mask in labelled.glob("*_mask_*.png"):
+        cv2.imwrite(str(mask), np.zeros((120, 120), np.uint8))
+    plot = tmp_path / "plot.png"
+    result = well(run_here("check", labelled, "--colors", "cube_v2", "--plot", plot))
+    assert result.stdout.endswith(f"no colour is weak\n\nplot: {plot}\n")
+
+
 def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):
     (tmp_path / "mine.npz").write_bytes(b"old")
     shutil.copy(labelled / "00_image.png", labelled / "03_image.png")

@@ -90,6 +90,8 @@ def _print_weak(counts: Array) -> None:
 
 def _print_near(shown: Paints) -> None:
     means = shown.means()
+    if not means:  # the images show background only
+        return
     far = distances(means)
     rows = [["distance to", *(COLOR_NAMES[label] for label in means), "the light"]]
     for a in means:
