@@ -47,8 +47,6 @@ class Placed:
     """The cameras in the order given, each with the standard deviations of its pose."""
     spreads: tuple[float, ...]
     """Standard deviations of the cameras' positions, over all axes [m]."""
-    world_from_board: tuple[FloatArray, ...]
-    """Poses (4, 4) of the board, the first as given."""
     residuals: Mapping[Photo, FloatArray]
     """Residuals (N, 2) [px] of every photo with a board: observed minus fitted corners."""
     sightings: Photos
@@ -94,7 +92,6 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
     placed = Placed(
         tuple(_with_place(lens, fit.cameras[n], blocks[n]) for n, lens in enumerate(lenses)),
         tuple(float(np.sqrt(np.vdot(m, m @ block))) for m, block in zip(moves, blocks, strict=True)),
-        tuple(fit.places[place] for place in sorted(fit.places)),
         _residuals(lenses, seen, fit.cameras, fit.places),
         photos,
         faults,
