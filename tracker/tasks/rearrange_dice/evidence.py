@@ -31,7 +31,6 @@ OUTLINE = 0.3
 MIN_PIXELS = 50
 """Smallest number of dice pixels in an image at which their brightness is used."""
 
-
 NOTHING, DICE, UNKNOWN = range(3)
 """Values of a pixel in a mask."""
 
@@ -105,11 +104,8 @@ BORDER = 0.003
 SLACK = 0.0005
 """Width by which neighbours may overlap a proposed square [m]."""
 
-_STYLES = ((0.5, 0.0), (0.9, 0.0), (0.5, 7.5))
-"""Weight of the outline, and first yaw [°], for each style."""
-
-STYLES = len(_STYLES)
-"""Number of ways to fill a crowd with squares."""
+STYLES = ((0.5, 0.0), (0.9, 0.0), (0.5, 7.5))
+"""Ways to fill a crowd with squares: weight of the outline, and first yaw [°]."""
 
 _COUNT = 2 * round(0.2 / CELL)
 _LINE = (np.arange(_COUNT) - (_COUNT - 1) / 2) * CELL
@@ -141,8 +137,8 @@ class Plan:
         """Propose up to `most` dice (N, 4) as (x, y, foot, yaw), best first: squares of well-rated cells.
 
         A square scores higher if nothing lies along its outline. Cells of a proposed square do not count for
-        others, so that a crowd is filled corner by corner, in a different order for each style from 0 to
-        STYLES - 1. Planes (N, N) are rated from -1 to 1; squares rated below `enough` are not proposed.
+        others, so that a crowd is filled corner by corner, in a different order for each of STYLES, given by
+        its number. Planes (N, N) are rated from -1 to 1; squares rated below `enough` are not proposed.
         """
         squares, yaws = _templates(style)
         planes = [plane.copy() for plane in planes]
@@ -195,7 +191,7 @@ def _distance(x: Array, y: Array, yaw: float) -> Array:
 @functools.cache
 def _templates(style: int) -> tuple[list[Array], FloatArray]:
     """Return filter kernels of squares with outlines, and their yaws [rad]."""
-    outline, first = _STYLES[style]
+    outline, first = STYLES[style]
     yaws = np.radians(first + np.arange(0.0, 90.0, 15.0))
     line = np.arange(-_HALF, _HALF + 1) * CELL
     x, y = np.meshgrid(line, line)

@@ -221,7 +221,7 @@ class Search:
 
     def _starts(self) -> list[FloatArray]:
         planes = self._plan.project(tops(self.views.masks, self._shades), self._known)
-        return [self._plan.propose(planes, style, MOST) for style in range(STYLES)]
+        return [self._plan.propose(planes, style, MOST) for style in range(len(STYLES))]
 
     def _total(self, dice: FloatArray) -> float:
         return float(set_score.total(self.views, dice, self._plan.table, self._canvas))
