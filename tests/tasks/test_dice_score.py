@@ -7,14 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from synthetic.camera.rigs import sized, standard_rig
 from tests.helpers import make_camera, opencv_pixels
+from tests.helpers.dice_scenes import RIG
 from tracker.calibration.rig import CameraRig
 from tracker.errors import TaskError
 from tracker.geometry import so3
 from tracker.tasks import rearrange_dice as dice
 
-RIG = sized(standard_rig(), 270)
 CORNERS = np.array(list(itertools.product((-0.013, 0.013), repeat=3)))
 QUADS = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
 
@@ -28,7 +27,7 @@ def free_goal(rng: np.random.Generator, count: int = 25) -> np.ndarray:
 @pytest.mark.parametrize("size", [270, 540])
 def test_goal_masks_are_the_faces_between_truncated_corners(size, rng):
     for goal in [*(dice.sample_goal(rng) for _ in range(10)), *(free_goal(rng) for _ in range(10))]:
-        rig = sized(RIG, size)
+        rig = RIG.resized(size, size)
         for mask, camera in zip(dice.goal_masks(rig, goal), rig, strict=True):
             expected = np.zeros((size, size), np.uint8)
             for place in goal:
