@@ -1,4 +1,3 @@
-import importlib.util
 import os
 import re
 import socket
@@ -18,9 +17,7 @@ from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live.publishers import DEFAULT, LcmPublisher, _url, body_of, lcm_message_of
 
-if importlib.util.find_spec("lcm") is None:
-    lack("lcm", "no module lcm")
-import lcm
+lcm = pytest.importorskip("lcm", reason="lcm: no module lcm")
 
 CUBE, CUBOID = tracker.load_object("cube_v2"), tracker.load_object("cuboid_2x2x8_v2")
 TYPE = re.search(r"package dairlib;.*?\n}\n", (ROOT / "docs" / "live.md").read_text(), re.DOTALL)[0]

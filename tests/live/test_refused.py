@@ -1,13 +1,11 @@
 import os
 import re
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 import tracker
 from tests.helpers.filmed import RIG
-from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Live, Pushed, Replay
 from tracker.live.cameras import CameraSet
@@ -89,8 +87,7 @@ NONE = ("127.0.0.1:5555", "udp://x", "tcp://127.0.0.1", "tcp://127.0.0.1:65536")
     ],
 )
 def test_an_address_for_zmq_that_is_none_or_reaches_others_is_refused(address, words):
-    if find_spec("zmq") is None:
-        lack("live", "pyzmq is not installed")
+    pytest.importorskip("zmq", reason="live: no module zmq")
     for public in (False, True) if LOCAL in words else (False,):
         with pytest.raises(LiveError, match=re.escape(words)):
             ZmqPublisher(address, public=public)

@@ -7,20 +7,16 @@ import sys
 import threading
 import time
 from dataclasses import replace
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 from tests.helpers import ROOT
 from tests.helpers.moments import estimate, moment
-from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live.publishers import ZmqPublisher, message_of
 
-if find_spec("zmq") is None:
-    lack("live", "pyzmq is not installed")
-import zmq
+zmq = pytest.importorskip("zmq", reason="live: no module zmq")
 
 
 def test_a_message_says_everything_in_plain_json():
