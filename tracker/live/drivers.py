@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.checks import optional
+from tracker.checks import naming, optional
 from tracker.errors import LiveError, LogError
 from tracker.live.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, GrabFailed, Settings
 from tracker.logs.pictures import check_container
@@ -177,10 +177,8 @@ class OpenCvCamera:
         self._what = what
         self.triggered = not what.isdigit() and Path(what).is_file()
         if self.triggered:
-            try:
+            with naming("opencv", LiveError, LogError):
                 check_container(Path(what))  # a playlist would open what it names
-            except LogError as error:
-                raise LiveError(f"opencv: {error}") from error
         self._capture = cv2.VideoCapture(int(what) if what.isdigit() else what)
         if not self._capture.isOpened():
             raise LiveError(f"opencv: {what} cannot be opened")

@@ -7,6 +7,7 @@ import os
 import re
 import stat
 import struct
+from contextlib import suppress
 from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
-from tracker.checks import optional
+from tracker.checks import naming, optional
 from tracker.errors import LiveError
+from tracker.files import on_error
 from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
 
@@ -80,11 +82,8 @@ class ZmqPublisher:
         self._socket: Any = zmq.Context.instance().socket(zmq.PUB)
         for option, value in ((zmq.CONFLATE, 1), (zmq.LINGER, 0), (zmq.IPV6, "[" in address)):
             self._socket.setsockopt(option, value)
-        try:
+        with on_error(self._socket.close), naming(f"publish {address}", LiveError, zmq.ZMQError):
             self._socket.bind(address)
-        except zmq.ZMQError as error:
-            self._socket.close()
-            raise LiveError(f"publish {address}: {error}") from error
         self.address: str = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
         """Address for subscribers, with the port that was chosen for `*`."""
         self.fault: str | None = None  # always: only messages that were never fetched are dropped
@@ -103,14 +102,11 @@ def _refuse_file(address: str) -> None:
     kind, _, path = address.partition("://")
     if kind != "ipc" or path.startswith("@") or path == "*":  # an abstract name, or one that ZeroMQ chooses
         return
-    try:
-        there = stat.S_ISSOCK(Path(path).lstat().st_mode)
-    except FileNotFoundError:
-        return
-    except (OSError, ValueError) as error:
-        raise LiveError(f"publish {address}: {error}") from error
-    if not there:
-        raise LiveError(f"publish {address}: found something other than a socket there, expected a new path")
+    with naming(f"publish {address}", LiveError, OSError, ValueError), suppress(FileNotFoundError):
+        if not stat.S_ISSOCK(Path(path).lstat().st_mode):
+            raise LiveError(
+                f"publish {address}: found something other than a socket there, expected a new path"
+            )
 
 
 FINGERPRINT = 0x2D41F07A9260F694

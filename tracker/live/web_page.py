@@ -20,6 +20,7 @@ import numpy as np
 
 from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, QUANTITIES, disagreement, sample
 from tracker.calibration.by_object.sightings import slow
+from tracker.checks import naming
 from tracker.errors import LiveError
 from tracker.live.camera_check import MOST_MISSING, MOST_SKEW
 from tracker.live.listeners import WAITING, Listener
@@ -167,10 +168,8 @@ class WebPage(Listener):
         self._picture = -1, b""
         self._asked = self._looked = -math.inf
         self.faults: Callable[[], Sequence[str]] = tuple  # returns those to show; set by the caller
-        try:
+        with naming(f"page {port}: the port cannot be used", LiveError, OSError, OverflowError):
             self._server = _Server((_HOST, port), type("Handler", (_Handler,), {"page": self}))
-        except (OSError, OverflowError) as error:
-            raise LiveError(f"page {port}: the port cannot be used: {error}") from error
         self.port: int = self._server.server_port
         self.address = f"http://{_HOST}:{self.port}"
         serve = self._server.serve_forever

@@ -9,12 +9,13 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import naming
 from tracker.errors import ImageError, TrackerError, install
 from tracker.files import told_as, whole_file
 from tracker.objects.model import CuboidModel
@@ -68,17 +69,12 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
         with _file(stream, Path(path), layout(rig)):
             yield Scene(stream, rig, model)
         return
-    try:
+    with naming("the viewer cannot be reached", TrackerError, RuntimeError):
         stream.connect_grpc(start_viewer(), default_blueprint=layout(rig))
-    except RuntimeError as error:
-        raise TrackerError(f"the viewer cannot be reached: {error}") from error
-    try:
+    with naming("the viewer is gone", TrackerError, RuntimeError), ExitStack() as ending:
+        ending.callback(stream.disconnect)
         yield Scene(stream, rig, model)
         stream.flush(timeout_sec=FLUSH_SECONDS)
-    except RuntimeError as error:
-        raise TrackerError(f"the viewer is gone: {error}") from error
-    finally:
-        stream.disconnect()
 
 
 @contextmanager
@@ -126,14 +122,12 @@ def start_viewer() -> str:
     with socket.create_server((HOST, 0)) as one:
         port = one.getsockname()[1]
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as output:
-        try:
+        with naming("the viewer cannot be opened", TrackerError, OSError):
             nothing = subprocess.DEVNULL
             # In a session of its own, since Ctrl-C must not end the viewer.
             process = subprocess.Popen(
                 _command(port), stdin=nothing, stdout=nothing, stderr=output, start_new_session=True
             )
-        except OSError as error:
-            raise TrackerError(f"the viewer cannot be opened: {error}") from error
         _open.append(process)
         end = time.monotonic() + _STARTING
         while process.poll() is None and time.monotonic() < end:
