@@ -134,14 +134,18 @@ def test_what_is_not_taken_in_in_time_is_left_out_and_counted_and_holds_up_nobod
     assert listener.left_out == count - 1 - room
 
 
-def test_a_full_disk_or_a_viewer_that_is_closed_ends_its_listener_and_nothing_else(gated):
+@pytest.mark.parametrize(
+    ("error", "fault"),
+    [(RuntimeError("it takes no more"), "it takes no more"), (MemoryError(), "MemoryError")],
+)
+def test_a_full_disk_or_a_viewer_that_is_closed_ends_its_listener_and_nothing_else(gated, error, fault):
     listener, gate, _ = gated
-    gate.error = RuntimeError("it takes no more")
+    gate.error = error
     gate.may_go_on.set()
     for number in range(5):
         listener(moment(number, images(number)))
     listener.close()
-    assert listener.fault == "it takes no more"
+    assert listener.fault == fault
     listener(moment(9, images(9)))  # and no word
 
 

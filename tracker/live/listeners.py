@@ -71,7 +71,7 @@ class Listener:
                     moment = self._waiting.popleft()
                 self._take_in(moment)
         except Exception as error:
-            self.fault = " ".join(str(error).split())
+            self.fault = " ".join(str(error).split()) or type(error).__name__
         try:
             self._finish()
         except TrackerError as error:
