@@ -14,7 +14,7 @@ from tests.helpers.pose_logs import random_poses
 from tests.viz.conftest import black
 from tests.viz.test_overlays import MODEL, found
 from tracker.calibration.rig import CameraRig
-from tracker.errors import ImageError, TaskError
+from tracker.errors import ImageError, TaskError, TrackerError
 from tracker.tasks import rearrange_dice as dice
 from tracker.viz import dice_overlay, goal_picture, overlay, write_film, write_image, write_trajectory_plot
 
@@ -27,8 +27,8 @@ def of_object(images, *_):
     return overlay(images, RIG, MODEL, found())
 
 
-def of_dice(images, goals, seen, places=None):
-    return dice_overlay(images, RIG, goals, seen, positions=places)
+def of_dice(images, goals, seen, places=None, rig=RIG, **more):
+    return dice_overlay(images, rig, goals, seen, positions=places, **more)
 
 
 def of_goal(*_):
@@ -76,11 +76,17 @@ PLACE, PAIR = [[0, 0, 0]], [[0, 0, 0], [0.1, 0, 0]]
         (of_dice, (BLACK, None, [MASKS[0], MASKS[1][:9], None]), TaskError, "camera180: found shape .9, 270"),
         (of_dice, (BLACK, MASKS, [MASKS[0] / 255, None, None]), TaskError, "found type float64"),
         (of_dice, (BLACK, MASKS, MASKS, [[0.0, 0.0]]), TaskError, "dice: found shape"),
+        (partial(of_dice, rig="demo"), (BLACK, MASKS, MASKS), TaskError, "rig: found 'demo', expected"),
+        (partial(of_dice, title=7), (BLACK, MASKS, MASKS), TrackerError, "title: found 7, expected str"),
+        (partial(of_dice, assignment=[(0, 1)]), (BLACK, MASKS, MASKS), TaskError, "expected Assignment"),
         (goal_picture, ([[0, 0]],), TaskError, "goal: found shape"),
         (goal_picture, ([], [[0, 0]]), TaskError, "dice: found shape"),
         (goal_picture, (PLACE, PLACE, [(0, 1)]), TaskError, "place 0 and die 1, expected less than 1 and 1"),
         (goal_picture, (PLACE, PLACE, [(0, -1)]), TaskError, "pairs: found place 0 and die -1"),
         (goal_picture, (PLACE, None, [(0, 0)]), TaskError, "pairs: found place 0 and die 0"),
+        (goal_picture, (PLACE, PLACE, dice.assign(PLACE, PLACE)), TaskError, "pairs: found Assignment"),
+        (goal_picture, (PLACE, PLACE, [0]), TaskError, r"pairs: found a list of 1, expected pairs"),
+        (partial(goal_picture, yaws=["a"]), ([], PLACE), TaskError, "yaws: found a list of 1, expected num"),
         (partial(goal_picture, yaws=[0.0]), ([], PAIR), TaskError, "yaws: found"),
         (partial(goal_picture, yaws=[0.0, np.nan]), ([], PAIR), TaskError, "yaws: found"),
         (partial(goal_picture, yaws=0.0), ([], PAIR), TaskError, "yaws: found"),

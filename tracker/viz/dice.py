@@ -10,10 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import of_kind
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import TaskError
+from tracker.errors import TaskError, TrackerError, shown
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
+from tracker.tasks.checks import numbers
 from tracker.tasks.rearrange_dice import Assignment
 from tracker.tasks.rearrange_dice.goals import ARENA_RADIUS, DIE_WIDTH, TOLERANCE, cells, finite_positions
 from tracker.tasks.rearrange_dice.score import error, masks_of
@@ -53,9 +55,12 @@ def dice_overlay(
         ImageError: the images do not fit the rig.
         TaskError: the masks do not fit the rig or are not two-valued, or the positions are malformed.
     """
+    of_kind(title, str, "overlay: title", TrackerError)
+    if assignment is not None:
+        of_kind(assignment, Assignment, "overlay: assignment", TaskError, "rearrange_dice.assign")
     centers = None if positions is None else finite_positions(positions, "dice")
-    goals = masks_of(rig, [None] * len(rig) if goal_masks is None else goal_masks, "goal")
     seen = masks_of(rig, dice_masks, "dice")
+    goals = masks_of(rig, [None] * len(rig) if goal_masks is None else goal_masks, "goal")
     errors = [
         None if goal is None or dice is None else error([goal], [dice])
         for goal, dice in zip(goals, seen, strict=True)
@@ -175,7 +180,7 @@ def goal_picture(
     """
     places = np.clip(finite_positions(goal, "goal"), -_FAR, _FAR)
     dice = np.clip(finite_positions([] if positions is None else positions, "dice"), -_FAR, _FAR)
-    turns = np.zeros(len(dice)) if yaws is None else np.asarray(yaws, dtype=np.float64)
+    turns = np.zeros(len(dice)) if yaws is None else numbers("yaws", yaws)
     if turns.shape != (len(dice),) or not np.isfinite(turns).all():
         raise TaskError(f"yaws: found shape {turns.shape}, expected {len(dice)} finite angles")
     ways = _ways(places, dice, [] if pairs is None else pairs)
@@ -203,12 +208,15 @@ def goal_picture(
 
 def _ways(places: FloatArray, dice: FloatArray, pairs: Iterable[tuple[int, int]]) -> list[FloatArray]:
     """Return lines (2, 2) [px] from dice to places."""
-    lines, valid = [], f"less than {len(places)} and {len(dice)}"
-    for place, die in pairs:
+    try:
+        chosen = [(place, die) for place, die in pairs]
+    except (TypeError, ValueError) as error:
+        raise TaskError(f"pairs: found {shown(pairs)}, expected pairs (place, die)") from error
+    valid = f"less than {len(places)} and {len(dice)}"
+    for place, die in chosen:
         if not (0 <= place < len(places) and 0 <= die < len(dice)):
             raise TaskError(f"pairs: found place {place} and die {die}, expected {valid}")
-        lines.append(_pixels(np.stack([dice[die], places[place]])))
-    return lines
+    return [_pixels(np.stack([dice[die], places[place]])) for place, die in chosen]
 
 
 def _pixels(positions: Array) -> FloatArray:

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, freeze, is_whole, of_kind
+from tracker.checks import check_sequence, freeze, is_whole
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TaskError, shown
 from tracker.geometry.camera import Camera
@@ -104,11 +104,11 @@ def locate(
         TaskError: a mask is malformed, or their number is not that of the cameras.
         ImageError: an image is malformed, or their number is not that of the cameras.
     """
-    of_kind(rig, CameraRig, "rig", TaskError, "tracker.CameraRig.load")
     if not is_whole(most) or most < 0:
         raise TaskError(f"most: found {shown(most)}, expected a number of dice")
-    given: Sequence[Array | None] = [None] * len(rig) if images is None else images
-    found, gains = Search(rig, masks_of(rig, masks, "dice"), _images_of(rig, given)).run()
+    seen = masks_of(rig, masks, "dice")
+    given = [None] * len(rig) if images is None else _images_of(rig, images)
+    found, gains = Search(rig, seen, given).run()
     offset, slope = PROBABILITY[images is not None]
     dice = []
     for (x, y, foot, yaw), gain in zip(found[:most], gains[:most], strict=True):

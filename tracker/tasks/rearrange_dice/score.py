@@ -165,6 +165,7 @@ def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None
 
 def masks_of(rig: CameraRig, masks: Sequence[npt.ArrayLike | None], what: str) -> list[Image | None]:
     """Return a rig's masks, each checked by `as_mask`, or None; TaskError if they do not fit the cameras."""
+    of_kind(rig, CameraRig, "rig", TaskError, "tracker.CameraRig.load")
     check_sequence(masks, f"{what} masks", TaskError)
     if len(masks) != len(rig):
         names = ", ".join(rig.names)
