@@ -26,13 +26,14 @@ def waiting(**how):
 
 
 WRONG = [
-    *((lambda rate=rate: CameraSet([], [], rate=rate), "rate") for rate in (0.0, -1.0, NAN, 2000.0)),
+    *((lambda rate=rate: CameraSet([], [], rate=rate), "rate") for rate in (0.0, -1.0, NAN, 2000.0, None)),
     *((lambda speed=speed: Replay([], speed=speed), "speed") for speed in (0.0, -1.0, NAN, "fast")),
     (lambda: Pushed().push([None] * 3, 1.77e12), "milliseconds"),
     (lambda: open_cameras("opencv:0", RIG), "found 1 cameras.* camera60, camera180, camera300"),
     (lambda: open_cameras("opencv", RIG), "found 0 cameras"),
     (lambda: open_cameras("webcam:0", RIG), "webcam:0.* simulation"),
     (lambda: open_cameras(None, RIG), "source: found None, expected str"),
+    (lambda: open_cameras("opencv:0", "calibration"), "rig: found 'calibration', expected CameraRig"),
     (lambda: ImageSet((None,), (1.0, 2.0)), "1 images, 2 stamps"),
     (lambda: ImageSet((None,), (1.0,), (None, None)), "1 images, 1 stamps and 2 faults"),
     (lambda: ImageSet((None,), (NAN,)), "finite"),

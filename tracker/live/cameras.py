@@ -12,8 +12,9 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from tracker.checks import is_number
 from tracker.conventions import Image
-from tracker.errors import LiveError
+from tracker.errors import LiveError, shown
 from tracker.live.moment import ImageSet, SourceEnded
 from tracker.logs.log import Settings as Settings
 from tracker.logs.pictures import from_bayer
@@ -118,8 +119,8 @@ class CameraSet:
         *,
         rate: float = RATE,
     ) -> None:
-        if not (np.isfinite(rate) and 0 < rate <= 1000):
-            raise LiveError(f"cameras: rate: found {rate:g}, expected above 0 and up to 1000 Hz")
+        if not is_number(rate) or not 0 < rate <= 1000:
+            raise LiveError(f"cameras: rate: found {shown(rate)}, expected above 0 and up to 1000 Hz")
         self._sizes, self._period = list(sizes), 1 / rate
         self._changed = threading.Condition()
         self._slots = [_Slot() for _ in openers]

@@ -295,6 +295,7 @@ def open_cameras(
         LiveError: the text is malformed or names the wrong number of cameras, the settings cannot be read,
             or a camera with a name of the rig is missing.
     """
+    of_kind(rig, CameraRig, "rig", LiveError, "tracker.CameraRig.load")
     kind, _, listed = of_kind(source, str, "source", LiveError).partition(":")
     which = [part.strip() for part in listed.split(",") if part.strip()]
     sizes = [(camera.width, camera.height) for camera in rig]
