@@ -4,7 +4,6 @@ import socket
 import subprocess
 import sys
 from unittest.mock import Mock
-from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -99,20 +98,16 @@ def test_a_log_has_a_message_of_each_pose_and_none_of_a_lost_object(decoded, fil
         assert state.position[4:] == tuple(pose.position)
 
 
-@pytest.fixture
-def group():
-    """An address of a group on a port that nobody else has."""
+def test_a_subscriber_gets_what_is_published_and_nothing_else_listens(decoded):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.bind(("127.0.0.1", 0))
-        return f"udpm://239.255.76.68:{one.getsockname()[1]}?ttl=0"
-
-
-def test_a_subscriber_gets_what_is_published_and_nothing_else_listens(group, decoded):
+        port = one.getsockname()[1]
+    group = f"udpm://239.255.76.68:{port}?ttl=0"
     try:
         publisher = LcmPublisher(group, CUBOID)
         publisher(moment(0, pose=estimate()))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-            one.bind(("", urlsplit(group).port))  # nobody else has it
+            one.bind(("", port))  # nobody else has it
         receiver, received = lcm.LCM(group), []
         receiver.subscribe("CUBOID_STATE", lambda *arguments: received.append(arguments))
     except (RuntimeError, LiveError) as error:

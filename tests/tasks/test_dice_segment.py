@@ -9,7 +9,6 @@ from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TaskError
 from tracker.geometry import so3
-from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice import locate, segment_dice
 
 FINE = RIG.resized(540, 540)
@@ -201,18 +200,14 @@ def test_a_camera_without_an_image_or_behind_a_finger_only_costs_accuracy(scatte
     assert distances(positions(found), expected).max() < 4e-3
 
 
-def moved(camera: Camera, world_from_old: np.ndarray) -> Camera:
-    """The camera in a world whose coordinates are others."""
-    transform = camera.camera_from_world @ np.linalg.inv(world_from_old)
-    return dataclasses.replace(camera, camera_from_world=transform)
-
-
 @pytest.mark.parametrize(("lift", "yaw"), [(-0.006, 0.0), (0.004, 0.0), (0.0, 1.1)])
 def test_the_dice_move_with_the_world(lift, yaw, scattered):
     images, masks = scattered
     motion = np.eye(4)
     motion[:3, :3], motion[2, 3] = so3.exp([0, 0, yaw]), lift
-    rig = CameraRig(tuple(moved(camera, motion) for camera in RIG))
+    back = np.linalg.inv(motion)
+    placed = ((camera, camera.camera_from_world @ back) for camera in RIG)
+    rig = CameraRig(tuple(dataclasses.replace(camera, camera_from_world=to) for camera, to in placed))
     expected = centers(SCATTERED) @ motion[:3, :3].T + motion[:3, 3]
     assert distances(positions(locate(rig, masks, images)), expected).max() < 2e-3
 

@@ -28,7 +28,7 @@ def found(position=POSITION, rotation=ROTATION) -> Observation:
 MISSED = Observation(None, None, Status.POOR_FIT)
 
 
-def edge_points(shares=(0.25, 0.4, 0.6, 0.75)) -> np.ndarray:
+def edge_points(shares) -> np.ndarray:
     """World points (12, K, 3) on the twelve edges."""
     corners = POSITION + cuboid.corners(MODEL.size) @ ROTATION.T
     a, b = corners[cuboid.EDGES[:, 0]], corners[cuboid.EDGES[:, 1]]
