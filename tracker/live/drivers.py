@@ -128,11 +128,7 @@ class PylonCamera:
 
 
 def pylon_serials(names: Sequence[str]) -> list[str]:
-    """Return the serial numbers of the cameras whose DeviceUserIDs are the rig's `names`, in their order.
-
-    Raises:
-        LiveError: a camera is missing; the message lists the cameras found.
-    """
+    """Return the serial numbers of the cameras with these DeviceUserIDs; LiveError if one is missing."""
     devices = _pylon().TlFactory.GetInstance().EnumerateDevices()
     found = {device.GetUserDefinedName(): device.GetSerialNumber() for device in devices}
     missing = [name for name in names if name not in found]

@@ -134,11 +134,7 @@ _ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
 
 
 def body_of(model: CuboidModel, name: str | None = None) -> str:
-    """Return the object's name in messages: the given one, else `cube`, or `cuboid` if its edges differ.
-
-    Raises:
-        LiveError: the name is not a letter followed by up to 39 letters, digits and _.
-    """
+    """Return the object's name in messages: `name`, else by its shape; LiveError if it is malformed."""
     if name is None:
         return "cube" if np.allclose(model.size, model.size[0]) else "cuboid"
     if not _BODY.fullmatch(name):

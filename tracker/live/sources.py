@@ -253,11 +253,7 @@ FORMS = "a recording's path, pylon, pylon:SERIAL,…, opencv:0,1,2 or simulation
 
 
 def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> ImageSource:
-    """Open the source named by a text, for the tracker's cameras; see FORMS.
-
-    Raises:
-        TrackerError: it cannot be opened.
-    """
+    """Open the source named by a text, see FORMS, for the tracker's cameras; TrackerError if that fails."""
     text = os.fspath(source)
     kind = text.partition(":")[0]
     if kind in CAMERAS:

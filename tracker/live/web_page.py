@@ -151,14 +151,11 @@ _TIMEOUT = 10.0  # for a browser that does not read its response [s]
 
 
 class WebPage(Listener):
-    """Serves the page on a port of this machine; 0: any free port.
+    """Serves the page on a port of this machine, 0: any free one; LiveError if it cannot be used.
 
     Only this machine can connect, and only by its local host names: requests that another site makes through
     a browser are refused. Connections beyond CONNECTIONS are closed. The page cannot change anything. Costly
     work is done only while a page is open, in separate threads, with a tracker that `Live` does not use.
-
-    Raises:
-        LiveError: the port cannot be used.
     """
 
     def __init__(self, port: int, tracker: ObjectTracker) -> None:

@@ -110,11 +110,7 @@ _META = '<meta charset="utf-8"><meta name="viewport" content="width=device-width
 
 
 def page(health: Health, title: str) -> str:
-    """Return a page in HTML with a plot of each measured quantity over time.
-
-    Raises:
-        TrackerError: the optional package `matplotlib` is missing.
-    """
+    """Return a page in HTML that plots all quantities over time; TrackerError if matplotlib is missing."""
     missing = health.missing()
     parts = [f"<h1>{escape(title)}</h1>"]
     if lines := [f'<li class="bad">{escape(line)}</li>' for line in health.complaints()]:

@@ -93,18 +93,14 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
 
 
 def write_log_film(path: str | os.PathLike[str], log: Log, progress: Callable[[int], None]) -> None:
-    """Write a recording's frames as a film with the cameras side by side; missing images are black.
-
-    Raises:
-        TrackerError: a frame cannot be read, the film cannot be written, or the package av is missing.
-    """
+    """Write a recording's cameras side by side as a film; TrackerError if it cannot be read or written."""
     height = max((size[1] for size in log.image_sizes), default=0)
 
     def side_by_side() -> Iterator[Image]:
         for frame in log:
             pictures = []
             for image, (width, rows) in zip(frame.images, log.image_sizes, strict=True):
-                pictures.append(np.zeros((height, width, 3), np.uint8))
+                pictures.append(np.zeros((height, width, 3), np.uint8))  # black if it is missing
                 if image is not None:
                     pictures[-1][:rows] = image
             yield np.concatenate(pictures, axis=1)

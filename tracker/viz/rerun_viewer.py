@@ -112,12 +112,9 @@ def _command(port: int) -> list[str]:
 
 
 def start_viewer() -> str:
-    """Start a viewer, which stays open after this process; return its address as a URL of Rerun.
+    """Start a viewer that outlives this process, and return its URL; TrackerError if it cannot be started.
 
     Rerun's own `spawn` makes it listen on all network interfaces, so that anyone could send images to it.
-
-    Raises:
-        TrackerError: it cannot be started.
     """
     with socket.create_server((HOST, 0)) as one:
         port = one.getsockname()[1]
