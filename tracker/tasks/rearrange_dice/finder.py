@@ -30,7 +30,7 @@ from tracker.tasks.rearrange_dice.score import masks_of
 from tracker.tasks.rearrange_dice.set_score import Canvas, Views, overlap
 
 SIZE = 270
-"""Approximate shorter side of the reduced views in which dice are located [px]."""
+"""Approximate shorter side of the views, reduced by integer factors, in which dice are located [px]."""
 
 LEAST = 0.5
 """Smallest probability at which a die is reported."""
@@ -141,7 +141,10 @@ Fitted by scripts/fit_dice_probability.py on rendered scenes."""
 @functools.lru_cache(maxsize=4)
 def _prepared(rig: CameraRig) -> tuple[Plan, Array, Array]:
     """Return what depends only on the rig: plan, slopes and lenses for the reduced cameras, see `Views`."""
-    cameras = tuple(_reduced_camera(camera) for camera in rig)
+    cameras = []
+    for camera in rig:
+        factor = max(1, round(min(camera.width, camera.height) / SIZE))
+        cameras.append(camera.resized(camera.width // factor, camera.height // factor))
     size = (max(c.height for c in cameras), max(c.width for c in cameras))
     slopes = np.zeros((len(cameras), *size, 2), np.float32)
     for its, camera in zip(slopes, cameras, strict=True):
@@ -162,12 +165,6 @@ def _slopes(camera: Camera) -> FloatArray:
 def _reduced(image: Image, camera: Camera) -> Image:
     small = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.uint8)
-
-
-def _reduced_camera(camera: Camera) -> Camera:
-    """Return the camera for images reduced by the integer factor that brings their shorter side near SIZE."""
-    factor = max(1, round(min(camera.width, camera.height) / SIZE))
-    return camera.resized(camera.width // factor, camera.height // factor)
 
 
 class Search:
