@@ -12,8 +12,8 @@ from tracker.tasks.rearrange_dice.finder import Search
 DICE_POSES = dice_at([(0.0, 0.01), (-0.09, 0.05), (0.06, 0.08), (0.02, -0.09)], 0.37)
 
 
-def views_of(masks, images=(None, None, None)) -> set_score.Views:
-    return Search(RIG, masks, images).views
+def views_of(masks) -> set_score.Views:
+    return Search(RIG, masks, [None] * 3).views
 
 
 CANVAS = set_score.Canvas(*(np.zeros((3, 270, 270), kind) for kind in (np.float32, np.int8, np.int16)))
