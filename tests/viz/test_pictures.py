@@ -21,6 +21,7 @@ from tracker.viz import dice_overlay, goal_picture, overlay, write_film, write_i
 RIG = make_rig()
 BLACK = black(RIG)
 GOAL, PLACES = dice.sample_goal(0), dice.sample_goal(1)
+POSES = random_poses(np.random.default_rng(1), 3)
 
 
 def of_object(images, *_):
@@ -29,6 +30,10 @@ def of_object(images, *_):
 
 def of_dice(images, goals, seen, places=None, rig=RIG, **more):
     return dice_overlay(images, rig, goals, seen, positions=places, **more)
+
+
+def plot_to(path, poses=POSES, title=""):
+    write_trajectory_plot(path, poses, title)
 
 
 def of_goal(*_):
@@ -90,6 +95,8 @@ PLACE, PAIR = [[0, 0, 0]], [[0, 0, 0], [0.1, 0, 0]]
         (partial(goal_picture, yaws=[0.0]), ([], PAIR), TaskError, "yaws: found"),
         (partial(goal_picture, yaws=[0.0, np.nan]), ([], PAIR), TaskError, "yaws: found"),
         (partial(goal_picture, yaws=0.0), ([], PAIR), TaskError, "yaws: found"),
+        (plot_to, ("a.png", "poses.h5"), TrackerError, "poses: found 'poses.h5', expected Poses"),
+        (plot_to, ("a.png", POSES, POSES), TrackerError, "title: found Poses.*, expected str"),
     ],
 )
 def test_what_does_not_belong_together_is_refused(draw, arguments, error, words):
@@ -126,10 +133,6 @@ def film_to(path, pictures=None, rate=RATE):
     return write_film(path, film() if pictures is None else pictures, rate)
 
 
-def plot_to(path):
-    write_trajectory_plot(path, random_poses(np.random.default_rng(1), 3))
-
-
 FLOATS = r"found float64 of shape .*, expected uint8 of shape \(H, W\)"
 UNEQUAL = r"image 2: found uint8 of shape \(80, 81, 3\), expected images of one size"
 
@@ -152,6 +155,7 @@ UNEQUAL = r"image 2: found uint8 of shape \(80, 81, 3\), expected images of one 
         ),
         (partial(film_to, pictures=film(1, (1, 9))), "f.mp4", "image 0: found .*, expected images"),
         (partial(film_to, pictures=[*film(2), *film(1, (80, 81))]), "f.mp4", UNEQUAL),
+        (partial(film_to, pictures=[*film(2), None]), "f.mp4", "image 2: found None, expected images"),
         (partial(film_to, pictures=()), "f.mp4", r"f\.mp4: found no images for it, expected at least one"),
         (film_to, None, "film: found None, expected a path"),
         (image_to, None, "image: found None, expected a path"),

@@ -77,7 +77,8 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
         stream.pix_fmt = "yuv420p"
         stream.options = {"crf": "18", "preset": "veryfast"}
         for picture in pictures:
-            height, width = (side - side % 2 for side in picture.shape[:2])
+            shape = picture.shape if isinstance(picture, np.ndarray) else (0, 0)
+            height, width = (side - side % 2 for side in shape[:2])
             if count == 0:
                 stream.height, stream.width = height, width
             if not height * width or (height, width) != (stream.height, stream.width):

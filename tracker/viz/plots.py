@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tracker.checks import optional, path_of
+from tracker.checks import of_kind, optional, path_of
 from tracker.conventions import Array, FloatArray
-from tracker.errors import ImageError
+from tracker.errors import ImageError, TrackerError
 from tracker.files import check_suffix, told_as, write_whole
 from tracker.geometry import so3
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
@@ -193,6 +193,8 @@ def write_trajectory_plot(path: str | os.PathLike[str], poses: Poses, title: str
         ImageError: the suffix differs, or the file cannot be written.
         TrackerError: the optional package `matplotlib` is missing.
     """
+    of_kind(poses, Poses, "plot: poses", TrackerError, "tracker.read_poses")
+    of_kind(title, str, "plot: title", TrackerError)
     title = title or " · ".join(filter(None, (poses.about.object_name, poses.about.source)))
     with warnings.catch_warnings(), figure_file(path, (12.0, 10.0)) as figure:
         warnings.filterwarnings("ignore", "Glyph")  # a title may hold any character
