@@ -13,7 +13,7 @@ from tests.helpers import make_rig
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError
 from tracker.live import drivers
-from tracker.live.cameras import CameraEnded, CameraLost, CameraSet, CameraUnfit, Grabbed, GrabFailed
+from tracker.live.cameras import CameraEnded, CameraLost, CameraSet, CameraUnfit, Grabbed
 from tracker.live.sources import open_cameras
 from tracker.logs.pictures import from_bayer
 
@@ -99,7 +99,7 @@ def test_a_set_has_a_picture_of_each_camera():
 
 
 def test_a_picture_that_fails_is_missing_in_its_set_only():
-    bad = Scripted(IMAGE, GrabFailed("buffer torn"), IMAGE)
+    bad = Scripted(IMAGE, LiveError("buffer torn"), IMAGE)
     given = first(5, Scripted(), bad)
     missing = [shot for shot in given if shot.images[1] is None]
     assert [shot.faults for shot in missing] == [(None, "buffer torn")]
@@ -188,7 +188,7 @@ def test_free_cameras_no_faster_than_the_sets_give_their_images(rate):
 
 
 def test_sets_go_on_when_all_cameras_are_gone():
-    given = first(4, *(Scripted(*[GrabFailed("dark")] * 1000) for _ in range(2)))
+    given = first(4, *(Scripted(*[LiveError("dark")] * 1000) for _ in range(2)))
     for shot in given:
         assert shot.images == (None, None)
         assert set(shot.faults) <= {"dark", "no image in time"}

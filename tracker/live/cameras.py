@@ -49,10 +49,6 @@ class CameraEnded(SourceEnded):
     """The camera has no more images, as expected at the end of a film."""
 
 
-class GrabFailed(LiveError):
-    """This image failed; the next may succeed."""
-
-
 @dataclass(frozen=True, eq=False)
 class Grabbed:
     """An image from a camera."""
@@ -70,7 +66,7 @@ class LiveCamera(Protocol):
     """Whether it takes images only on request; if not, it runs freely and `grab` returns the next image."""
 
     def grab(self, timeout: float) -> Grabbed:
-        """Return an image within `timeout` [s]; GrabFailed, CameraLost or CameraEnded if there is none."""
+        """Return an image within `timeout` [s]; CameraLost, CameraEnded, or LiveError if others may come."""
 
     def settings(self) -> Settings:
         """Return the current settings: exposure, gain and white balance, as far as it reports them."""

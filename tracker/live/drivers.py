@@ -14,7 +14,7 @@ import numpy as np
 
 from tracker.checks import naming, optional
 from tracker.errors import LiveError, LogError
-from tracker.live.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, GrabFailed, Settings
+from tracker.live.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, Settings
 from tracker.logs.pictures import check_container
 
 KEPT = (
@@ -80,12 +80,12 @@ class PylonCamera:
         except pylon.TimeoutException as error:
             if self._camera.IsCameraDeviceRemoved():
                 raise self._fault("is lost", error, CameraLost) from error
-            raise GrabFailed(f"pylon: {self.serial}: no image within {timeout:g} s") from error
+            raise LiveError(f"pylon: {self.serial}: no image within {timeout:g} s") from error
         except Exception as error:
             raise self._fault("is lost", error, CameraLost) from error
         try:
             if not result.GrabSucceeded():
-                raise GrabFailed(f"pylon: {self.serial}: {result.GetErrorDescription()}")
+                raise LiveError(f"pylon: {self.serial}: {result.GetErrorDescription()}")
             array = np.array(result.Array, dtype=np.uint8)
         finally:
             result.Release()
