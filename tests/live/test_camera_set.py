@@ -12,8 +12,8 @@ import pytest
 from tests.helpers import make_rig
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError
-from tracker.live import drivers
-from tracker.live.cameras import CameraEnded, CameraLost, CameraSet, CameraUnfit, Grabbed
+from tracker.live import SourceEnded, drivers
+from tracker.live.cameras import CameraLost, CameraSet, CameraUnfit, Grabbed
 from tracker.live.sources import open_cameras
 from tracker.logs.pictures import from_bayer
 
@@ -213,13 +213,13 @@ def test_pictures_of_twice_the_size_are_halved():
 def until_the_end(source):
     """All sets of a source that ends."""
     given = []
-    with pytest.raises(CameraEnded), closing(source):
+    with pytest.raises(SourceEnded), closing(source):
         sets(source, lambda found: given.append(found[-1]))
     return given
 
 
 def test_a_film_that_ends_ends_the_source():
-    given = until_the_end(cameras_of(Scripted(), Scripted(IMAGE, CameraEnded("over"))))
+    given = until_the_end(cameras_of(Scripted(), Scripted(IMAGE, SourceEnded("over"))))
     assert sum(shot.images[1] is not None for shot in given) <= 1
 
 

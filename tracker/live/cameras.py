@@ -45,10 +45,6 @@ class CameraUnfit(LiveError):
     """The camera is connected, but unusable with its settings; opening it again would not help."""
 
 
-class CameraEnded(SourceEnded):
-    """The camera has no more images, as expected at the end of a film."""
-
-
 @dataclass(frozen=True, eq=False)
 class Grabbed:
     """An image from a camera."""
@@ -66,7 +62,7 @@ class LiveCamera(Protocol):
     """Whether it takes images only on request; if not, it runs freely and `grab` returns the next image."""
 
     def grab(self, timeout: float) -> Grabbed:
-        """Return an image within `timeout` [s]; CameraLost, CameraEnded, or LiveError if others may come."""
+        """Return an image within `timeout` [s]; CameraLost, SourceEnded, or LiveError if others may come."""
 
     def settings(self) -> Settings:
         """Return the current settings: exposure, gain and white balance, as far as it reports them."""
@@ -100,7 +96,7 @@ class CameraSet:
     A camera that fails once has no image in that set. One that is lost or missing is opened once it is
     available. Sets continue at their rate, even if all cameras are lost. `next` raises LiveError, naming the
     cameras, only if none could be opened within seconds, if one was unusable with its settings when first
-    opened (CameraUnfit), or if the film of one has ended (CameraEnded).
+    opened (CameraUnfit), or if the film of one has ended (SourceEnded).
 
     Args:
         openers: one function per camera that opens it, or raises a LiveError naming the camera.
@@ -250,8 +246,8 @@ class CameraSet:
                 picture = camera.grab(_GRAB)
             except Exception as error:
                 fault = " ".join(str(error).split())
-                there = isinstance(error, LiveError) and not isinstance(error, CameraLost | CameraEnded)
-                final = error if isinstance(error, CameraEnded) else None
+                there = isinstance(error, LiveError) and not isinstance(error, CameraLost | SourceEnded)
+                final = error if isinstance(error, SourceEnded) else None
             with self._changed:
                 # A free camera answers the set that waits when its image arrives; if none waits, the next.
                 slot.answered = requested if camera.triggered else self._asked

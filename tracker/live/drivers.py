@@ -14,7 +14,8 @@ import numpy as np
 
 from tracker.checks import naming, optional
 from tracker.errors import LiveError, LogError
-from tracker.live.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, Settings
+from tracker.live.cameras import CameraLost, CameraUnfit, Grabbed, Settings
+from tracker.live.moment import SourceEnded
 from tracker.logs.pictures import check_container
 
 KEPT = (
@@ -190,7 +191,7 @@ class OpenCvCamera:
         stamp = time.time()
         if not there:
             if self.triggered:
-                raise CameraEnded(f"opencv: {self._what} has ended")
+                raise SourceEnded(f"opencv: {self._what} has ended")
             raise CameraLost(f"opencv: {self._what} gives no image")
         if image.ndim == 2:
             image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
