@@ -14,7 +14,6 @@ import math
 import os
 import zipfile
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +31,7 @@ CELLS = 64
 _LOG_STEP = 1 / 16
 _KEYS = {"format", "normalise", "log_posterior"}
 _MAX_BYTES = 4 << 20
+_DATA = Path(__file__).parent / "data"
 
 
 def compand(levels: Array, size: int) -> FloatArray:
@@ -92,15 +92,13 @@ class ColorModel:
     @functools.cached_property
     def label_table(self) -> Array:
         """(64³,) uint8: the most likely class of each colour cell, blue fastest."""
-        table = np.argmax(self._dense, axis=0).astype(np.uint8)
-        return np.ascontiguousarray(table.transpose(2, 1, 0)).ravel()
+        return np.ravel(np.argmax(self._dense, axis=0).astype(np.uint8), "F")
 
     @functools.cached_property
     def margin_table(self) -> Array:
         """(64³,) uint8: log odds of the best face colour over background in steps of 1/16, 0 if negative."""
         margin = self._dense[1:].max(axis=0) - self._dense[0]
-        table = np.clip(np.rint(margin / _LOG_STEP), 0, 255).astype(np.uint8)
-        return np.ascontiguousarray(table.transpose(2, 1, 0)).ravel()
+        return np.ravel(np.clip(np.rint(margin / _LOG_STEP), 0, 255).astype(np.uint8), "F")
 
     def channel_tables(self, gains: Array) -> Array:
         """(3, 256) int32: offset of each channel's levels for `gains`; the sum over channels is the cell."""
@@ -160,14 +158,12 @@ def _entries(path: Path) -> tuple[Array, Array, Array]:
 
 def color_model_names() -> tuple[str, ...]:
     """Return the names of the colour models in the package."""
-    folder = resources.files("tracker.segmentation") / "data"
-    return tuple(sorted(entry.name[:-4] for entry in folder.iterdir() if entry.name.endswith(".npz")))
+    return tuple(sorted(path.stem for path in _DATA.glob("*.npz")))
 
 
 @functools.lru_cache(maxsize=16)
 def _shipped(name: str) -> ColorModel:
-    with resources.as_file(resources.files("tracker.segmentation") / "data" / f"{name}.npz") as path:
-        return _read(path, name)
+    return _read(_DATA / f"{name}.npz", name)
 
 
 def check_colors(colors: object) -> ColorModel:
