@@ -95,7 +95,7 @@ def segment(image: Array, colors: ColorModel) -> Image:
     image, light, labels = labels_by_color(check_image(image), check_colors(colors))
     margin = np.empty(image.shape[:2], np.uint8)
     look_up(image, colors.channel_tables(light.gains), colors.margin_table, light.gains, margin)
-    return keep_strongest(labels, np.minimum(margin, 64), min(image.shape[:2]) / REFERENCE_SIZE)
+    return keep_strongest(labels, np.minimum(margin, 64))
 
 
 def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Image]:
@@ -110,8 +110,9 @@ def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Ima
     return image, light, labels
 
 
-def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:
+def keep_strongest(labels: Image, evidence: Array) -> Image:
     """Return labels without specks and without objects whose summed evidence is far below the strongest."""
+    scale = min(labels.shape) / REFERENCE_SIZE
     fine = scale > FINE_IMAGE
     kept = np.zeros(labels.shape, np.uint8)
     for label in range(1, 7):
