@@ -19,8 +19,10 @@ from tracker.files import on_error
 from tracker.files.stores import LmdbFile, StoredArray
 from tracker.logs.frame import MAX_DISTANCE, NORM_TOLERANCE, LogFrame
 from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Source, check_same_size, default_names
-from tracker.logs.opening import STORE_FILE
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
+
+STORE_FILE = "data.mdb"
+"""The file of an image store."""
 
 CAMERA_RATE = 10.0
 """Frame rate of the cameras [Hz]."""
@@ -247,5 +249,5 @@ def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict
     robot = camera + _CAMERA + goal
     columns = {name: slice(camera + a, camera + b) for name, (a, b) in _IN_CAMERA.items()}
     columns |= {name: slice(robot + a, robot + b) for name, (a, b) in _IN_ROBOT.items()}
-    blocks = [{name: rows[:, one].astype(float) for name, one in columns.items()} for rows in array.blocks()]
-    return task, {name: np.concatenate([block[name] for block in blocks]) for name in columns}
+    rows = array.numbers()
+    return task, {name: rows[:, one].astype(float) for name, one in columns.items()}

@@ -14,13 +14,10 @@ from tracker.errors import LogError
 from tracker.geometry.camera import check_name
 from tracker.logs.frame import LogFrame, StampOrder, with_stamps
 
-DEFAULT_NAMES = ("camera60", "camera180", "camera300")
-"""The platform's cameras, in the order in which it records them."""
-
 
 def default_names(count: int) -> tuple[str, ...]:
-    """Return the names of `count` cameras for a recording that does not state them."""
-    return DEFAULT_NAMES if count == len(DEFAULT_NAMES) else tuple(f"camera{k}" for k in range(count))
+    """Return the names of `count` cameras for a recording that does not state them; 3 as on the platform."""
+    return tuple(f"camera{k}" for k in ((60, 180, 300) if count == 3 else range(count)))
 
 
 MIN_SIDE, MAX_SIDE = 8, 4096
@@ -60,7 +57,7 @@ class Source(ABC):
 
     format: str
     """Description of the format."""
-    camera_names: tuple[str, ...] = DEFAULT_NAMES
+    camera_names: tuple[str, ...]
     """Names of the cameras, in order."""
     image_sizes: tuple[tuple[int, int], ...] = ()
     """(width, height) [px] of each camera's images; empty if there is no frame."""

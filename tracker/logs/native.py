@@ -24,7 +24,7 @@ import numpy as np
 from tracker.errors import LogError
 from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.logs.frame import LogFrame, recorded_frame
-from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source
+from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, default_names
 from tracker.logs.pictures import from_bayer
 
 _CAMERAS = 3
@@ -34,7 +34,7 @@ _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 
 _HEADER = struct.Struct("<iiiB")  # of a camera: rows, columns, type, continuous
 _SAME = 12  # bytes of the header that are equal in all records: all but `continuous`
-_CHANNELS = {0: 1, 16: 3}  # channels by OpenCV's type: Bayer pixels, or BGR
+_CHANNELS = {0: (), 16: (3,)}  # channels by OpenCV's type: Bayer pixels, or BGR
 _POSES = ((0, 0), (1, 8), (2, 8), (1, 9), (2, 9))  # variants: number of poses, numbers per pose
 _STAMPS = {True: (12, 20), False: (8, 8)}
 """Offsets of the first record and of its first camera, by whether records have timestamps."""
@@ -50,6 +50,7 @@ class NativeSource(Source):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
+        self.camera_names = default_names(_CAMERAS)
         self._alone = OneAtATime(path)
         with told_of(path):
             self._raw = open_regular(path)
@@ -222,8 +223,8 @@ def _header(data: bytes, what: str) -> _Header:
 
 def _camera(header: _Header) -> np.dtype[Any]:
     rows, columns, kind = header
-    shape = (rows, columns) if _CHANNELS[kind] == 1 else (rows, columns, _CHANNELS[kind])
-    return np.dtype([("header", f"V{_HEADER.size}"), ("pixels", "u1", shape), ("stamp", "<f8")])
+    pixels = ("pixels", "u1", (rows, columns, *_CHANNELS[kind]))
+    return np.dtype([("header", f"V{_HEADER.size}"), pixels, ("stamp", "<f8")])
 
 
 def _shown(header: _Header) -> str:

@@ -13,10 +13,12 @@ from tracker.checks import path_of
 from tracker.errors import CalibrationError, LogError
 from tracker.files import on_error, open_regular, told_of
 from tracker.geometry.camera import Camera
+from tracker.logs.datasets import STORE_FILE, DatasetSource, is_store
 from tracker.logs.folder import TRUTH_FILE, FolderSource
 from tracker.logs.layout import RECORDING_FILE, STAMPS_FILE, check_rate
 from tracker.logs.layout import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.log import Log, Source
+from tracker.logs.native import NativeSource
 from tracker.logs.pictures import FILM_SUFFIXES
 
 DEFAULT_RATE = 10.0
@@ -24,9 +26,6 @@ DEFAULT_RATE = 10.0
 
 JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
 """Possible file names of the recording in a job's folder."""
-
-STORE_FILE = "data.mdb"
-"""The file of an image store."""
 
 _BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
 """Files in a folder that describe its images."""
@@ -104,9 +103,7 @@ def _source(path: Path, rate: float) -> Source:
     if path.name == STORE_FILE:
         path = path.parent
     if path.is_dir():
-        if (path / STORE_FILE).is_file():
-            from tracker.logs.datasets import DatasetSource
-
+        if is_store(path):
             return DatasetSource(path)
         logs = _existing(path, JOB_LOGS)
         if len(logs) > 1:
@@ -125,8 +122,6 @@ def _source(path: Path, rate: float) -> Source:
         from tracker.logs.hdf5_reader import Hdf5Source
 
         return Hdf5Source(path)
-    from tracker.logs.native import NativeSource
-
     return NativeSource(path)
 
 
