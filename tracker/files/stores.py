@@ -15,7 +15,6 @@ import math
 import os
 import struct
 import subprocess
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -151,17 +150,15 @@ class StoredArray:
 
     def numbers(self) -> Array:
         """Return all numbers; LogError if the items are byte strings, missing or damaged."""
-        return np.concatenate([np.zeros((0, *self.shape[1:]), self._dtype), *self.blocks()])
-
-    def blocks(self) -> Iterator[Array]:
-        """Yield the numbers block by block; LogError as for `numbers`."""
         if self._dtype is None:
             raise LogError(f"{self._where}: found byte strings, expected numbers")
-        ends = [""] if len(self.shape) == 1 else [f".{k}" for k in range(self._tiles[1])]
-        for number in range(self._tiles[0]):
-            tiles = [self._numbers(f"{number}{end}", self._dtype) for end in ends]
-            left = len(self) - number * self._tile[0]
-            yield np.concatenate(tiles, axis=-1)[(slice(left), *map(slice, self.shape[1:]))]
+        result = np.empty(self.shape, self._dtype)
+        for place in np.ndindex(*self._tiles):
+            tile = self._numbers(".".join(map(str, place)), self._dtype)
+            start = np.multiply(place, self._tile)
+            part = result[tuple(map(slice, start, start + self._tile))]
+            part[:] = tile[tuple(map(slice, part.shape))]
+        return result
 
     def _strings(self, number: int) -> list[bytes]:
         import numcodecs
