@@ -110,12 +110,12 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
     if (there := field.id.get_storage_size()) != count * size:
         raise LogError(f"camera_names: found {there} bytes, expected {count * size}")
     faults = (LogError, struct.error, UnicodeDecodeError, OverflowError)
-    with naming("camera_names: found damaged names", LogError, *faults), told_of(path):
-        with open_regular(path) as file:
-            file.seek(offset)
-            found = [file.read(size) for _ in range(count)]
-            if variable:
-                found = [_from_heap(file, reference) for reference in found]
+    what = "camera_names: found damaged names"
+    with naming(what, LogError, *faults), told_of(path), open_regular(path) as file:
+        file.seek(offset)
+        found = [file.read(size) for _ in range(count)]
+        if variable:
+            found = [_from_heap(file, reference) for reference in found]
         names = tuple(name.rstrip(b"\0").decode("utf-8") for name in found)
     if len(set(names)) < count:
         raise LogError(f"camera_names: found {', '.join(names)!r}, expected {count} different names")

@@ -55,9 +55,7 @@ class PosesBuilder:
         index, timestamp, status, cameras, rows = frames
         poses: dict[Kind, Any] = {}
         for kind, columns in KINDS.items():
-            shapes = columns.ROW_SHAPES
-            arrays: dict[str, Array] = {"has_pose": np.zeros(len(rows), np.bool_)}
-            arrays |= {name: np.full((len(rows), *shape), np.nan) for name, shape in shapes.items()}
+            arrays = {name: array.copy() for name, array in columns.nothing(len(rows)).arrays().items()}
             for number, row in enumerate(rows):
                 for name, value in row[kind].items():
                     arrays[name][number] = value
