@@ -10,7 +10,7 @@ import tracker
 from tests.helpers import make_camera, make_rig
 from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.reading import frames_of, recovered
-from tests.helpers.stated_sizes import of_size
+from tests.helpers.stated_sizes import encoded, of_size
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError, LogError
 from tracker.logs.folder import write_folder
@@ -140,6 +140,7 @@ def test_a_folder_that_is_no_recording_is_refused_with_the_reason(tmp_path, adde
         (".png", lambda data: data[:400] + bytes([data[400] ^ 1]) + data[401:], "checksum"),
         (".png", lambda data: data[:16] + b"\x7f" + data[17:], "head cannot be read: .*checksum"),
         (".png", lambda data: of_size("png", 4097, 8), "4097×8 px, expected 8 to 4096"),
+        (".png", lambda data: encoded("png", np.uint16(picture(1, 1)) << 4), "as from a 12-bit camera; exp"),
         (".png", lambda data: b"", "0 bytes"),
         (".jpg", lambda data: data[: len(data) // 2], "without an end"),
         (".jpg", lambda data: b"GIF89a" + data[6:], "PNG or JPEG"),

@@ -53,16 +53,9 @@ def read_image(path: Path) -> Image:
         if width * height > MAX_PIXELS:
             raise LogError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
         check_whole(picture, content, appended=True)
-    image = decoded(content, cv2.IMREAD_COLOR)
+        image = decoded(content, cv2.IMREAD_COLOR)
     if image is None:
         raise ImageError(f"image {path}: not an image that can be read, or truncated")
-    if image.max() < 4096 >> 8:  # black, or seemingly so: the upper 8 of 16 bits of a 12-bit image
-        deep = decoded(content, cv2.IMREAD_UNCHANGED)
-        if deep is not None and deep.dtype == np.uint16 and 0 < deep.max() < 4096:
-            raise ImageError(
-                f"image {path}: found 16-bit values up to {deep.max()}, as from a 12-bit camera; "
-                "expected 8 bits: (image >> 4).astype(np.uint8)"
-            )
     return np.asarray(image, dtype=np.uint8)
 
 

@@ -111,11 +111,24 @@ def decode(data: bytes, *, color: bool = True) -> Image:
 
 
 def decoded(data: bytes, how: int) -> Array | None:
-    """Return the image in a file's content, read by OpenCV as its flags `how` say; None if it cannot."""
+    """Return the image in a file's content, read by OpenCV as its flags `how` say; None if it cannot.
+
+    LogError: it is black, or seems so: of a 12-bit camera's values in 16 bits, only the upper 8 are left.
+    """
+    content = np.frombuffer(data, np.uint8)
     try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), how)
+        image = cv2.imdecode(content, how)
+        if image is None or image.max() >= 4096 >> 8:
+            return image
+        deep = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
     except cv2.error:  # more pixels than OpenCV reads
         return None
+    if deep is not None and deep.dtype == np.uint16 and 0 < deep.max() < 4096:
+        raise LogError(
+            f"found 16-bit values up to {deep.max()}, as from a 12-bit camera; "
+            "expected 8 bits: (image >> 4).astype(np.uint8)"
+        )
+    return image
 
 
 FILM_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
