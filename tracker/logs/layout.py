@@ -237,7 +237,7 @@ def _fitting(path: Path, camera: str, pattern: Any) -> Mapping[str, Picture]:
     if not isinstance(pattern, str) or not pattern or "\0" in pattern:
         raise LogError(f"{what}: found {given}, expected a pattern such as 'left/*.png'")
     parts = Path(pattern).parts
-    if Path(pattern).is_absolute() or ".." in parts or "**" in parts:
+    if not parts or Path(pattern).is_absolute() or ".." in parts or "**" in pattern:
         raise LogError(f"{what}: found {given}, expected one inside of the folder, without **")
     shape = re.compile("([^/]*)".join(map(re.escape, "/".join(parts).split("*"))))
     fitting = []
