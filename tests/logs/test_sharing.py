@@ -15,18 +15,6 @@ from tests.helpers.reading import peak_memory
 COUNT = 24
 
 
-def native(path: Path) -> Path:
-    return write_native(path, make_content(COUNT))
-
-
-def packed(path: Path) -> Path:
-    return write_native(path, make_content(COUNT), packed=True)
-
-
-def hdf5(path: Path) -> Path:
-    return write_hdf5(path, make_content(COUNT), chunk=4)
-
-
 def store(path: Path, content=None, **options: int) -> Path:
     for module in ("lmdb", "numcodecs"):
         pytest.importorskip(module, reason=f"datasets: no module {module}")
@@ -41,7 +29,16 @@ def film(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("write", [native, packed, hdf5, store, film])
+WRITERS = {
+    "native": lambda path: write_native(path, make_content(COUNT)),
+    "packed": lambda path: write_native(path, make_content(COUNT), packed=True),
+    "hdf5": lambda path: write_hdf5(path, make_content(COUNT), chunk=4),
+    "store": store,
+    "film": film,
+}
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 def test_threads_share_a_log(write, tmp_path):
     numbers = np.random.default_rng(1).integers(0, COUNT, 200).tolist()
     interval = sys.getswitchinterval()
@@ -75,11 +72,10 @@ for path in sys.argv[1:]:
 
 
 def test_forked_processes_read_right_images_or_none(tmp_path):
-    shared = {native: True, hdf5: True, packed: False, store: False, film: False}
-    done = run_python(["-c", FORKED, *(write(tmp_path / write.__name__) for write in shared)])
+    done = run_python(["-c", FORKED, *(write(tmp_path / name) for name, write in WRITERS.items())])
     assert (done.returncode, done.stderr) == (0, "")
-    expected = ["True set()" if right else "False {'in this one'}" for right in shared.values()]
-    assert done.stdout.splitlines() == expected
+    shared, refused = "True set()", "False {'in this one'}"
+    assert done.stdout.splitlines() == [shared, refused, shared, refused, refused]
 
 
 def long_native(path: Path, count: int) -> Path:
