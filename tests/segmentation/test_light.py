@@ -21,11 +21,15 @@ from tracker.segmentation.sensor import LOUD, NO_MOSAIC, calmed, find_mosaic, no
 SIZE = 135
 
 
-def greys(seed):
-    """A grey scene (H, W, 3) of blocks of different brightness, with a little noise, in floats."""
+def grey_scene(seed, size=270):
+    """Mostly grey of different brightness, with saturated patches on a ninth of it; float64."""
     rng = np.random.default_rng(seed)
-    blocks = np.kron(rng.uniform(0.6, 1.4, (9, 9)), np.ones((15, 15)))
-    return 110.0 * blocks[:, :, None] + rng.normal(0, 1.0, (SIZE, SIZE, 3))
+    image = np.linspace(70, 150, size)[:, None, None] * np.ones((size, size, 3))
+    image *= rng.choice([0.8, 1.0, 1.15], (3, 3, 1)).repeat(size // 3, 0).repeat(size // 3, 1)
+    for bgr in ((40, 40, 180), (150, 60, 25), (50, 190, 190)):
+        row, column = rng.integers(0, size - size // 5, 2)
+        image[row : row + size // 5, column : column + size // 5] = bgr
+    return image + rng.normal(0, 2, image.shape)
 
 
 def ramp(slope_x, slope_y):
@@ -43,21 +47,22 @@ def colour_of_blocks(image):
 
 @pytest.mark.parametrize("slopes", [(0.35, 0.0, 0.0, 0.0), (0.0, -0.3, 0.25, 0.1), (-0.2, 0.2, 0.3, -0.2)])
 def test_a_slope_of_the_lights_colour_is_found_and_taken_out(slopes):
-    values = greys(1)
+    values = grey_scene(1, SIZE)
+    middle = find_light(exposed(values)).gains
     values[..., 0] *= ramp(slopes[0], slopes[1])
     values[..., 2] *= ramp(slopes[2], slopes[3])
     image = exposed(values)
     light = find_light(image)
     assert light.tilt == pytest.approx(np.reshape(slopes, (2, 2)), abs=0.02)
-    assert light.gains == pytest.approx(find_light(exposed(greys(1))).gains, rel=0.03)  # those of the middle
+    assert light.gains == pytest.approx(middle, rel=0.03)
     assert np.abs(colour_of_blocks(evened(image, light))).max() < 0.03
     assert np.abs(colour_of_blocks(image)).max() > 0.1
 
 
 def test_even_light_leaves_the_image_as_it_is_and_a_slight_slope_counts_as_even():
-    slight = greys(2)
+    slight = grey_scene(2, SIZE)
     slight[..., 0] *= ramp(0.6 * MIN_TILT, 0.0)
-    for values in (slight, *(greys(seed) * np.array([0.8, 1.0, 1.3]) for seed in range(10))):
+    for values in (slight, *(grey_scene(seed, SIZE) * np.array([0.8, 1.0, 1.3]) for seed in range(10))):
         image = exposed(values)
         light = find_light(image)
         assert not light.tilt.any()
@@ -65,7 +70,7 @@ def test_even_light_leaves_the_image_as_it_is_and_a_slight_slope_counts_as_even(
 
 
 def test_clipped_values_stay_clipped_and_others_below():
-    values = greys(4)
+    values = grey_scene(4, SIZE)
     values[..., 0] *= ramp(0.4, 0.0)
     values[20:30, 20:30] = 255
     image = exposed(values)
@@ -96,17 +101,6 @@ def test_a_face_with_a_clipped_channel_keeps_its_colour():
 
 
 factors = st.tuples(*[st.floats(0.75, 1.3)] * 3)
-
-
-def grey_scene(seed, size=270):
-    """Mostly grey of different brightness, with saturated patches on a ninth of it; float64."""
-    rng = np.random.default_rng(seed)
-    image = np.linspace(70, 150, size)[:, None, None] * np.ones((size, size, 3))
-    image *= rng.choice([0.8, 1.0, 1.15], (3, 3, 1)).repeat(size // 3, 0).repeat(size // 3, 1)
-    for bgr in ((40, 40, 180), (150, 60, 25), (50, 190, 190)):
-        row, column = rng.integers(0, size - size // 5, 2)
-        image[row : row + size // 5, column : column + size // 5] = bgr
-    return image + rng.normal(0, 2, image.shape)
 
 
 @settings(max_examples=25)
