@@ -17,7 +17,6 @@ from tests.helpers.needs import lack
 
 CAMERAS = ("camera60", "camera180", "camera300")
 START = 1_605_000_000.0
-NO_POSE = (0.0,) * 8
 POSE = (0.01, -0.02, 0.0325, 0.0, 0.6, 0.0, 0.8, 0.9)
 
 
@@ -35,17 +34,17 @@ class Content:
         return cv2.cvtColor(self.raw[frame, camera], cv2.COLOR_BAYER_BG2BGR)
 
 
-def make_content(frames: int = 5, size: int = 24, cameras: int = 3) -> Content:
+def make_content(frames: int = 5, size: int = 24) -> Content:
     """Noise with stamps at 10 Hz; frame 0 has no pose."""
     rng = np.random.default_rng(frames)
     stamps = START + 0.1 * np.arange(frames)
     poses = np.tile(POSE, (frames, 1))
     poses[:, 0] += 0.001 * np.arange(frames)
-    poses[:1] = NO_POSE
+    poses[:1] = 0
     return Content(
-        raw=rng.integers(0, 256, (frames, cameras, size, size + 4), np.uint8),
+        raw=rng.integers(0, 256, (frames, len(CAMERAS), size, size + 4), np.uint8),
         stamps=stamps,
-        camera_stamps=stamps[:, None] + 0.001 * np.arange(cameras),
+        camera_stamps=stamps[:, None] + 0.001 * np.arange(len(CAMERAS)),
         poses=poses,
     )
 
@@ -99,7 +98,7 @@ def write_hdf5(
         file.create_dataset("images", data=content.raw, **options)
         file["timestamps"] = content.camera_stamps
         if names:
-            file["camera_names"] = [name.encode() for name in CAMERAS[:cameras]]
+            file["camera_names"] = [name.encode() for name in CAMERAS]
         for name in CAMERAS if version[0] > 1 else ():
             group = file.create_group(f"camera_info/{name}")
             group["camera_matrix"] = [[29.0, 0, 13.5], [0, 29.5, 11.5], [0, 0, 1]]
@@ -120,8 +119,7 @@ def write_hdf5(
 
 def quadrants(raw: np.ndarray) -> np.ndarray:
     """Colour planes side by side, as data sets reorder pixels."""
-    top = np.hstack([raw[0::2, 0::2], raw[0::2, 1::2]])
-    return np.vstack([top, np.hstack([raw[1::2, 1::2], raw[1::2, 0::2]])])
+    return np.block([[raw[0::2, 0::2], raw[0::2, 1::2]], [raw[1::2, 1::2], raw[1::2, 0::2]]])
 
 
 def write_store(
@@ -135,7 +133,6 @@ def write_store(
     shown: Sequence[int] | None = None,
     ends: Sequence[int] | None = None,
     observations: np.ndarray | None = None,
-    chunk: int = 4,
     length: int | None = None,
     map_size: int = 1 << 24,
 ) -> Path:
@@ -146,7 +143,7 @@ def write_store(
     shots = content.raw.reshape(-1, *content.raw.shape[2:])
     shots = [quadrants(raw) if reorder else raw for raw in shots]
     pictures = [cv2.imencode(codec, pixels)[1].tobytes() for pixels in shots]
-    total = len(pictures) if length is None else length
+    total, chunk = len(pictures) if length is None else length, 4
     folder.mkdir(parents=True)
     codec_of = numcodecs.get_codec(compressor) if compressor else None
     environment = lmdb.open(str(folder), map_size=map_size)

@@ -24,9 +24,9 @@ def picture(frame: int, camera: int) -> np.ndarray:
     return np.random.default_rng([frame, camera]).integers(0, 256, (20, 30, 3), np.uint8)
 
 
-def write_triplets(folder: Path, names, cameras=CAMERAS, suffix=".png") -> Path:
+def write_triplets(folder: Path, names, suffix=".png") -> Path:
     for k, name in enumerate(names):
-        for c, camera in enumerate(cameras):
+        for c, camera in enumerate(CAMERAS):
             write_picture(folder / name / f"{camera}{suffix}", picture(k, c))
             write_picture(folder / name / f"labels_{camera}.png", picture(k, c)[:, :, 0])
     return folder
@@ -187,9 +187,9 @@ def pictures(camera: int, count: int) -> list[np.ndarray]:
     return [np.full((48, 64, 3), _grey(camera, k), np.uint8) for k in range(count)]
 
 
-def shades(path: Path, **options: float) -> tuple[list[list[int | None]], list[float], tuple[str, ...]]:
+def shades(path: Path) -> tuple[list[list[int | None]], list[float], tuple[str, ...]]:
     """Of each frame the cameras' greys, rounded to what `pictures` made; stamps; cameras."""
-    with tracker.open_log(path, **options) as log:
+    with tracker.open_log(path) as log:
         frames = list(log)
         greys = [[None if i is None else round(float(i.mean()) / 8) * 8 for i in f.images] for f in frames]
         return greys, [round(frame.timestamp, 6) for frame in frames], log.camera_names
@@ -199,11 +199,11 @@ def expected(count: int, cameras: int = 3) -> list[list[int]]:
     return [[_grey(camera, k) for camera in range(cameras)] for k in range(count)]
 
 
-def write_film(path: Path, images: Sequence[np.ndarray], codec: str = "libx264", rate: int = 25) -> Path:
+def write_film(path: Path, images: Sequence[np.ndarray], codec: str = "libx264") -> Path:
     av = pytest.importorskip("av", reason="video: no module av")
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w") as film:
-        stream = film.add_stream(codec, rate=rate)
+        stream = film.add_stream(codec, rate=25)
         stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
         stream.height, stream.width = images[0].shape[:2]
         stream.gop_size = 5  # so that some pictures are found from a key picture in the middle

@@ -146,11 +146,7 @@ def test_the_calibration_beside_is_found(tmp_path):
             _ = log.rig
 
 
-STAMP, SECOND = 12, 12 + 8 + 3 * (13 + 24 * 28 + 8)  # offsets of record 0 and its end without poses
-
-
-def changed(data: bytes, offset: int, new: bytes) -> bytes:
-    return data[:offset] + new + data[offset + len(new) :]
+SECOND = 12 + 8 + 3 * (13 + 24 * 28 + 8)  # offset of record 1, of a log without poses
 
 
 @pytest.mark.parametrize(
@@ -171,8 +167,9 @@ def changed(data: bytes, offset: int, new: bytes) -> bytes:
     ],
 )
 def test_damage_is_named_and_whole_records_recovered(tmp_path, offset, new, frames, message):
-    path = tmp_path / "log"
-    path.write_bytes(changed(native_bytes(make_content(4)), offset, new))
+    path, data = tmp_path / "log", bytearray(native_bytes(make_content(4)))
+    data[offset : offset + len(new)] = new
+    path.write_bytes(data)
     if frames:
         assert len(recovered(path, message)[1]) == frames
     for recover in (False, True) if not frames else ():

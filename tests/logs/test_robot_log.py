@@ -1,7 +1,6 @@
 import csv
 import gzip
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -144,5 +143,5 @@ def test_states_are_exported_with_the_poses(tmp_path, run_here):
     np.testing.assert_allclose(found, expected, atol=1e-6)
     assert pq.read_table(tmp_path / "a.parquet")["robot_gap_s"].to_pylist()[0] == np.inf
     assert_one_line_error(run_here(*base, "--tum", "a.tum", folder=tmp_path), "--robot-log: found no table")
-    Path(tmp_path / "robot.csv").write_bytes(b"x")
+    log.write_bytes(b"x")
     assert_one_line_error(run_here(*base, "--csv", "b.csv", folder=tmp_path), "robot.csv: found")
