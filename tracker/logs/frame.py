@@ -146,25 +146,23 @@ class StampOrder:
     def __init__(self, *, gaps: bool) -> None:
         """Args: gaps: whether any time may pass between frames."""
         self._gap = np.inf if gaps else MAX_GAP
-        self._last: FloatArray | None = None
+        self._last: FloatArray = np.array(np.nan)
         self._index = 0
 
     def check(self, index: int, timestamp: float, camera_timestamps: FloatArray, *, what: str) -> None:
         """Compare a frame with the previous one; a frame that raises LogError is not remembered."""
         stamps = np.array([timestamp, *camera_timestamps])
-        if self._last is not None:
-            steps = np.nan_to_num(stamps - self._last)
-            worst = int(np.argmax(np.abs(np.where(steps < 0, np.inf, steps))))
-            if steps[worst] < 0 or steps[worst] > self._gap:
-                way = "back" if steps[worst] < 0 else "forward"
-                whose = "the frame's stamp" if worst == 0 else f"the stamp of camera number {worst}"
-                raise LogError(
-                    f"{what}: {whose} goes {way} by {abs(steps[worst]):.6g} s since frame {self._index}, "
-                    f"expected 0 to {self._gap:g} s"
-                )
-            stamps = np.where(np.isnan(stamps), self._last, stamps)
+        steps = np.nan_to_num(stamps - self._last)
+        worst = int(np.argmax(np.abs(np.where(steps < 0, np.inf, steps))))
+        if steps[worst] < 0 or steps[worst] > self._gap:
+            way = "back" if steps[worst] < 0 else "forward"
+            whose = "the frame's stamp" if worst == 0 else f"the stamp of camera number {worst}"
+            raise LogError(
+                f"{what}: {whose} goes {way} by {abs(steps[worst]):.6g} s since frame {self._index}, "
+                f"expected 0 to {self._gap:g} s"
+            )
         # NaN stays for a camera without any image yet, so that any timestamp may follow.
-        self._last = stamps
+        self._last = np.where(np.isnan(stamps), self._last, stamps)
         self._index = index
 
 

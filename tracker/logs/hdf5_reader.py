@@ -99,9 +99,8 @@ class StoredImages:
 def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
     """Return the names in the field `camera_names`; LogError unless there are `count` different ones.
 
-    Strings of variable length are in a heap of the file. If it is damaged, the HDF5 library reads beyond its
-    memory and crashes, or searches forever. Even in version 2.0, 39 of the 1,664 bits of a heap
-    of three names do this when flipped. Therefore this function reads the heap itself.
+    Strings of variable length are in a heap of the file. If it is damaged, the HDF5 library (still in 2.0)
+    reads beyond its memory and crashes, or searches forever. Therefore this function reads the heap itself.
     """
     offset, variable = field.id.get_offset(), field.dtype.kind == "O"
     size = _REFERENCE.size if variable else int(field.dtype.itemsize)

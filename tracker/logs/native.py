@@ -44,8 +44,7 @@ class NativeSource(Source):
     """A native log. If it is not gzipped, each record is found by its number.
 
     Records are read, not memory-mapped: if a mapped file shrinks or its disk fails, a signal ends the
-    process, while reading raises an error. Gzipped logs cannot be mapped anyway, and pixels that are kept
-    are copied once either way.
+    process, while reading raises an error.
     """
 
     def __init__(self, path: Path) -> None:
