@@ -19,7 +19,7 @@ import numpy as np
 from restage import POSED, Triplet, View, recorded, redrawn
 
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners, face_centers
+from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners
 
 STEP = 0.25
 """Spacing of the samples of a profile [px]."""
@@ -87,7 +87,7 @@ def edge_profiles(triplet: Triplet) -> Iterator[EdgeProfile]:
     """Yield profiles of all edges in all images that show enough of them."""
     size = triplet.model.size
     points = corners(size) @ triplet.rotation.T + triplet.position
-    centers = face_centers(size) @ triplet.rotation.T + triplet.position
+    centers = (FACE_NORMALS * (size / 2)) @ triplet.rotation.T + triplet.position
     normals = FACE_NORMALS @ triplet.rotation.T
     for view in triplet.views:
         towards = ((view.camera.position - centers) * normals).sum(axis=1) > 0

@@ -100,7 +100,7 @@ def test_a_hint_is_drawn_in_amber(rig, confidence, amber):
 def test_a_face_is_tinted_in_its_colour(rig):
     picture = overlay(black(rig), rig, MODEL, found())
     face = int(np.argmax(cuboid.FACE_NORMALS @ (ROTATION.T @ (rig[0].position - POSITION))))
-    center = POSITION + ROTATION @ cuboid.face_centers(MODEL.size)[face]
+    center = POSITION + ROTATION @ (cuboid.FACE_NORMALS[face] * MODEL.size / 2)
     ((column, row),) = shown_at(rig[0], [center])
     color = DISPLAY_COLORS_BGR[MODEL.face_labels[face]]
     np.testing.assert_array_equal(picture[round(row), round(column)] > 20, color > 0)

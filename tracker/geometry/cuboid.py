@@ -56,11 +56,6 @@ def keypoints(position: Array, rotation: Array, size: Array) -> FloatArray:
     return position[..., None, :] + (x + y + z)
 
 
-def face_centers(size: Array) -> Array:
-    """Return the centres (6, 3) [m] of the faces in the object's frame."""
-    return FACE_NORMALS * (np.asarray(size, dtype=np.float64) / 2)
-
-
 def visible_faces(size: Array, object_from_camera_position: Array) -> Array:
     """Return (6,) bool: which faces are visible from a camera at (3,) [m] in the object's frame."""
     position = np.asarray(object_from_camera_position, dtype=np.float64)
