@@ -56,7 +56,6 @@ def test_visible_faces_are_those_of_the_geometry(rng):
 def test_points_of_the_image_are_projected_as_the_camera_does(camera):
     pixels = image_grid(camera)
     points = camera.position + 0.5 * camera.rays(pixels)
-    np.testing.assert_allclose(camera.project_in_view(points), pixels, atol=1e-9)
     np.testing.assert_array_equal(camera.project_in_view(points), camera.project(points))
     corners = [(-0.5, -0.5), (269.5, -0.5), (-0.5, 269.5), (269.5, 269.5)]
     assert camera.largest_tangent == np.linalg.norm(camera.undistort(corners), axis=1).max()

@@ -86,6 +86,7 @@ def test_one_rotation_is_that_of_a_stack(rng, angle):
     rotation = so3.exp(vector)
     np.testing.assert_allclose(rotation, so3.exp(vector[None])[0], atol=1e-15)
     np.testing.assert_allclose(so3.log(rotation), so3.log(rotation[None])[0], atol=1e-15)
+    assert np.linalg.norm(compiled_log(rotation)) == pytest.approx(angle)
     rotation.flags.writeable = False
     np.testing.assert_allclose(so3.exp(so3.log(rotation.T)), rotation.T, atol=1e-15)
 
@@ -112,7 +113,8 @@ def compiled_log(rotation):
     return out
 
 
-@given(st.floats(0, 3.14), st.integers(0, 2**31))
+@given(st.floats(0, np.pi - 1e-7), st.integers(0, 2**31))
+@example(np.pi - 1e-7, 0)
 @example(1e-300, 0)
 @example(0.999e-6, 0)
 @example(1.001e-6, 0)
@@ -127,16 +129,6 @@ def test_compiled_exp_and_log_are_inverse_and_the_others_to_the_digits_of_small_
     )
     for rotation in (so3.exp(vector), compiled_exp(vector)):
         np.testing.assert_allclose(compiled_log(rotation), vector, rtol=1e-11, atol=1e-18 if small else 1e-11)
-
-
-@pytest.mark.parametrize("below", [1e-1, 1e-3, 1e-5, 1e-7, 1e-8, 0.0])
-def test_compiled_log_is_good_up_to_nearly_a_half_turn_and_never_small_there(below, rng):
-    for axis in [*np.eye(3), *rng.normal(size=(20, 3))]:
-        vector = (np.pi - below) * axis / np.linalg.norm(axis)
-        found = compiled_log(so3.exp(vector))
-        assert np.linalg.norm(found) == pytest.approx(np.pi - below, abs=1e-5)
-        if below >= 1e-5:
-            np.testing.assert_allclose(found, vector, atol=1e-9)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 1.0, 2.0, np.pi - 1e-9, np.pi])
