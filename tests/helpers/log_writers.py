@@ -29,9 +29,9 @@ class Content:
     camera_stamps: np.ndarray
     poses: np.ndarray
 
-    def bgr(self, frame: int, camera: int) -> np.ndarray:
-        """What a reader should give."""
-        return cv2.cvtColor(self.raw[frame, camera], cv2.COLOR_BAYER_BG2BGR)
+    def images(self, frame: int) -> np.ndarray:
+        """What a reader should give: (C, H, W, 3) BGR."""
+        return np.stack([cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR) for raw in self.raw[frame]])
 
 
 def make_content(frames: int = 5, size: int = 24) -> Content:
@@ -58,9 +58,8 @@ def native_bytes(
     for k in range(count):
         if stamped:
             parts.append(struct.pack("<d", 1000 * content.stamps[k]))
-        for camera, raw in enumerate(content.raw[k]):
-            pixels = content.bgr(k, camera) if bgr else raw
-            parts.append(struct.pack("<iiiB", *raw.shape, 16 if bgr else 0, 1))
+        for camera, pixels in enumerate(content.images(k) if bgr else content.raw[k]):
+            parts.append(struct.pack("<iiiB", *pixels.shape[:2], 16 if bgr else 0, 1))
             parts.append(pixels.tobytes() + struct.pack("<d", content.camera_stamps[k, camera]))
         for which in range(poses):
             time = [content.stamps[k]] if timed else []

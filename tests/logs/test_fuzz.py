@@ -71,7 +71,7 @@ def made(folder: Path) -> list[Sample]:
     ]
     tiny_rig().save(folder / "rig")
     yaml = next((folder / "rig").glob("*.yml"))
-    picture = content.bgr(0, 0)
+    picture = content.images(0)[0]
     pictures = {f".{kind}": encoded(kind, picture) for kind in ("png", "jpg")}
     for suffix, name in ((".png", "png of a log"), (".jpg", "jpeg of a log")):
         for camera in ("camera180", "camera300"):
@@ -83,7 +83,7 @@ def made(folder: Path) -> list[Sample]:
         (places[name] / "recording.toml").write_bytes(recording)
         for file in ("left/1.png", "left/2.png", "r1.png", "r2.png"):
             (places[name] / file).write_bytes(pictures[".png"])
-    larger = [content.bgr(k, 0).repeat(4, axis=0).repeat(4, axis=1) for k in range(4)]
+    larger = [content.images(k)[0].repeat(4, axis=0).repeat(4, axis=1) for k in range(4)]
     write_film(folder / "film.mp4", larger, rate=10)
     truth = places["ground_truth.json"]
     (truth / "000000").mkdir()
@@ -103,7 +103,7 @@ def made(folder: Path) -> list[Sample]:
         sample("png", pictures[".png"], "picture", "a.png", heads=((8, 33),)),
         sample("jpeg", pictures[".jpg"], "picture", "a.jpg", heads=((0, 200),)),
         *(
-            sample(kind, encoded(kind, content.bgr(0, 0)), "picture", f"a.{kind}", heads=((0, 60),))
+            sample(kind, encoded(kind, picture), "picture", f"a.{kind}", heads=((0, 60),))
             for kind in OF_USERS
         ),
         sample("png of a log", pictures[".png"], "log of frames", "0/camera60.png", heads=((8, 33),)),
