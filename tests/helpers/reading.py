@@ -45,6 +45,13 @@ def recovered(path: Path, message: str) -> tuple[list[int], list[int]]:
     return before, after
 
 
+def datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
+    """All datasets of a file, by path."""
+    names: list[str] = []
+    file.visit(names.append)
+    return {name: file[name] for name in names if isinstance(file[name], h5py.Dataset)}
+
+
 def change(path: Path, *changes: Change) -> None:
     """Make changes in a file of HDF5."""
     with h5py.File(path, "r+") as file:

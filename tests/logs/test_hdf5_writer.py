@@ -8,7 +8,7 @@ import pytest
 import tracker
 from tests.helpers import LENSES, run_python
 from tests.helpers.log_writers import CAMERAS, make_content
-from tests.helpers.reading import attribute, change, frames_of
+from tests.helpers.reading import attribute, change, datasets, frames_of
 from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
@@ -235,22 +235,17 @@ def test_all_that_a_log_of_the_platform_has_is_there_in_its_type_and_shape(real,
     with tracker.open_log(recorded) as log, Hdf5LogWriter(tmp_path / "log.h5", log.rig, poses=True) as writer:
         for frame in log:
             writer.append(frame.raw, frame.timestamp, frame.camera_timestamps, frame.recorded_pose)
-    compared = []
     with h5py.File(tmp_path / "log.h5") as ours, h5py.File(recorded) as theirs:
         assert {**ours.attrs} == {**theirs.attrs}
-
-        def compare(name, item):
-            if isinstance(item, h5py.Dataset):
-                compared.append(name)
-                assert (ours[name].shape, ours[name].compression) == (item.shape, item.compression), name
-                if name == "camera_names":  # there of variable length
-                    assert [bytes(text) for text in ours[name]] == [bytes(text) for text in item]
-                else:
-                    assert ours[name].dtype == item.dtype, name
-                    mended = 1e-4 if name.endswith("tf_world_to_camera") else 1e-6  # means of rotations
-                    np.testing.assert_allclose(ours[name][()], item[()], atol=mended, err_msg=name)
-
-        theirs.visititems(compare)
+        compared = datasets(theirs)
+        for name, item in compared.items():
+            assert (ours[name].shape, ours[name].compression) == (item.shape, item.compression), name
+            if name == "camera_names":  # there of variable length
+                assert [bytes(text) for text in ours[name]] == [bytes(text) for text in item]
+            else:
+                assert ours[name].dtype == item.dtype, name
+                mended = 1e-4 if name.endswith("tf_world_to_camera") else 1e-6  # means of rotations
+                np.testing.assert_allclose(ours[name][()], item[()], atol=mended, err_msg=name)
     assert len(compared) == 4 + 3 * 3 + 4
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.helpers import LENSES, make_camera
 from tests.helpers.pose_logs import arrays_of, assert_same, make_about, random_poses
-from tests.helpers.reading import attribute, change, edit, made, put, unpacking_to_more, without
+from tests.helpers.reading import attribute, change, datasets, edit, made, put, unpacking_to_more, without
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError, TrackerError
 from tracker.geometry.arena import Arena
@@ -100,18 +100,13 @@ def test_the_names_are_those_of_the_platforms_logs_and_texts_have_codes(written)
 
 def test_the_names_fit_the_platforms_own_log(written, real):
     """Datasets that both files have are of the same type and row."""
-    shared = []
     with h5py.File(written) as ours, h5py.File(real / "logs" / "tricamera_log_with_pose.h5") as theirs:
-
-        def compare(name, item):
-            if isinstance(item, h5py.Dataset) and name in ours and name != "timestamps":
-                shared.append(name)
-                if name != "camera_names":  # texts: there of variable length
-                    assert ours[name].dtype == item.dtype, name
-                per_frame = name.startswith("object_pose")
-                assert ours[name].shape[per_frame:] == item.shape[per_frame:], name
-
-        theirs.visititems(compare)
+        shared = {*datasets(ours)} & {*datasets(theirs)} - {"timestamps"}
+        for name in shared:
+            if name != "camera_names":  # texts: there of variable length
+                assert ours[name].dtype == theirs[name].dtype, name
+            per_frame = name.startswith("object_pose")
+            assert ours[name].shape[per_frame:] == theirs[name].shape[per_frame:], name
     assert len(shared) == 4 + 3 * 3 + 1
 
 
