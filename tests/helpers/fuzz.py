@@ -37,6 +37,8 @@ HOSTILE = (
 )
 """Pieces of text that parsers stumble over."""
 
+TEXTS = (".toml", ".csv", ".json", ".yml")
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -50,7 +52,6 @@ class Sample:
     """Where it is read from; there may be other files beside it that are not damaged."""
     heads: tuple[tuple[int, int], ...] = ()
     """Parts [start, end) in which lengths and kinds stand."""
-    text: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def damaged(sample: Sample, seed: int) -> bytes:
     heads = sample.heads or ((0, len(data)),)
     kinds = ("cut", "flip", "flip head", "overwrite", "overwrite head", "double", "leave out", "zeros")
     kind = kinds[seed % 8]
-    if sample.text and seed % 2:
+    if sample.path.suffix in TEXTS and seed % 2:
         at, cut = int(rng.integers(len(data))), int(rng.integers(9))
         return data[:at] + HOSTILE[int(rng.integers(len(HOSTILE)))] + data[at + cut :]
     start, end = heads[int(rng.integers(len(heads)))] if "head" in kind else (0, len(data))

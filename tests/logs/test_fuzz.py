@@ -62,6 +62,11 @@ def made(folder: Path) -> list[Sample]:
         data = content.read_bytes() if isinstance(content, Path) else content
         return Sample(name, data, reader, places[name] / file, **options)
 
+    def beside(name: str, content: bytes, *files: str) -> None:
+        for file in files:
+            (places[name] / file).parent.mkdir(exist_ok=True)
+            (places[name] / file).write_bytes(content)
+
     store = write_store(folder / "x.zarr", content, shown=range(12), ends=[5])
     data = (store / "data.mdb").read_bytes()
     pages = tuple((at, at + 200) for at in range(0, len(data), 4096))
@@ -72,27 +77,20 @@ def made(folder: Path) -> list[Sample]:
     tiny_rig().save(folder / "rig")
     yaml = next((folder / "rig").glob("*.yml"))
     picture = content.images(0)[0]
-    pictures = {f".{kind}": encoded(kind, picture) for kind in ("png", "jpg")}
-    for suffix, name in ((".png", "png of a log"), (".jpg", "jpeg of a log")):
-        for camera in ("camera180", "camera300"):
-            (places[name] / "0").mkdir(exist_ok=True)
-            (places[name] / "0" / f"{camera}{suffix}").write_bytes(pictures[suffix])
+    png, jpg = encoded("png", picture), encoded("jpg", picture)
+    beside("png of a log", png, "0/camera180.png", "0/camera300.png")
+    beside("jpeg of a log", jpg, "0/camera180.jpg", "0/camera300.jpg")
     recording = b'[cameras]\nleft = "left/*.png"\nright = "r*.png"\n'
     for name in ("recording.toml", "stamps.csv"):
-        (places[name] / "left").mkdir()
-        (places[name] / "recording.toml").write_bytes(recording)
-        for file in ("left/1.png", "left/2.png", "r1.png", "r2.png"):
-            (places[name] / file).write_bytes(pictures[".png"])
+        beside(name, recording, "recording.toml")
+        beside(name, png, "left/1.png", "left/2.png", "r1.png", "r2.png")
     larger = [content.images(k)[0].repeat(4, axis=0).repeat(4, axis=1) for k in range(4)]
     write_film(folder / "film.mp4", larger, rate=10)
-    truth = places["ground_truth.json"]
-    (truth / "000000").mkdir()
-    (truth / "000000" / "camera60.png").write_bytes(pictures[".png"])
+    beside("ground_truth.json", png, "000000/camera60.png")
     frames = {"frames": [{"frame": "000000", "timestamp": 1.5}], "settings": {"rate": 10.0, "sequence": True}}
     goal = {"difficulty": 4, "goal": json.dumps({"position": [0, 0, 0.03], "orientation": [0, 0, 0, 1]})}
     dice = {"goal": (0.022 * np.mgrid[-2:3, -2:3, :1].reshape(3, -1).T + [0, 0, 0.011]).tolist()}
     write_poses(folder / "poses.h5", random_poses(rng, 6))
-    text = {"text": True}
     return [
         sample("native", native_bytes(content, poses=1), "log", "log", heads=((0, 60),)),
         sample("gzipped", write_native(folder / "gz", content, packed=True), "log", "log"),
@@ -100,23 +98,23 @@ def made(folder: Path) -> list[Sample]:
         sample("poses", folder / "poses.h5", "poses", "poses.h5", heads=((0, 3000),)),
         sample("lmdb", data, "log around", "data.mdb", heads=pages),
         sample("zarr", data, "log around", "data.mdb", heads=tuple((at, at + 220) for at in marks)),
-        sample("png", pictures[".png"], "picture", "a.png", heads=((8, 33),)),
-        sample("jpeg", pictures[".jpg"], "picture", "a.jpg", heads=((0, 200),)),
+        sample("png", png, "picture", "a.png", heads=((8, 33),)),
+        sample("jpeg", jpg, "picture", "a.jpg", heads=((0, 200),)),
         *(
             sample(kind, encoded(kind, picture), "picture", f"a.{kind}", heads=((0, 60),))
             for kind in OF_USERS
         ),
-        sample("png of a log", pictures[".png"], "log of frames", "0/camera60.png", heads=((8, 33),)),
-        sample("jpeg of a log", pictures[".jpg"], "log of frames", "0/camera60.jpg", heads=((0, 200),)),
-        sample("recording.toml", recording, "log around", "recording.toml", **text),
-        sample("stamps.csv", b"1.5,1.501\n1.6,1.601\n", "log around", "stamps.csv", **text),
+        sample("png of a log", png, "log of frames", "0/camera60.png", heads=((8, 33),)),
+        sample("jpeg of a log", jpg, "log of frames", "0/camera60.jpg", heads=((0, 200),)),
+        sample("recording.toml", recording, "log around", "recording.toml"),
+        sample("stamps.csv", b"1.5,1.501\n1.6,1.601\n", "log around", "stamps.csv"),
         sample("film", folder / "film.mp4", "log around", "camera60.mp4"),
-        sample("object.toml", to_toml(load_object("cube_v2")).encode(), "object", "object.toml", **text),
-        sample("arena.toml", b"radius = 0.2\ntable_std = [0.008, 0.017]\n", "arena", "arena.toml", **text),
-        sample("goal.json", json.dumps(goal).encode(), "job goal", "goal.json", **text),
-        sample("dice.json", json.dumps(dice).encode(), "dice goal", "goal.json", **text),
-        sample("ground_truth.json", json.dumps(frames).encode(), "log around", "ground_truth.json", **text),
-        sample("camera60.yml", yaml, "calibration", "camera60.yml", **text),
+        sample("object.toml", to_toml(load_object("cube_v2")).encode(), "object", "object.toml"),
+        sample("arena.toml", b"radius = 0.2\ntable_std = [0.008, 0.017]\n", "arena", "arena.toml"),
+        sample("goal.json", json.dumps(goal).encode(), "job goal", "goal.json"),
+        sample("dice.json", json.dumps(dice).encode(), "dice goal", "goal.json"),
+        sample("ground_truth.json", json.dumps(frames).encode(), "log around", "ground_truth.json"),
+        sample("camera60.yml", yaml, "calibration", "camera60.yml"),
     ]
 
 
