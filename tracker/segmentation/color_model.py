@@ -29,7 +29,7 @@ CLASSES = len(COLOR_NAMES)
 NODES = 32
 CELLS = 64
 _LOG_STEP = 1 / 16
-_KEYS = {"format", "normalise", "log_posterior"}
+_KEYS = ("format", "log_posterior", "normalise")
 _MAX_BYTES = 4 << 20
 _DATA = Path(__file__).parent / "data"
 
@@ -123,37 +123,31 @@ class ColorModel:
 
 
 def _read(path: Path, name: str) -> ColorModel:
+    what = f"colour model {path}"
     try:
-        version, codes, normalise = _entries(path)
-    except ColorModelError:
-        raise
+        content = read_bounded(path, _MAX_BYTES)
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
+        missing, small = {*_KEYS} - {*sizes}, sum(sizes.values()) <= _MAX_BYTES
+        with np.load(io.BytesIO(content), allow_pickle=False) as data:
+            arrays = [data[key] for key in _KEYS] if small and not missing else []
     # For a broken file, zipfile, zlib and NumPy raise errors of many types.
     except Exception as error:
-        raise ColorModelError(f"colour model {path}: cannot be read as .npz ({error})") from error
-    if version.shape != () or version.dtype.kind not in "iu" or version != 1:
-        raise ColorModelError(f"colour model {path}: format {version!s}; this version reads format 1")
-    if normalise.shape != () or normalise.dtype != np.bool_:
-        raise ColorModelError(f"colour model {path}: normalise: found {normalise!s}, expected one boolean")
-    if codes.dtype != np.uint8 or codes.shape != (CLASSES, NODES, NODES, NODES):
-        raise ColorModelError(
-            f"colour model {path}: log_posterior: found {codes.dtype} {codes.shape}, "
-            f"expected uint8 {(CLASSES, NODES, NODES, NODES)}"
-        )
-    return ColorModel(name, codes * -_LOG_STEP, bool(normalise))
-
-
-def _entries(path: Path) -> tuple[Array, Array, Array]:
-    """Return the arrays format, log_posterior and normalise, unchecked."""
-    content = read_bounded(path, _MAX_BYTES)
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
-    missing = _KEYS - set(sizes)
+        raise ColorModelError(f"{what}: cannot be read as .npz ({error})") from error
     if missing:
-        raise ColorModelError(f"colour model {path}: found no {sorted(missing)}, expected {sorted(_KEYS)}")
-    if sum(sizes.values()) > _MAX_BYTES:
-        raise ColorModelError(f"colour model {path}: unpacks to more than {_MAX_BYTES} bytes")
-    with np.load(io.BytesIO(content), allow_pickle=False) as data:
-        return data["format"], data["log_posterior"], data["normalise"]
+        raise ColorModelError(f"{what}: found no {sorted(missing)}, expected {sorted(_KEYS)}")
+    if not small:
+        raise ColorModelError(f"{what}: unpacks to more than {_MAX_BYTES} bytes")
+    version, codes, normalise = arrays
+    if version.shape != () or version.dtype.kind not in "iu" or version != 1:
+        raise ColorModelError(f"{what}: format {version!s}; this version reads format 1")
+    if normalise.shape != () or normalise.dtype != np.bool_:
+        raise ColorModelError(f"{what}: normalise: found {normalise!s}, expected one boolean")
+    shape = (CLASSES, NODES, NODES, NODES)
+    if codes.dtype != np.uint8 or codes.shape != shape:
+        found = f"{codes.dtype} {codes.shape}"
+        raise ColorModelError(f"{what}: log_posterior: found {found}, expected uint8 {shape}")
+    return ColorModel(name, codes * -_LOG_STEP, bool(normalise))
 
 
 def color_model_names() -> tuple[str, ...]:
