@@ -193,6 +193,20 @@ def test_what_killed_runs_left_of_its_own_files_is_removed_and_nothing_else(tmp_
             pass
 
 
+def test_the_pace_is_that_of_the_last_minutes_and_takes_one_look_at_all_times():
+    class Stamps(list):
+        looks = 0
+
+        def __iter__(self):
+            self.looks += 1
+            return super().__iter__()
+
+    stamps = Stamps([9e8, *np.arange(1e9, 1e9 + 500, 5)])
+    assert tables._rate(stamps) == pytest.approx(1 / 5)
+    assert stamps.looks == 2  # thousands of recordings would take minutes otherwise
+    assert tables._rate([]) is tables._rate([9e8]) is tables._rate([9e8, 1e9]) is None
+
+
 def test_nobody_waits_for_results_that_are_there(tmp_path, monkeypatch):
     pairs = [(f"/none/{number}", f"{number}.poses.h5") for number in range(3000)]
     work = Batch(tmp_path, OPTIONS, tuple(pairs)).work()

@@ -64,10 +64,10 @@ def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:
 
 
 def _rate(stamps: list[float]) -> float | None:
-    recent = sorted(stamp for stamp in stamps if stamp > max(stamps) - RECENT)
-    if len(recent) < 2 or recent[-1] <= recent[0]:
-        return None
-    return (len(recent) - 1) / (recent[-1] - recent[0])
+    end = max(stamps, default=0.0)
+    recent = [stamp for stamp in stamps if stamp > end - RECENT]
+    begin = min(recent, default=end)
+    return (len(recent) - 1) / (end - begin) if begin < end else None
 
 
 def write_tables(batch: Batch, found: State, *, as_csv: bool) -> None:
