@@ -97,12 +97,16 @@ def error_after(stop: KeyboardInterrupt) -> ImportError:
         (error_after(Ended(signal.SIGHUP)), 129, "tracker: interrupted\n"),
         (KeyboardInterrupt(), 130, "tracker: interrupted\n"),
         (RuntimeError("two\nlines"), 2, "RuntimeError in test_cli.py"),
+        (OSError(28, "No space left on device", "x"), 2, "tracker: x: No space left on device\n"),
     ],
 )
-def test_whatever_happens_is_one_line_without_traceback(raised, code, message, monkeypatch, capsys):
+@pytest.mark.parametrize("closed", [False, True])
+def test_whatever_happens_is_one_line_without_traceback(raised, code, message, closed, monkeypatch, capsys):
     def fail(_: object) -> None:
         raise raised
 
+    if closed:  # by the parent process
+        monkeypatch.setattr(sys, "stdout", None)
     monkeypatch.setattr("tracker.load_object", fail)
     with pytest.raises(SystemExit) as stop:
         cli.main(["detect", "--object", "cube_v2", "--calibration", "x", "x.png"])

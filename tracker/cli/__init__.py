@@ -138,6 +138,7 @@ def _fail(message: str, code: int = 2) -> int:
 def _drop_output_that_cannot_be_written() -> None:
     """Prevent an error message when the interpreter flushes stdout at exit."""
     try:
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by the parent process
+            sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
