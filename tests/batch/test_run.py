@@ -264,6 +264,14 @@ def test_the_table_says_what_is_in_the_files_and_a_bad_goal_costs_the_score_alon
     assert table["reward_mean"].to_pylist()[2] == float(rows[2]["reward_mean"])
 
 
+def test_a_bad_goal_in_a_folder_whose_name_is_no_unicode_leaves_the_table_whole(recordings):
+    write_log(recordings / os.fsdecode(b"day\xe9"), 3)
+    (recordings / os.fsdecode(b"day\xe9") / "goal.json").write_text("{}")
+    one = batch_of(recordings)
+    do(one)
+    assert "/day\ufffd/goal.json: " in (one.folder / "summary.csv").read_text(encoding="utf-8")
+
+
 def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
     here = batch_of(recordings, "here", Options("cube_v2", stop=1))
     do(here)

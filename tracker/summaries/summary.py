@@ -167,7 +167,7 @@ def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
         seconds = seconds_since_beginning(log, poses)
         rewards = goal.rewards(seconds, columns.position, columns.orientation, model)
     except (TaskError, LogError, OSError) as error:
-        return {"goal_fault": reason(error)}
+        return {"goal_fault": unicode_text(reason(error))}
     return {**found, **totals(rewards, seconds)}
 
 
