@@ -144,6 +144,12 @@ def test_a_right_calibration_fits(pictures, run_here):
     assert re.search(r"warning +camera60: fy/fx is 1\.0058, expected 1", result.stdout)
 
 
+def test_a_camera_without_a_first_image_is_scaled_by_its_next(pictures, rig, tmp_path, run_here):
+    rig.resized(540, 540).save(tmp_path)
+    given = ("none", *pictures[1][1:], *CUBE, "--calibration", tmp_path, "--resize-calibration")
+    assert "the calibration fits" in well(run_here("check", *given)).stdout
+
+
 def test_a_camera_that_was_knocked_is_named_and_drawn(pictures, run_here, tmp_path):
     folder, files = pictures
     check = ("check", *files, *CUBE, "--calibration", folder / "wrong")

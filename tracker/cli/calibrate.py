@@ -104,9 +104,10 @@ def _sets(
             f"images: found {len(pictures)}, expected a multiple of {count}: one for each of "
             f"{', '.join(rig.names)} ('{NO_IMAGE}' where a camera gave none), moment by moment"
         )
-    sets = []
+    sets, unsized = [], set(rig.names) if resize else set()
     for first in range(0, len(pictures), count):
-        rig, images = read_images(pictures[first : first + count], rig, resize=resize and not first)
+        rig, images = read_images(pictures[first : first + count], rig, resize=unsized)
+        unsized -= {name for name, image in zip(rig.names, images, strict=True) if image is not None}
         sets.append(images)
     return rig, sets
 

@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +56,8 @@ def _one_set(
         raise click.UsageError(
             "Missing option '--calibration': the folder with a file per camera, such as camera60.yml"
         )
-    return read_images(images, cameras.load(), resize=cameras.resize_calibration)
+    rig = cameras.load()
+    return read_images(images, rig, resize=rig.names if cameras.resize_calibration else ())
 
 
 def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
@@ -107,9 +108,12 @@ def camera_in(text: str, names: Sequence[str]) -> str | None:
 
 
 def read_images(
-    paths: Sequence[str], rig: tracker.CameraRig, *, resize: bool = False
+    paths: Sequence[str], rig: tracker.CameraRig, *, resize: Container[str]
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
-    """Return the rig for the images' sizes, and the images in its order; None for a missing image."""
+    """Return the rig for the images' sizes, and the images in its order; None for a missing image.
+
+    resize: names of the cameras whose calibration may be scaled.
+    """
     from tracker.color_learning.labelled import read_image
     from tracker.logs.opening import sized_for
 
@@ -120,7 +124,8 @@ def read_images(
         if path != NO_IMAGE:
             with silent_libraries():
                 image = read_image(Path(path))
-            camera = sized_for((image.shape[1], image.shape[0]), camera, f"image {path}", resize=resize)
+            size = image.shape[1], image.shape[0]
+            camera = sized_for(size, camera, f"image {path}", resize=camera.name in resize)
         images.append(image)
         cameras.append(camera)
     return dataclasses.replace(rig, cameras=tuple(cameras)), images
