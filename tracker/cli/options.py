@@ -186,7 +186,7 @@ class Cameras:
     def load(self) -> tracker.CameraRig:
         """Load the rig given by the options, with its files' image sizes; errors as in `CameraRig.load`."""
         return tracker.CameraRig.load(
-            self.calibration[0] if len(self.calibration) == 1 else self.calibration,
+            self.calibration,
             pattern=self.pattern,
             correct_halved_principal_point=self.correct_halved_principal_point,
         )

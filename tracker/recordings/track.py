@@ -121,10 +121,10 @@ class Recipe(Reading):
     def of(cls, options: Options) -> Recipe:
         """Load the files that the options name; TrackerError for unknown names and malformed files."""
         model = load_object(options.object)
-        rig, given = None, options.calibration
-        if given:
+        rig = None
+        if options.calibration:
             rig = CameraRig.load(
-                given[0] if len(given) == 1 else given,
+                options.calibration,
                 pattern=options.pattern,
                 correct_halved_principal_point=options.correct_halved_principal_point,
             )
