@@ -50,8 +50,7 @@ class Requested:
     as_json: bool = flag("Print each message as it is published.", name="--json")
 
     def __bool__(self) -> bool:
-        shown = self.view or self.rrd or self.page is not None
-        return bool(self.addresses or self.record or shown or self.as_json)
+        return any((self.addresses, self.record, self.view, self.rrd, self.page is not None, self.as_json))
 
     def __post_init__(self) -> None:
         from tracker.live.publishers import is_lcm
