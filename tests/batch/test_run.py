@@ -15,7 +15,7 @@ from tests.helpers import contents, run_python
 from tests.helpers.recording_stubs import NoiseTracker, write_log
 from tracker.batch import jobs, results, run, tables
 from tracker.batch.results import output_of
-from tracker.batch.run import Batch, agreed, only_run, read_batch, run_batch, write_batch
+from tracker.batch.run import Batch, agreed, only_run, read_batch, run_batch
 from tracker.batch.workers import here
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
@@ -43,7 +43,6 @@ def do(one: Batch) -> tuple[list[dict], int]:
     """Results of the recordings that were tracked, and how many were done before."""
     results = []
     with only_run(one):
-        write_batch(one)
         run_batch(one.work(), lambda: nullcontext(here), results.append)
         tables.write_tables(one, tables.state(one), as_csv=True)
     return [result for result in results if result is not None], results.count(None)

@@ -13,7 +13,7 @@ from tests.helpers.command import assert_one_line_error
 from tests.helpers.recording_stubs import NoiseTracker, tiny_rig
 from tests.helpers.robot_stores import SHOWN, STEPS, KnowingTracker, position, write
 from tests.logs.test_datasets import edit, head
-from tracker.batch.run import only_run, run_batch, write_batch
+from tracker.batch.run import only_run, run_batch
 from tracker.batch.stores import Retracking, _taken
 from tracker.batch.workers import here
 from tracker.poses.file import read_poses
@@ -34,7 +34,6 @@ def do(store: Path, folder: Path, robots: Path, **options) -> tuple[list[dict | 
     asked = Options("cube_v2", calibration=(str(robots),), make_tracker=KnowingTracker, **options)
     plan, results = Retracking.of([str(store)], folder, asked), []
     with only_run(plan.batch):
-        write_batch(plan.batch)
         run_batch(plan.work(), lambda: nullcontext(here), results.append)
         reports = plan.write_tables()
     return results, reports.get(str(store), {})

@@ -13,7 +13,7 @@ from tests.helpers import ROOT, contents
 from tests.helpers.command import assert_one_line_error, begin, until, well
 from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import summary_file
-from tracker.batch.run import Batch, read_batch, run_batch, write_batch
+from tracker.batch.run import Batch, only_run, read_batch, run_batch
 from tracker.batch.tables import state, write_tables
 from tracker.batch.workers import here
 from tracker.files import write_whole
@@ -34,9 +34,9 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """What one process makes of the recordings in one go."""
     one = Batch.of([f"{recordings}/*"], tmp_path_factory.mktemp("undisturbed"), Options("cube_v2"))
-    write_batch(one)
-    assert run_batch(one.work(), lambda: nullcontext(here), lambda _: None) == 0
-    write_tables(one, state(one), as_csv=False)
+    with only_run(one):
+        assert run_batch(one.work(), lambda: nullcontext(here), lambda _: None) == 0
+        write_tables(one, state(one), as_csv=False)
     return contents(one.folder)
 
 
@@ -157,7 +157,8 @@ def test_a_full_disk_is_reported_with_what_to_do(recordings, tmp_path, run_here,
 def test_status_is_reported_for_people_and_programs(recordings, tmp_path, run_here):
     pairs = [(str(path), f"{path.name}.poses.h5") for path in sorted(recordings.iterdir())]
     pairs[1] = ("/in/first\nsecond", pairs[1][1])
-    write_batch(Batch(tmp_path, Options("cube_v2"), tuple(pairs)))
+    with only_run(Batch(tmp_path, Options("cube_v2"), tuple(pairs))):
+        pass
     (tmp_path / "001.failed.json").write_text('{"reason": "it is broken"}')
     shown = well(run_here("batch", "status", tmp_path))
     assert f"missing     {COUNT - 1}" in shown.stdout

@@ -148,13 +148,6 @@ class Batch:
         return [(Task(log, output, self.options, mark), recipe) for log, output in outputs]
 
 
-def write_batch(batch: Batch) -> None:
-    """Write options and recordings to the folder of results, creating it if necessary."""
-    batch.folder.mkdir(parents=True, exist_ok=True)
-    content = {"options": batch.options.plain(), "recordings": batch.pairs}
-    write_whole(batch.folder / results.ASKED, json.dumps(content, indent=0) + "\n")
-
-
 def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
     """Return the batch, `Task.agreed` and recordings per job of a list, which is not trusted.
 
@@ -182,14 +175,16 @@ def read_batch(folder: Path) -> Batch:
 
 @contextlib.contextmanager
 def only_run(batch: Batch) -> Iterator[None]:
-    """Make this the only run with a folder of results until the `with` block ends.
+    """Make this the only run with a folder of results until the `with` block ends; write what was asked for.
 
     Leftovers of killed runs and workers are removed. BlockingIOError if another run is active.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
+    content = {"options": batch.options.plain(), "recordings": batch.pairs}
     with claimed(batch.folder / results.ASKED):
         _remove_leftovers(batch)
         try:
+            write_whole(batch.folder / results.ASKED, json.dumps(content, indent=0) + "\n")
             yield
         finally:
             _remove_leftovers(batch)

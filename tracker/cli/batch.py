@@ -115,7 +115,7 @@ def _stores(
 
 def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, quiet: bool) -> None:
     from tracker.batch.results import FAILURES
-    from tracker.batch.run import only_run, run_batch, write_batch
+    from tracker.batch.run import only_run, run_batch
     from tracker.batch.tables import state, write_tables
     from tracker.batch.workers import cores, dask_workers, processes
 
@@ -130,7 +130,6 @@ def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, 
             failures[result["recording"]] = result["failure"]
 
     with only_run(batch):
-        write_batch(batch)
         try:
             with bar("recordings", len(batch.pairs), quiet, "recordings") as advance:
                 begin = functools.partial(processes, count)
@@ -163,7 +162,7 @@ def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, 
 
 def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> None:
     from tracker.batch.jobs import describe
-    from tracker.batch.run import only_run, unfinished, write_batch
+    from tracker.batch.run import only_run, unfinished
     from tracker.warm_up import warm_up
 
     tasks = list(unfinished(batch.work(), lambda: None))
@@ -176,7 +175,6 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
         click.echo(f"# {description.path}\n{description.text}", nl=False)
         return
     with only_run(batch):
-        write_batch(batch)
         description.write()
         warm_up()  # once, not in each job
         answer = description.submit()
