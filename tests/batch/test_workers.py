@@ -1,15 +1,11 @@
 import os
 import signal
-import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
 
-from tests.helpers import ROOT
-from tests.helpers.command import until
 from tracker.batch import workers
 from tracker.batch.workers import ONE_THREAD, WorkerError, dask_workers, engine, here, processes
 from tracker.errors import TrackerError
@@ -36,19 +32,6 @@ def fail_once(mark: str) -> str:
     if path.name == "error":
         raise ZeroDivisionError(mark)
     return path.name
-
-
-def sleep(mark: str) -> None:
-    Path(mark).write_text(str(os.getpid()))
-    time.sleep(600)
-
-
-def alive(number: int) -> bool:
-    try:
-        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
-    return state != "Z"
 
 
 @pytest.fixture
@@ -89,31 +72,6 @@ def test_tasks_are_taken_as_they_are_needed():
             assert result == task
             assert len(taken) <= task + 2 * workers.AHEAD
     assert len(taken) == 20
-
-
-def test_an_interrupt_ends_the_processes_at_once(tmp_path):
-    mark = tmp_path / "worker"
-
-    def interrupt() -> None:
-        until(lambda: mark.exists() and mark.read_text())
-        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-
-    workers.warm_up()  # or else `processes` does, and may take longer than `until` waits
-    threading.Thread(target=interrupt, daemon=True).start()
-    with pytest.raises(KeyboardInterrupt), processes(1) as each:
-        list(each(sleep, [str(mark)]))
-    until(lambda: not alive(int(mark.read_text())))
-
-
-def test_workers_end_with_the_process_that_began_them(tmp_path):
-    mark = tmp_path / "worker"
-    program = "import sys; from tests.batch.test_workers import processes, sleep\n"
-    program += "with processes(1) as each: list(each(sleep, sys.argv[1:]))"
-    begun = subprocess.Popen([sys.executable, "-c", program, str(mark)], cwd=ROOT)
-    until(lambda: mark.exists() and mark.read_text())
-    begun.kill()
-    begun.wait()
-    until(lambda: not alive(int(mark.read_text())))
 
 
 def test_only_a_scheduler_of_others_needs_what_the_core_has_not(without_dask):
