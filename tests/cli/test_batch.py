@@ -3,13 +3,12 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
-from tests.helpers import ROOT, contents
+from tests.helpers import contents
 from tests.helpers.command import assert_one_line_error, begin, until, well
 from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import summary_file
@@ -80,27 +79,11 @@ def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, u
 
 
 @pytest.fixture
-def scheduler(tmp_path):
+def scheduler():
     """The address of a scheduler that others have begun, with one worker."""
-    pytest.importorskip("distributed", reason="cluster: no module distributed")
-    address = tmp_path / "scheduler.json"
-    begin = "from distributed.cli import dask_{0}; dask_{0}.main()"
-    common = ["--scheduler-file", address, "--host", "127.0.0.1"]
-    commands = [
-        ["-c", begin.format("scheduler"), *common, "--port", "0", "--no-dashboard"],
-        ["-c", begin.format("worker"), *common, "--nthreads", "1", "--no-dashboard", "--no-nanny"],
-    ]
-    process = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": str(ROOT)}, "stderr": subprocess.DEVNULL}
-    processes = [subprocess.Popen([sys.executable, *command], **process) for command in commands]
-    try:
-        until(lambda: address.exists() and address.read_text().rstrip().endswith("}"), processes[0])
-        yield json.loads(address.read_text())["address"]
-    finally:
-        # Asked to end together, each of them may wait for the other's word.
-        for process in processes:
-            process.kill()
-        for process in processes:
-            process.wait(timeout=60)
+    distributed = pytest.importorskip("distributed", reason="cluster: no module distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield cluster.scheduler_address
 
 
 @pytest.mark.slow
