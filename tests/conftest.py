@@ -77,7 +77,7 @@ def camera() -> Camera:
 
 @pytest.fixture
 def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Like `run` but in this process, which is faster; what compiled libraries print is seen too.
+    """Runs the command in this process, which is faster; what compiled libraries print is seen too.
 
     `main` may be that of another program.
     """

@@ -158,9 +158,6 @@ def test_a_file_that_ends_is_reported_even_with_quiet(
     assert (result.stdout, result.stderr) == ("", f"tracker: the {what} has ended: no space is left\n")
 
 
-FAILED = {"camera60": "the buffer failed"}
-
-
 def test_a_jump_is_not_taken_for_a_fault_of_a_camera_that_is_called_stamps():
     statistics = Statistics()
     statistics.hear(replace(moment(0), faults={"stamps": "the buffer failed"}))
@@ -192,7 +189,8 @@ def test_a_fault_of_one_set_is_in_the_next_line_and_in_the_summary(monkeypatch):
     monkeypatch.setattr("tracker.cli.live_outputs.time.monotonic", lambda: now)
     statistics = Statistics()
     for number in range(10):
-        statistics.hear(replace(moment(number, pose=estimate()), faults=FAILED if number == 3 else {}))
+        faults = {"camera60": "the buffer failed"} if number == 3 else {}
+        statistics.hear(replace(moment(number, pose=estimate()), faults=faults))
     assert statistics.due() is None
     now += 1.1
     line = statistics.due()

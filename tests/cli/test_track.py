@@ -24,6 +24,7 @@ from tests.calibration.by_object.test_health import film  # noqa: F401
 from tests.helpers import ROOT, contents
 from tests.helpers.command import assert_one_line_error, assert_refused, begin, until, well
 from tests.helpers.kept_stills import take
+from tests.helpers.log_writers import write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
 from tests.helpers.stills import posed_scene
@@ -33,11 +34,8 @@ from tracker.files import claimed
 from tracker.geometry import so3
 from tracker.pose.result import CameraUse, Status
 from tracker.poses.file import read_poses
-from tracker.viz import write_image
 
 FRAMES = 6
-SPEED = np.array([0.05, 0.02, 0.0])
-"""Of the cube [m/s]."""
 
 
 @pytest.fixture(scope="module")
@@ -49,14 +47,13 @@ def filmed(tmp_path_factory):
     rig.save(root)
     rng = np.random.default_rng(5)
     start, rotation = np.array([-0.01, 0.02, model.size[2] / 2]), so3.exp([0.0, 0.0, rng.uniform(0, 6)])
-    truth = [start + 0.1 * k * SPEED for k in range(FRAMES)]
+    truth = [start + 0.1 * k * np.array([0.05, 0.02, 0.0]) for k in range(FRAMES)]
     for k, position in enumerate(truth):
         turned = so3.exp([0.0, 0.0, 0.02 * k]) @ rotation
         scene = posed_scene(model, (position, turned), np.random.default_rng(6))
         images = take(scene, rig.cameras, Sensor.realistic(), rng).images
         for name, image in zip(rig.names, images, strict=True):
-            (folder / name).mkdir(parents=True, exist_ok=True)
-            write_image(folder / name / f"{k:06d}.png", image)
+            write_picture(folder / name / f"{k:06d}.png", image)
     np.save(root / "truth.npy", truth)
     tracker.ObjectTracker(model, rig).detect(images)  # compiles, which processes would tell on stderr
     return folder
@@ -118,7 +115,7 @@ def test_two_processes_change_nothing_and_tell_in_order(tmp_path, run_here):
 def test_a_camera_that_is_mirrored_is_named_with_what_to_look_at(filmed, tmp_path, run_here):
     shutil.copytree(filmed, tmp_path / "film")
     for path in (tmp_path / "film" / "camera180").iterdir():
-        write_image(path, cv2.flip(cv2.imread(str(path)), 1))
+        write_picture(path, cv2.flip(cv2.imread(str(path)), 1))
     base = [tmp_path / "film", "--object", "cube_v2", "--calibration", filmed.parent]
     result = run_here(*base, "-o", tmp_path / "poses.h5")
     lines = [line.strip() for line in result.stdout.splitlines()]

@@ -7,15 +7,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tests.helpers import ROOT, contents, run_python
+from tests.helpers import ROOT, contents
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 """Gives what a command, or a script, printed and its exit code; `folder` is where it runs."""
-
-
-def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """Run the command in a process of its own."""
-    return run_python(["-m", "tracker", *arguments], folder)
 
 
 def well(result: subprocess.CompletedProcess[str]) -> subprocess.CompletedProcess[str]:
