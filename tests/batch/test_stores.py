@@ -33,7 +33,7 @@ def do(store: Path, folder: Path, robots: Path, **options) -> tuple[list[dict | 
     """Results of the episodes, None of those that were done before, and the report."""
     asked = Options("cube_v2", calibration=(str(robots),), make_tracker=KnowingTracker, **options)
     plan, results = Retracking.of([str(store)], folder, asked), []
-    with only_run(plan.batch):
+    with only_run(plan):
         run_batch(plan.work(), lambda: nullcontext(here), results.append)
         reports = plan.write_tables()
     return results, reports.get(str(store), {})

@@ -53,11 +53,9 @@ class Planned(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Retracking:
-    """Stores with their episodes, and the folder of results."""
+class Retracking(Batch):
+    """Batch of all episodes of stores, named like their tasks."""
 
-    batch: Batch
-    """Batch of all episodes, named like their tasks."""
     stores: Mapping[Path, Sequence[Planned]]
 
     @classmethod
@@ -99,7 +97,7 @@ class Retracking:
         stores = {path: [planned(path, episode) for episode in _episodes(path, options)] for path in paths}
         tasks = [one.task for episodes in stores.values() for one in episodes]
         pairs = tuple((task.name, os.path.relpath(task.output, folder)) for task in tasks)
-        return cls(Batch(folder, options, pairs), stores)
+        return cls(folder, options, pairs, stores)
 
     def work(self) -> list[Work]:
         """Return one task per episode."""

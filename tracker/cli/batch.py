@@ -21,7 +21,6 @@ from tracker.errors import LogError
 if TYPE_CHECKING:
     from tracker.batch.jobs import Scheduler
     from tracker.batch.run import Batch
-    from tracker.batch.stores import Retracking
     from tracker.batch.tables import State
     from tracker.recordings import Options
 
@@ -82,23 +81,20 @@ def run(
     DIR` shows the progress, also of HTCondor and Slurm. Parquet and --scheduler need python3 -m pip install
     -e '.[cluster]'. See docs/batch.md.
     """
-    from tracker.batch.run import Batch
+    from tracker.batch.stores import Retracking
 
-    sought = asked.options()
-    stores = _stores(recordings, output, sought, robot)
-    work = stores.batch if stores else Batch.of(recordings, output, sought)
+    planned = _planned(recordings, output, asked.options(), robot)
     if engine.submits is None:
-        _run(work, stores, engine, as_csv, quiet)
-    elif stores is None:
-        _submit(work, engine.submits, engine.dry_run, quiet)
-    else:
+        _run(planned, engine, as_csv, quiet)
+    elif isinstance(planned, Retracking):
         raise click.UsageError("image stores of several robots: expected --jobs or --scheduler")
+    else:
+        _submit(planned, engine.submits, engine.dry_run, quiet)
 
 
-def _stores(
-    recordings: tuple[str, ...], output: Path, asked: Options, robot: str | None
-) -> Retracking | None:
-    """Plan the work on image stores of several robots; None for other recordings or stores of one rig."""
+def _planned(recordings: tuple[str, ...], output: Path, asked: Options, robot: str | None) -> Batch:
+    """Plan the work, by episodes if the recordings are image stores of several robots."""
+    from tracker.batch.run import Batch
     from tracker.batch.stores import Retracking, are_stores
     from tracker.calibration.files.platform import robots_in
 
@@ -110,16 +106,17 @@ def _stores(
             raise click.UsageError(f"--robot is for image stores; for others --pattern '{robot}_*'")
     elif robot is not None:
         raise click.UsageError("--robot: expected --calibration DIR with files like r1_camera60.yml")
-    return None
+    return Batch.of(recordings, output, asked)
 
 
-def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, quiet: bool) -> None:
+def _run(batch: Batch, engine: Engine, as_csv: bool, quiet: bool) -> None:
     from tracker.batch.results import FAILURES
     from tracker.batch.run import only_run, run_batch
+    from tracker.batch.stores import Retracking
     from tracker.batch.tables import state, write_tables
     from tracker.batch.workers import cores, dask_workers, processes
 
-    work = (stores or batch).work()  # report faults before anything begins
+    work = batch.work()  # report faults before anything begins
     count = min(engine.jobs or cores(), len(batch.pairs))
     failures: dict[str, str] = {}
     fault = None
@@ -143,7 +140,7 @@ def _run(batch: Batch, stores: Retracking | None, engine: Engine, as_csv: bool, 
         found = state(batch, failures)
         try:
             write_tables(batch, found, as_csv=as_csv)
-            reports = stores.write_tables() if stores else {}
+            reports = batch.write_tables() if isinstance(batch, Retracking) else {}
         except LogError as error:
             fault, reports = error, {}
     if not quiet:
