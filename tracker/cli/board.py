@@ -283,9 +283,8 @@ def extrinsics(
 
     lenses = read_all_calibrated(intrinsics, pattern)
     names = [lens.camera.name for lens in lenses]
-    plots = {} if plot is None else {name: plot / f"{name}.png" for name in names}
-    written = {f"--plot for {name}": path for name, path in plots.items()}
-    refuse_overwriting(written, folders, intrinsics)
+    plots = [] if plot is None else [plot / f"{name}.png" for name in names]
+    refuse_overwriting({f"--plot for {path.stem}": path for path in plots}, folders, intrinsics)
     board = printed.board()
     paths = _photos_of(folders, names)
     board, found, faults = _sightings_of(list(paths.values()), board)
@@ -296,12 +295,11 @@ def extrinsics(
     with _naming(faults):
         placed = place_cameras(lenses, sightings, world_from_board)
     files = smaller.write((one, output / f"{one.camera.name}.yml") for one in placed.cameras)
-    for number, one in enumerate(placed.cameras):
-        if (picture := plots.get(one.camera.name)) is not None:
-            own = {at: missed for at, missed in placed.residuals.items() if at[0] == number}
-            photos = [(placed.sightings[at].pixels, own[at], at not in placed.faults) for at in own]
-            picture.parent.mkdir(parents=True, exist_ok=True)
-            _draw(picture, one, photos)
+    for number, path in enumerate(plots):
+        own = {at: missed for at, missed in placed.residuals.items() if at[0] == number}
+        photos = [(placed.sightings[at].pixels, own[at], at not in placed.faults) for at in own]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _draw(path, placed.cameras[number], photos)
     summary = [["board", _told_pattern(board)], *_partly_seen(sightings, board), ["files", files]]
     click.echo("\n\n".join([*_placed_tables(placed, faults), listing(summary)]))
 
