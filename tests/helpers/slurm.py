@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.helpers.needs import lack
+from tracker.processes import environment
 
 COMMANDS = ("slurmctld", "slurmd", "sbatch", "squeue", "scontrol", "scancel", "sinfo")
 SECONDS = 90
@@ -90,27 +91,22 @@ def single_node(folder: Path) -> Iterator[Slurm]:
         lack("slurm", f"no {', '.join(missing)}; Debian's package is slurm-wlm")
     for name in ("state", "spool"):
         (folder / name).mkdir()
-    import pwd  # not on every operating system
-
-    user = pwd.getpwuid(os.getuid()).pw_name
-    (folder / "slurm.conf").write_text(CONFIGURATION.format(folder=folder, ports=_free_ports(), user=user))
-    before = os.environ.get("SLURM_CONF")
-    os.environ["SLURM_CONF"] = str(folder / "slurm.conf")
+    user, configuration = folder.owner(), folder / "slurm.conf"
+    configuration.write_text(CONFIGURATION.format(folder=folder, ports=_free_ports(), user=user))
     daemons: list[subprocess.Popen[bytes]] = []
-    try:
-        for command in ([found["slurmctld"], "-D", "-i"], [found["slurmd"], "-D", "-N", "localhost"]):
-            daemons.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-        _wait_for_node(folder, daemons)
-        yield Slurm(folder)
-        subprocess.run(["scancel", f"--user={user}"], check=False, timeout=SECONDS)
-        Slurm(folder).finish()
-    finally:
-        for daemon in reversed(daemons):
-            daemon.terminate()
-            daemon.wait(SECONDS)
-        os.environ.pop("SLURM_CONF")
-        if before is not None:
-            os.environ["SLURM_CONF"] = before
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with environment({"SLURM_CONF": str(configuration)}):
+        try:
+            for command in ([found["slurmctld"], "-D", "-i"], [found["slurmd"], "-D", "-N", "localhost"]):
+                daemons.append(subprocess.Popen(command, **silent))
+            _wait_for_node(folder, daemons)
+            yield Slurm(folder)
+            subprocess.run(["scancel", f"--user={user}"], check=False, timeout=SECONDS)
+            Slurm(folder).finish()
+        finally:
+            for daemon in reversed(daemons):
+                daemon.terminate()
+                daemon.wait(SECONDS)
 
 
 def _wait_for_node(folder: Path, daemons: list[subprocess.Popen[bytes]]) -> None:
