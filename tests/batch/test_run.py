@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import subprocess
-from contextlib import nullcontext
 from pathlib import Path
 
 import cv2
@@ -16,7 +15,7 @@ from tests.helpers.recording_stubs import NoiseTracker, write_log
 from tracker.batch import jobs, results, run, tables
 from tracker.batch.results import output_of
 from tracker.batch.run import Batch, agreed, only_run, read_batch, run_batch
-from tracker.batch.workers import here
+from tracker.batch.workers import engine
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.poses.file import read_poses
@@ -43,7 +42,7 @@ def do(one: Batch) -> tuple[list[dict], int]:
     """Results of the recordings that were tracked, and how many were done before."""
     results = []
     with only_run(one):
-        run_batch(one.work(), lambda: nullcontext(here), results.append)
+        run_batch(one.work(), lambda: engine(1), results.append)
         tables.write_tables(one, tables.state(one), as_csv=True)
     return [result for result in results if result is not None], results.count(None)
 

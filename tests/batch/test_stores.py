@@ -1,6 +1,5 @@
 import json
 import re
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +14,7 @@ from tests.helpers.robot_stores import SHOWN, STEPS, KnowingTracker, position, w
 from tests.logs.test_datasets import edit, head
 from tracker.batch.run import only_run, run_batch
 from tracker.batch.stores import Retracking, _taken
-from tracker.batch.workers import here
+from tracker.batch.workers import engine
 from tracker.poses.file import read_poses
 from tracker.recordings import Options
 
@@ -34,7 +33,7 @@ def do(store: Path, folder: Path, robots: Path, **options) -> tuple[list[dict | 
     asked = Options("cube_v2", calibration=(str(robots),), make_tracker=KnowingTracker, **options)
     plan, results = Retracking.of([str(store)], folder, asked), []
     with only_run(plan):
-        run_batch(plan.work(), lambda: nullcontext(here), results.append)
+        run_batch(plan.work(), lambda: engine(1), results.append)
         reports = plan.write_tables()
     return results, reports.get(str(store), {})
 
@@ -205,7 +204,7 @@ def test_a_damaged_store_is_one_error_and_leaves_nothing(
 def test_the_command_tracks_a_named_robot_and_reports_a_damaged_episode(
     robots, tmp_path, run_here, monkeypatch
 ):
-    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
+    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: engine(1))
     monkeypatch.setattr("tracker.recordings.Options", partial(Options, make_tracker=NoiseTracker))
     store, folder = write(tmp_path / "a.zarr", observations=with_robots(2)), tmp_path / "out"
     base = ["batch", "run", store, "--calibration", robots, "--object", "cube_v2", "-o", folder]

@@ -3,7 +3,6 @@ import json
 import os
 import signal
 import subprocess
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import summary_file
 from tracker.batch.run import Batch, only_run, read_batch, run_batch
 from tracker.batch.tables import state, write_tables
-from tracker.batch.workers import here
+from tracker.batch.workers import engine
 from tracker.files import write_whole
 from tracker.recordings import Job, Options, Tracked, run
 
@@ -34,7 +33,7 @@ def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     """What one process makes of the recordings in one go."""
     one = Batch.of([f"{recordings}/*"], tmp_path_factory.mktemp("undisturbed"), Options("cube_v2"))
     with only_run(one):
-        assert run_batch(one.work(), lambda: nullcontext(here), lambda _: None) == 0
+        assert run_batch(one.work(), lambda: engine(1), lambda _: None) == 0
         write_tables(one, state(one), as_csv=False)
     return contents(one.folder)
 
@@ -114,7 +113,7 @@ def test_a_full_disk_is_reported_with_what_to_do(recordings, tmp_path, run_here,
             full(job.output)
         return run(job)
 
-    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
+    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: engine(1))
     base = ["batch", "run", f"{recordings}/00[01]", "--object", "cube_v2", "-o", tmp_path, "--to", 4]
     with monkeypatch.context() as disk:
         disk.setattr("tracker.batch.run.run", full_for_one)
@@ -152,7 +151,7 @@ def test_status_is_reported_for_people_and_programs(recordings, tmp_path, run_he
 
 
 def test_a_recording_may_be_called_as_a_command(tmp_path, run_here, monkeypatch):
-    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
+    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: engine(1))
     for name in ("status", "run"):
         write_log(tmp_path / name, 2)
     asked = ("--object", "cube_v2", "-o", "out", "--jobs", 1)

@@ -1,4 +1,3 @@
-import contextlib
 import dataclasses
 import os
 import struct
@@ -16,7 +15,7 @@ from tests.helpers.reading import frames_of, peak_memory
 from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, write_log
 from tracker.batch.run import Batch, run_batch
 from tracker.batch.tables import state
-from tracker.batch.workers import here
+from tracker.batch.workers import engine
 from tracker.calibration.files.platform import Calibrated, write_calibrated
 from tracker.errors import LogError, TrackerError
 from tracker.logs import open_log
@@ -278,7 +277,7 @@ def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
     options = Options("cube_v2", make_tracker=NoiseTracker)
     one, results = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
     with no_file_longer_than(20_000):
-        run_batch(one.work(), lambda: contextlib.nullcontext(here), results.append)
+        run_batch(one.work(), lambda: engine(1), results.append)
     reasons = [result["failure"] and result["failure"].split(": ", 1)[1] for result in results]
     assert reasons == [None, "cannot be written: File too large", None]
     found = state(one)
@@ -286,7 +285,7 @@ def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
     assert len(read_poses(one.folder / one.pairs[2][1])) == 6
     assert not list((tmp_path / "out").rglob("*.tmp"))
     results.clear()
-    run_batch(one.work(), lambda: contextlib.nullcontext(here), results.append)
+    run_batch(one.work(), lambda: engine(1), results.append)
     assert [result and result["failure"] for result in results] == [None] * 3
     assert len(state(one).lines) == 3
 

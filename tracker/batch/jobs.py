@@ -6,7 +6,6 @@ Python's has to be quoted for a shell or a scheduler.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
@@ -21,7 +20,7 @@ from typing import Any, Literal
 import cv2
 
 from tracker.batch.run import Batch, Task, read_asked, run_batch
-from tracker.batch.workers import ONE_THREAD, here
+from tracker.batch.workers import ONE_THREAD, engine
 from tracker.errors import LogError, TrackerError
 from tracker.files import write_whole
 
@@ -161,4 +160,4 @@ def do_share(list_path: Path, number: int) -> int:
     if share[0][0].agreed != mark:
         raise TrackerError(f"{list_path}: found a list of another version or other files, submit it again")
     cv2.setNumThreads(1)  # of OpenCV, which no environment variable sets
-    return run_batch(share, lambda: contextlib.nullcontext(here), lambda _: None)
+    return run_batch(share, lambda: engine(1), lambda _: None)
