@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT
 from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.dice_scenes import EDGE, RIG, painted
 from tracker.calibration.rig import CameraRig
+from tracker.cli.demo import DATA as DEMO
 from tracker.cli.stills import of_cameras
 from tracker.tasks import rearrange_dice
 
-DEMO = ROOT / "tracker" / "demo"
 PHOTOS = DEMO / "000003"
 NAMES = ("camera60", "camera180", "camera300")
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT, look_at
+from tests.helpers import look_at
 from tests.helpers.kept_stills import bare
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
+from tracker.cli.demo import DATA as DEMO
 from tracker.errors import LogError
 from tracker.geometry import so3
 from tracker.objects.model import load_object
@@ -121,7 +122,6 @@ def test_an_object_at_rest_has_no_path(rng):
     assert summary.path_length(way) == pytest.approx(1.0)
 
 
-DEMO = ROOT / "tracker" / "demo"
 STRAIGHT = (0, 1, 2)
 NAMES = ("camera60", "camera180", "camera300")
 
