@@ -47,9 +47,7 @@ def bar(label: str, total: int, quiet: bool, unit: str = "frames") -> Iterator[C
     from tqdm import tqdm
 
     tqdm.monitor_interval = 0  # no monitor thread
-    with tqdm(
-        total=total, desc=label, unit=f" {unit}", leave=False, dynamic_ncols=True, file=sys.stderr
-    ) as shown:
+    with tqdm(total=total, desc=label, unit=f" {unit}", leave=False, dynamic_ncols=True) as shown:
 
         def advance(count: int) -> None:
             shown.update(count)
