@@ -208,7 +208,7 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
 
 
 MOST_BLUR = 2.5
-"""Largest standard deviation [px] of the blur; above it, markers are missed and corners shift."""
+"""Largest standard deviation [px] of the blur; above it, an image is called blurred."""
 
 
 class PictureLook(NamedTuple):
