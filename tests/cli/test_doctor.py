@@ -64,12 +64,9 @@ def test_an_opencv_of_which_another_ones_removal_left_the_folder_is_reported(mon
     monkeypatch.setattr(doctor.metadata, "distributions", lambda: installed)
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     monkeypatch.delitem(sys.modules, "cv2")
-    doctor._fault_of_module.cache_clear()
-    try:
-        assert doctor._fault_of_module("cv2") == "only the folder is left"
-        finding = doctor._package(doctor.OPENCV, "cv2")
-    finally:
-        doctor._fault_of_module.cache_clear()
+    monkeypatch.setattr(doctor, "_fault_of_module", doctor._fault_of_module.__wrapped__)  # without its cache
+    assert doctor._fault_of_module("cv2") == "only the folder is left"
+    finding = doctor._package(doctor.OPENCV, "cv2")
     assert finding.remedy
     assert "does not load" in finding.found
     assert "uninstall -y" in finding.remedy
