@@ -42,7 +42,7 @@ def do(one: Batch) -> tuple[list[dict], int]:
     """Results of the recordings that were tracked, and how many were done before."""
     results = []
     with only_run(one):
-        run_batch(one.work(), lambda: engine(1), results.append)
+        run_batch(one.work(), engine(1), results.append)
         tables.write_tables(one, tables.state(one), as_csv=True)
     return [result for result in results if result is not None], results.count(None)
 

@@ -47,7 +47,7 @@ def recordings(tmp_path_factory) -> Path:
 def here(recordings, tmp_path_factory) -> dict[str, bytes]:
     """What this process makes of them."""
     one = Batch.of([f"{recordings}/*"], tmp_path_factory.mktemp("here"), Options("cube_v2"))
-    assert run_batch(one.work(), lambda: engine(1), lambda _: None) == 0
+    assert run_batch(one.work(), engine(1), lambda _: None) == 0
     return contents(one.folder)
 
 

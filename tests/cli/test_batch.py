@@ -33,7 +33,7 @@ def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     """What one process makes of the recordings in one go."""
     one = Batch.of([f"{recordings}/*"], tmp_path_factory.mktemp("undisturbed"), Options("cube_v2"))
     with only_run(one):
-        assert run_batch(one.work(), lambda: engine(1), lambda _: None) == 0
+        assert run_batch(one.work(), engine(1), lambda _: None) == 0
         write_tables(one, state(one), as_csv=False)
     return contents(one.folder)
 

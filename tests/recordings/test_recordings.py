@@ -277,7 +277,7 @@ def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
     options = Options("cube_v2", make_tracker=NoiseTracker)
     one, results = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
     with no_file_longer_than(20_000):
-        run_batch(one.work(), lambda: engine(1), results.append)
+        run_batch(one.work(), engine(1), results.append)
     reasons = [result["failure"] and result["failure"].split(": ", 1)[1] for result in results]
     assert reasons == [None, "cannot be written: File too large", None]
     found = state(one)
@@ -285,7 +285,7 @@ def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
     assert len(read_poses(one.folder / one.pairs[2][1])) == 6
     assert not list((tmp_path / "out").rglob("*.tmp"))
     results.clear()
-    run_batch(one.work(), lambda: engine(1), results.append)
+    run_batch(one.work(), engine(1), results.append)
     assert [result and result["failure"] for result in results] == [None] * 3
     assert len(state(one).lines) == 3
 

@@ -160,4 +160,4 @@ def do_share(list_path: Path, number: int) -> int:
     if share[0][0].agreed != mark:
         raise TrackerError(f"{list_path}: found a list of another version or other files, submit it again")
     cv2.setNumThreads(1)  # of OpenCV, which no environment variable sets
-    return run_batch(share, lambda: engine(1), lambda _: None)
+    return run_batch(share, engine(1), lambda _: None)

@@ -190,19 +190,17 @@ def only_run(batch: Batch) -> Iterator[None]:
             _remove_leftovers(batch)
 
 
-def run_batch(
-    work: Iterable[Work], begin: Callable[[], AbstractContextManager[Engine]], report: Report
-) -> int:
+def run_batch(work: Iterable[Work], engine: AbstractContextManager[Engine], report: Report) -> int:
     """Do the unfinished tasks; return the number that failed.
 
-    begin: makes the engine, called only if there are tasks. report: takes the result of each recording.
+    engine: begun only if there are tasks. report: takes the result of each recording.
     """
     failures, missing = 0, unfinished(work, lambda: report(None))
     first = next(missing, None)
     if first is None:
         return 0
-    with begin() as engine:
-        for task, result in engine(make_result, itertools.chain([first], missing)):
+    with engine as each:
+        for task, result in each(make_result, itertools.chain([first], missing)):
             if isinstance(result, Exception):  # the worker ended before it could report it
                 result = _failed(task, result)
             failures += result["failure"] is not None

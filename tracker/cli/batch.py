@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 from contextlib import suppress
 from dataclasses import dataclass
@@ -129,10 +128,8 @@ def _run(batch: Batch, engine: Engine, as_csv: bool, quiet: bool) -> None:
     with only_run(batch):
         try:
             with bar("recordings", len(batch.pairs), quiet, "recordings") as advance:
-                begin = functools.partial(processes, count)
-                if engine.scheduler is not None:
-                    begin = functools.partial(dask_workers, engine.scheduler)
-                run_batch(work, begin, tell)
+                workers = dask_workers(engine.scheduler) if engine.scheduler is not None else processes(count)
+                run_batch(work, workers, tell)
         except BaseException:
             with suppress(LogError):  # report why the run ended instead
                 write_tables(batch, state(batch, failures), as_csv=as_csv)
