@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers import ROOT
+from tests.helpers import ROOT, contents
 from tests.helpers.slurm import Slurm, single_node, until
-from tracker.batch.jobs import FOLDER, RECORDINGS_A_JOB
+from tracker.batch.jobs import RECORDINGS_A_JOB
 from tracker.batch.results import summary_file
 from tracker.batch.run import Batch, run_batch
 from tracker.batch.workers import engine
@@ -48,7 +48,7 @@ def here(recordings, tmp_path_factory) -> dict[str, bytes]:
     """What this process makes of them."""
     one = Batch.of([f"{recordings}/*"], tmp_path_factory.mktemp("here"), Options("cube_v2"))
     assert run_batch(one.work(), engine(1), lambda _: None) == 0
-    return contents(one.folder)
+    return made(one.folder)
 
 
 @pytest.fixture
@@ -70,11 +70,10 @@ def submit(slurm, recordings, results, run_here, monkeypatch) -> Callable[[], st
     return submit_it
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def made(folder: Path) -> dict[str, bytes]:
     """Poses and the lines about them."""
-    files = [*folder.rglob("*.poses.h5"), *folder.rglob("*.json")]
-    own = [path for path in files if FOLDER not in path.parts and path.name != "batch.json"]
-    return {str(path.relative_to(folder)): path.read_bytes() for path in own}
+    suffixes = (".poses.h5", ".summary.json", ".failed.json")
+    return {name: content for name, content in contents(folder).items() if name.endswith(suffixes)}
 
 
 def done(folder: Path) -> dict[Path, tuple[int, int]]:
@@ -112,7 +111,7 @@ def test_a_job_whose_process_is_killed_is_begun_again_and_a_second_run_does_noth
     slurm.finish()
     assert "Restarts=1" in slurm.ask("scontrol", "--oneliner", "show", "job", f"{job}_0")
     assert "Restarts=0" in slurm.ask("scontrol", "--oneliner", "show", "job", f"{job}_1")
-    assert contents(results) == here
+    assert made(results) == here
     assert before.items() <= done(results).items()
     counts = numbers(run_here, results)
     assert (counts["done"], counts["failed"], counts["missing"], counts["running"]) == (COUNT, 0, 0, 0)
@@ -135,6 +134,6 @@ def test_what_jobs_that_are_cancelled_have_left_is_done_by_the_same_command(
     assert counts["missing"] == COUNT - len(before) > 0
     assert f"\n{COUNT - len(before)} recordings" in submit()
     slurm.finish()
-    assert contents(results) == here
+    assert made(results) == here
     assert before.items() <= done(results).items()
     assert numbers(run_here, results)["running"] == 0
