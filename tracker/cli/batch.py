@@ -151,7 +151,7 @@ def _run(batch: Batch, engine: Engine, as_csv: bool, quiet: bool) -> None:
     if fault is not None:
         raise fault
     if failures:
-        click.get_current_context().exit(2)
+        raise click.exceptions.Exit(2)
 
 
 def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> None:
@@ -210,7 +210,7 @@ def share(list_path: Path = argument("LIST", InFile()), number: int = argument("
     failed = do_share(list_path, number)
     if failed:
         say(f"{failed} recordings failed")
-        click.get_current_context().exit(2)
+        raise click.exceptions.Exit(2)
 
 
 def _of_robots(report: dict[str, Any]) -> str:

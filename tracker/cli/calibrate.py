@@ -143,7 +143,7 @@ def check(
     elif not filmed.quiet:
         click.echo(_checked(found, warnings))
     if not found.fits:
-        click.get_current_context().exit(1)
+        raise click.exceptions.Exit(1)
 
 
 def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, float], list[str]]:

@@ -130,7 +130,7 @@ def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> 
                     _warn(outcome)
                     _print(outcome, as_json, quiet)
     if failed:
-        click.get_current_context().exit(2)
+        raise click.exceptions.Exit(2)
 
 
 def _warn(result: dict[str, Any]) -> None:
