@@ -81,7 +81,7 @@ def test_info_tells_what_is_in_a_file_of_poses(poses, tmp_path, run_here):
 
 def test_exports_are_those_of_tracking(poses, tmp_path, run_here):
     files = ["--csv", "a.csv", "--tum", "a.tum", "--bop", "b.csv", "--camera", "camera180"]
-    run_here("export", "poses.h5", *files, folder=tmp_path).check_returncode()
+    well(run_here("export", "poses.h5", *files, folder=tmp_path))
     write_csv(tmp_path / "a2.csv", poses)
     write_tum(tmp_path / "a2.tum", poses)
     write_bop(tmp_path / "b2.csv", poses, make_rig()[1])
@@ -107,7 +107,7 @@ def test_parquet_and_data_frames_hold_the_bits_of_the_csv(poses, tmp_path, run_h
 def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
     pandas = pytest.importorskip("pandas", reason="bench: no module pandas")
     model = load_object("cube_v2")
-    run_here("export", "poses.h5", "--csv", "a.csv", "--keypoints", folder=tmp_path).check_returncode()
+    well(run_here("export", "poses.h5", "--csv", "a.csv", "--keypoints", folder=tmp_path))
     table = pandas.read_csv(tmp_path / "a.csv", float_precision="round_trip")
     assert list(table.columns[: len(CSV_HEADER)]) == list(CSV_HEADER)
     assert len(table.columns) == len(CSV_HEADER) + 3 * 24
@@ -117,7 +117,7 @@ def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
     assert poses.to_dataframe(model)["measured_keypoint7_z_m"].notna().sum() == poses.measured.has_pose.sum()
     (tmp_path / "mine.toml").write_text(to_toml(replace(model, size=model.size / 2)))
     other = ["--keypoints", "--object", "mine.toml"]
-    run_here("export", "poses.h5", "--csv", "b.csv", *other, folder=tmp_path).check_returncode()
+    well(run_here("export", "poses.h5", "--csv", "b.csv", *other, folder=tmp_path))
     assert (tmp_path / "a.csv").read_bytes() != (tmp_path / "b.csv").read_bytes()
     mine = replace(poses, about=replace(poses.about, object_name="mine"))
     write_poses(tmp_path / "own.h5", mine)
@@ -148,11 +148,11 @@ def test_a_log_becomes_a_film_also_with_its_poses(tmp_path, run_here):
     av = pytest.importorskip("av", reason="video: no module av")
     write_log(tmp_path / "job", FRAMES)
     run(make_job(tmp_path / "job", tmp_path / "own.h5"))
-    run_here("convert", "job", "-o", "new.mp4", folder=tmp_path).check_returncode()
+    well(run_here("convert", "job", "-o", "new.mp4", folder=tmp_path))
     with av.open(str(tmp_path / "new.mp4")) as film:
         pictures = [frame.to_ndarray(format="bgr24") for frame in film.decode(video=0)]
     assert [picture.shape for picture in pictures] == [(24, 84, 3)] * FRAMES
-    run_here("export", "own.h5", "--video", "film.mp4", "--log", "job", folder=tmp_path).check_returncode()
+    well(run_here("export", "own.h5", "--video", "film.mp4", "--log", "job", folder=tmp_path))
     assert (tmp_path / "film.mp4").stat().st_size > 1000
 
 
@@ -162,7 +162,7 @@ def test_a_log_becomes_hdf5_with_all_its_bits(kind, tmp_path, run_here):
         log = write_log(tmp_path / "log", FRAMES)
     else:
         log = write_hdf5(tmp_path / "log.h5", make_content(FRAMES), poses=True, wide_confidence=True)
-    run_here("convert", log, "-o", tmp_path / "new.h5").check_returncode()
+    well(run_here("convert", log, "-o", tmp_path / "new.h5"))
     with tracker.open_log(log) as one, tracker.open_log(tmp_path / "new.h5") as two:
         assert two.format == "HDF5 camera log, version 2.1, with poses"
         assert (len(one), one.camera_names) == (len(two), two.camera_names)
@@ -192,7 +192,7 @@ def test_converting_unrelated_scenes_says_that_they_become_one_recording(part, w
 
 def test_a_log_becomes_a_folder_and_a_part_of_one(tmp_path, run_here):
     log = write_log(tmp_path / "log", FRAMES)
-    run_here("convert", log, "-o", tmp_path / "new", "--from", 2, "--to", 6).check_returncode()
+    well(run_here("convert", log, "-o", tmp_path / "new", "--from", 2, "--to", 6))
     with tracker.open_log(log) as one, tracker.open_log(tmp_path / "new") as two:
         assert len(two) == 4
         assert two.rig is not None

@@ -144,14 +144,14 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
 def test_poses_of_another_object_are_replaced_only_where_that_is_asked_for(tmp_path, run_here):
     write_log(tmp_path / "log", 2)
     base = ["log", "-o", "poses.h5", "--object"]
-    run_here(*base, "cube_v2", folder=tmp_path).check_returncode()
+    well(run_here(*base, "cube_v2", folder=tmp_path))
     before = (tmp_path / "poses.h5").read_bytes()
     words = ("poses.h5: found poses of cube_v2", "cuboid_2x2x8_v2", "--overwrite")
     assert_refused(run_here, tmp_path, [*base, "cuboid_2x2x8_v2"], *words)
-    run_here(*base, "cuboid_2x2x8_v2", "--overwrite", folder=tmp_path).check_returncode()
+    well(run_here(*base, "cuboid_2x2x8_v2", "--overwrite", folder=tmp_path))
     assert read_poses(tmp_path / "poses.h5").about.object_name == "cuboid_2x2x8_v2"
     (tmp_path / "poses.h5").write_bytes(before[: len(before) // 2])  # of a damaged file nothing is lost
-    run_here(*base, "cube_v2", folder=tmp_path).check_returncode()
+    well(run_here(*base, "cube_v2", folder=tmp_path))
 
 
 def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
@@ -180,7 +180,7 @@ def test_what_is_whole_is_neither_tracked_again_nor_overwritten_by_another_recor
     base = ["--object", "cube_v2", "-o", "all", "--json"]
     (tmp_path / "all").mkdir()
     for name in ("first", "second"):
-        run_here(f"{name}/camera_data.dat", *base, folder=tmp_path).check_returncode()
+        well(run_here(f"{name}/camera_data.dat", *base, folder=tmp_path))
     logs = [f"{name}/camera_data.dat" for name in ("first", "second", "third")]
     result = run_here(*logs, *base, folder=tmp_path)
     assert [json.loads(line)["new"] for line in result.stdout.splitlines()] == [0, 0, 2]
