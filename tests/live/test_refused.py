@@ -83,6 +83,7 @@ NONE = ("127.0.0.1:5555", "udp://x", "tcp://127.0.0.1", "tcp://127.0.0.1:65536")
     [
         *((f"tcp://{host}:5555", "other machines could connect") for host in ELSEWHERE),
         *((address, f"found {address}, {LOCAL}") for address in NONE),
+        (None, "address: found None, expected str"),
         ("tcp://", LOCAL),
         ("ipc://", LOCAL),
     ],
@@ -99,6 +100,7 @@ LCM = {
     "a ttl up to 255": (f"{GROUP}:7667?ttl=-1", f"{GROUP}:7667?ttl=256"),
     "a group from 224.0.0.0 on": ("udpm://192.0.2.1:7667?ttl=0", "udpm://239.255.76.256:7667?ttl=0"),
     "somewhere": ("udpm://somewhere:7667?ttl=0",),
+    "address: found None, expected str": (None,),
     "a new file": ("file://no/poses.lcm", f"file://{__file__}"),
     "expected lcm://": (
         *(f"{GROUP}:7667?ttl=0&ttl=1", f"{GROUP}:7667?ttl=0&transmit_only=1", f"{GROUP}:7667?ttl"),

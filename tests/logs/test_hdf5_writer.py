@@ -48,6 +48,15 @@ def test_what_is_written_is_read(tmp_path, count):
     assert path.read_bytes() == content
     with pytest.raises(LogError, match="cannot be written"):
         Hdf5LogWriter(tmp_path / "no" / "log.h5", rig)
+    for wrong, message in [
+        ({"frame_rate": "10"}, "frame_rate: found '10', expected above 0 Hz"),
+        ({"frame_rate": 0.0}, "frame_rate: found 0.0"),
+        ({"settings": [{}]}, f"settings: found 1, expected {len(rig)}"),
+        ({"settings": {"camera60": {}}}, "settings: found a mapping of 1"),
+    ]:
+        with pytest.raises(LogError, match=message):
+            Hdf5LogWriter(tmp_path / "wrong.h5", rig, **wrong)
+        assert not (tmp_path / "wrong.h5").exists()
 
 
 def test_the_layout_is_that_of_the_platform_s_writer(tmp_path):

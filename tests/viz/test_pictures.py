@@ -88,6 +88,7 @@ PLACE, PAIR = [[0, 0, 0]], [[0, 0, 0], [0.1, 0, 0]]
         (goal_picture, ([], [[0, 0]]), TaskError, "dice: found shape"),
         (goal_picture, (PLACE, PLACE, [(0, 1)]), TaskError, "place 0 and die 1, expected less than 1 and 1"),
         (goal_picture, (PLACE, PLACE, [(0, -1)]), TaskError, "pairs: found place 0 and die -1"),
+        (goal_picture, (PLACE, PLACE, [(0, 0.5)]), TaskError, "pairs: found place 0 and die 0.5"),
         (goal_picture, (PLACE, None, [(0, 0)]), TaskError, "pairs: found place 0 and die 0"),
         (goal_picture, (PLACE, PLACE, dice.assign(PLACE, PLACE)), TaskError, "pairs: found Assignment"),
         (goal_picture, (PLACE, PLACE, [0]), TaskError, r"pairs: found a list of 1, expected pairs"),

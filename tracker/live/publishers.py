@@ -15,7 +15,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
-from tracker.checks import naming, optional
+from tracker.checks import naming, of_kind, optional
 from tracker.errors import LiveError
 from tracker.files import on_error
 from tracker.live.moment import Moment
@@ -68,7 +68,7 @@ class ZmqPublisher:
     """
 
     def __init__(self, address: str, *, public: bool = False) -> None:
-        found = _ADDRESS.fullmatch(address)
+        found = _ADDRESS.fullmatch(of_kind(address, str, "publish: address", LiveError))
         # ZeroMQ maps a port that is too large to another port.
         if not found or ((found["port"] or "*") != "*" and int(found["port"]) > 65535):
             raise LiveError(f"publish: found {address}, expected {_FORMS}, lcm://, udpm:// or file://")
@@ -238,7 +238,7 @@ class LcmPublisher:
 
 def _url(address: str, public: bool) -> str:
     """Return the address in LCM's form, built only from validated parts."""
-    kind, _, rest = address.partition("://")
+    kind, _, rest = of_kind(address, str, "publish: address", LiveError).partition("://")
     if address == "lcm://":
         address = os.environ.get(_VARIABLE) or DEFAULT
         if address.startswith("lcm:"):

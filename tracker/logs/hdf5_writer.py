@@ -15,7 +15,15 @@ import numpy as np
 
 from tracker.calibration.camera_info import CAMERA_DATASETS, write_arena
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described_input, float_array, of_kind, path_of, seconds
+from tracker.checks import (
+    check_sequence,
+    described_input,
+    float_array,
+    is_number,
+    of_kind,
+    path_of,
+    seconds,
+)
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
@@ -48,7 +56,8 @@ class Hdf5LogWriter:
         settings: settings of each camera, such as exposure and gain; empty: unknown.
 
     Raises:
-        LogError: the file exists already or cannot be written, or the cameras' images differ in size.
+        LogError: the file exists already or cannot be written, the cameras' images differ in size, or an
+            argument is none that can be written.
     """
 
     def __init__(
@@ -69,6 +78,11 @@ class Hdf5LogWriter:
         if len(sizes) != 1:
             found = ", ".join(f"{camera.width}×{camera.height}" for camera in rig)
             raise LogError(f"{self._path}: found cameras of {found} px, expected images of one size")
+        if frame_rate is not None and not (is_number(frame_rate) and frame_rate > 0):
+            raise LogError(f"{self._path}: frame_rate: found {shown(frame_rate)}, expected above 0 Hz")
+        check_sequence(settings, f"{self._path}: settings", LogError)
+        if len(settings) not in (0, len(rig)):
+            raise LogError(f"{self._path}: settings: found {len(settings)}, expected {len(rig)}")
         self._rig, self._flush_every = rig, flush_every
         self._size = sizes.pop()
         self._count = 0

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import of_kind
+from tracker.checks import is_whole, of_kind
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError, TrackerError, shown
 from tracker.geometry import so3
@@ -214,7 +214,7 @@ def _ways(places: FloatArray, dice: FloatArray, pairs: Iterable[tuple[int, int]]
         raise TaskError(f"pairs: found {shown(pairs)}, expected pairs (place, die)") from error
     valid = f"less than {len(places)} and {len(dice)}"
     for place, die in chosen:
-        if not (0 <= place < len(places) and 0 <= die < len(dice)):
+        if not all(is_whole(n) and 0 <= n < len(of) for n, of in ((place, places), (die, dice))):
             raise TaskError(f"pairs: found place {place} and die {die}, expected {valid}")
     return [_pixels(np.stack([dice[die], places[place]])) for place, die in chosen]
 
