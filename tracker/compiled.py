@@ -24,8 +24,8 @@ from numba.core.typing.templates import make_concrete_template
 
 _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
-_CREATING = {"array", "copy", "empty", "empty_like", "eye", "full", "ones", "zeros", "zeros_like"}
-"""Names by which kernels create arrays."""
+_CREATING = {"array", "copy", "empty", "eye", "zeros"}
+"""Names by which kernels create arrays; those that use other functions for that fail to compile."""
 
 _FOLDER = "kernels-"
 _OTHERS = 1

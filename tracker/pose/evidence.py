@@ -177,7 +177,8 @@ def _outside(one, numbers):  # type: ignore[no-untyped-def]
 @compiled
 def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
     """Log likelihood of `count` cameras, each either whole or broken: whole (C,), broken (C,)."""
-    ways, none = np.full(count + 1, -1e300), -1e300
+    ways, none = np.empty(count + 1), -1e300
+    ways[:] = none
     ways[0] = 0.0
     for c in range(count):
         for k in range(c + 1, -1, -1):
