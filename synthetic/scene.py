@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from tracker.conventions import Array, FloatArray
 from tracker.objects.model import CuboidModel, load_object
@@ -30,13 +29,6 @@ def direction(azimuth: float, elevation: float = 0.0) -> FloatArray:
     """Return the unit vector (3,) at an azimuth from x about z, and an elevation above the horizon [rad]."""
     level = np.cos(elevation)
     return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
-
-
-def transform(rotation: Array, position: npt.ArrayLike) -> FloatArray:
-    """Return the transform (4, 4) of a rotation (3, 3) and a position (3,) [m]."""
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = rotation, position
-    return result
 
 
 def _frozen(array: Any) -> FloatArray:

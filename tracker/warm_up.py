@@ -179,9 +179,7 @@ def _begin(part: str) -> subprocess.Popen[bytes] | None:
 @functools.cache
 def _estimator() -> PoseEstimator:
     """Return an estimator with one camera, shared by all parts."""
-    transform = np.eye(4)
-    transform[:3, :3] = np.diag([1.0, -1.0, -1.0])
-    transform[2, 3] = 0.5
+    transform = so3.transform(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 0.5])
     matrix = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 31.5], [0.0, 0.0, 1.0]])
     camera = Camera("above", _SIZE, _SIZE, matrix, np.zeros(5), transform)
     model = load_object("cube_v2")

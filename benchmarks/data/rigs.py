@@ -19,7 +19,7 @@ from benchmarks.data.scenes import OBJECTS, Scene
 from benchmarks.data.store import Store, each
 from synthetic.camera.rigs import default_cameras, looking
 from synthetic.camera.sensor import Sensor
-from synthetic.scene import direction, drawn, transform
+from synthetic.scene import direction, drawn
 from synthetic.stills import bare_scene, scene_with_fingers, take
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -54,7 +54,7 @@ class Placement:
     def camera(self, camera: Camera) -> Camera:
         """Return the camera in the world that takes the same images as a camera on the stage."""
         position, rotation = self.pose(camera.position, camera.camera_from_world[:3, :3].T)
-        camera_from_world = transform(rotation.T, -rotation.T @ position)
+        camera_from_world = so3.transform(rotation.T, -rotation.T @ position)
         return dataclasses.replace(camera, camera_from_world=camera_from_world)
 
 

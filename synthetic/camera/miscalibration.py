@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from synthetic.scene import ObjectState, direction, transform
+from synthetic.scene import ObjectState, direction
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
@@ -70,7 +70,7 @@ def miscalibrated(rig: CameraRig, rng: np.random.Generator) -> Calibrated:
     """Draw a wrong calibration of a rig that is given in the simulation's world."""
     height, angle, azimuth = rng.uniform(0.0, FLOAT), rng.uniform(0.0, TILT), rng.uniform(0.0, 2.0 * np.pi)
     turn = so3.exp(angle * direction(azimuth))
-    floating = transform(turn, turn @ [0.0, 0.0, -height])
+    floating = so3.transform(turn, turn @ [0.0, 0.0, -height])
     back = np.linalg.inv(floating)
     true = [_posed(camera, camera.camera_from_world @ back) for camera in rig]
     own = dataclasses.replace(rig, cameras=tuple(true))
@@ -85,7 +85,7 @@ def stated(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
 def _posed(camera: Camera, camera_from_world: FloatArray) -> Camera:
     """Return the camera at another pose, whose rotation is made orthonormal again after rounding."""
     rotation = so3.nearest_rotation(camera_from_world[:3, :3])
-    return dataclasses.replace(camera, camera_from_world=transform(rotation, camera_from_world[:3, 3]))
+    return dataclasses.replace(camera, camera_from_world=so3.transform(rotation, camera_from_world[:3, 3]))
 
 
 def _given(camera: Camera, rng: np.random.Generator) -> Camera:
@@ -138,4 +138,4 @@ def _with_board(true: Camera, stated: Camera) -> Camera:
     _, turn, move = cv2.solvePnP(
         _BOARD, pixels, stated.matrix, stated.distortion, start.copy(), translation.reshape(3, 1).copy(), True
     )
-    return _posed(stated, transform(cv2.Rodrigues(turn)[0], move.ravel()))
+    return _posed(stated, so3.transform(cv2.Rodrigues(turn)[0], move.ravel()))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from synthetic.scene import direction, transform
+from synthetic.scene import direction
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError
@@ -77,7 +77,7 @@ def looking(position: Array, target: npt.ArrayLike) -> FloatArray:
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
-    return transform(rotation, -rotation @ position)
+    return so3.transform(rotation, -rotation @ position)
 
 
 def standard_rig() -> CameraRig:
@@ -135,7 +135,7 @@ def _perturbed(camera: Camera, rng: np.random.Generator) -> Camera:
         camera,
         matrix=matrix,
         distortion=camera.distortion * rng.normal(1.0, 0.04, 5),
-        camera_from_world=transform(rotation, -rotation @ position),
+        camera_from_world=so3.transform(rotation, -rotation @ position),
     )
 
 
@@ -162,7 +162,7 @@ def _random(name: str, azimuth_deg: float, rng: np.random.Generator) -> Camera:
     rotation = so3.exp(np.radians([0.0, 0.0, rng.normal(0.0, 1.0)])) @ np.stack(
         [right, np.cross(-away, right), -away]
     )
-    camera_from_world = transform(rotation, -rotation @ (target + distance * away))
+    camera_from_world = so3.transform(rotation, -rotation @ (target + distance * away))
     fx = rng.normal(295.0, 1.7)
     matrix = np.eye(3)
     matrix[0, 0], matrix[1, 1] = fx, fx * rng.normal(1.0044, 0.0015)

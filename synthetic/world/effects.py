@@ -9,7 +9,7 @@ from collections.abc import Callable, Container
 import numpy as np
 
 from synthetic.effects import stream
-from synthetic.scene import ObjectState, PlatformScene, SceneAt, direction, transform
+from synthetic.scene import ObjectState, PlatformScene, SceneAt, direction
 from synthetic.world import meshes
 from synthetic.world.chamfers import chamfered
 from synthetic.world.clutter import cluttered
@@ -86,7 +86,7 @@ def _moved(scene: PlatformScene, shift: FloatArray, angle: float) -> PlatformSce
     if not shown or not (angle or shift.any()):
         return scene
     middle, turn = np.mean(shown, axis=0), so3.exp([0.0, 0.0, angle])
-    motion = transform(turn, middle + shift - turn @ middle)
+    motion = so3.transform(turn, middle + shift - turn @ middle)
     bodies = tuple(
         dataclasses.replace(body, world_from_body=motion @ body.world_from_body)
         if np.any(body.labels)

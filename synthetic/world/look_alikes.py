@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from synthetic.look.face_colors import reflectances
-from synthetic.scene import Body, Mesh, PlatformScene, direction, transform
+from synthetic.scene import Body, Mesh, PlatformScene, direction
 from synthetic.world import meshes
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError
@@ -214,7 +214,7 @@ def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
         # Each is slightly thicker than the one before, so that tops of overlapping plates do not coincide.
         size[2] += 2e-4 * number
         facing = turn @ so3.exp([np.pi / 2, 0.0, 0.0]) if stands else turn
-        pose = transform(facing, [*place, size[1 if stands else 2] / 2])
+        pose = so3.transform(facing, [*place, size[1 if stands else 2] / 2])
         mesh = meshes.box(size, one_group=True)
         plate = _as_body(own, mesh, np.array([label]), world_from_body=pose, name=f"plate_{number}")
         bodies.append(plate)

@@ -11,10 +11,11 @@ import numpy as np
 
 from synthetic.closing import Closing
 from synthetic.look.appearance import Look
-from synthetic.scene import Body, Lighting, Mesh, ObjectState, PlatformScene, transform
+from synthetic.scene import Body, Lighting, Mesh, ObjectState, PlatformScene
 from synthetic.world import meshes
 from synthetic.world.assets import CONTAINMENT, find_assets
 from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
 from tracker.objects.model import CuboidModel, load_object
 
 if TYPE_CHECKING:
@@ -133,14 +134,14 @@ class Platform(Closing):
             colors, labels = np.stack([look.dice[index], look.pips]), np.full(2, index + 1, dtype=np.uint8)
         else:
             colors, labels = look.faces, self.model.face_labels.astype(np.uint8)
-        pose = transform(state.rotation, state.position)
+        pose = so3.transform(state.rotation, state.position)
         gloss = float(look.gloss[1])
         faces, rim = self.model is not None, 0.0 if self.model is None else self.model.rim
         return Body(state.name, self._object_mesh, pose, colors, labels, gloss, look.dirt, faces, rim)
 
     def _surroundings(self, look: Look) -> list[Body]:
         nothing, level = np.zeros(1, dtype=np.uint8), np.eye(3)
-        below = transform(level, [0.0, 0.0, _FLOOR_HEIGHT])
+        below = so3.transform(level, [0.0, 0.0, _FLOOR_HEIGHT])
         bodies = [
             Body("floor", self._floor_mesh, below, look.floor[None], nothing, 0.0, 0.1),
             Body("table", self._table_mesh, np.eye(4), look.table[None], nothing, float(look.gloss[2]), 0.06),
@@ -152,6 +153,6 @@ class Platform(Closing):
                 # Lower bars for y, so that the two tops do not flicker where they overlap.
                 height = _CROSS_HEIGHT * (1.0 if name == "x" else 0.8)
                 mesh = meshes.box(np.array([*size, height]), one_group=True)
-                pose = transform(level, [0.0, 0.0, height / 2 + 1e-5])
+                pose = so3.transform(level, [0.0, 0.0, height / 2 + 1e-5])
                 bodies.append(Body(f"cross_{name}", mesh, pose, look.cross[None], nothing, 0.0, 0.05))
         return bodies

@@ -11,7 +11,7 @@ import numpy as np
 import pybullet
 
 from synthetic.closing import Closing
-from synthetic.scene import Mesh, ObjectState, transform
+from synthetic.scene import Mesh, ObjectState
 from synthetic.world import meshes
 from synthetic.world.assets import CONTAINMENT, URDF
 from tracker.conventions import Array, FloatArray
@@ -167,7 +167,7 @@ class World(Closing):
     def link_pose(self, link: int) -> FloatArray:
         """Return world_from_link (4, 4) of a link's frame in the URDF."""
         state = self._bullet.getLinkState(self.robot, link, computeForwardKinematics=True)
-        return transform(so3.matrix_from_quaternion(state[5]), state[4])
+        return so3.transform(so3.matrix_from_quaternion(state[5]), state[4])
 
     def set_objects(self, states: Sequence[ObjectState]) -> None:
         """Put the objects at their poses, at rest; objects without a state are put out of the way."""

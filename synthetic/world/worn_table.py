@@ -7,10 +7,11 @@ import dataclasses
 import numpy as np
 
 from synthetic.look.face_colors import reflectances
-from synthetic.scene import Body, Mesh, PlatformScene, transform
+from synthetic.scene import Body, Mesh, PlatformScene
 from synthetic.world.meshes import QUAD, circle, concatenate
 from synthetic.world.platform import ARENA_RADIUS
 from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
 
 COAT, BLUR = (0.3, 1.0), (0.15, 0.5)
 """Ranges of the amount of the table's clear coat, and of the blur of what it mirrors [rad]."""
@@ -111,5 +112,5 @@ def _ring(place: FloatArray, radius: float, width: float, segments: int = 48) ->
 def _flat(
     name: str, vertices: FloatArray, triangles: Array, groups: Array, colors: FloatArray, height: float
 ) -> Body:
-    mesh, pose = Mesh(name, vertices, triangles, groups), transform(np.eye(3), [0.0, 0.0, height])
+    mesh, pose = Mesh(name, vertices, triangles, groups), so3.transform(np.eye(3), [0.0, 0.0, height])
     return Body(name, mesh, pose, np.clip(colors, 0.0, 1.0), np.zeros(len(colors), dtype=np.uint8))

@@ -8,7 +8,6 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from synthetic.scene import transform
 from tests.helpers import LENSES, exposed, within
 from tests.helpers.fits import deviation
 from tests.helpers.kept_stills import bare, take
@@ -43,7 +42,7 @@ def new(name, rig):
 
 def elsewhere(rig, shift, turn):
     """The same cameras and arena in a world whose origin is elsewhere and whose x axis is turned [rad]."""
-    new_from_old = transform(so3.exp([0.0, 0.0, turn]), shift)
+    new_from_old = so3.transform(so3.exp([0.0, 0.0, turn]), shift)
     center = new_from_old @ [*rig.arena.center, rig.arena.table, 1.0]
     arena = dataclasses.replace(rig.arena, center=tuple(center[:2]), table=center[2])
     return dataclasses.replace(moved(rig, np.linalg.inv(new_from_old)), arena=arena), new_from_old
@@ -101,7 +100,7 @@ def test_over_time_the_worlds_origin_does_not_matter_either(rig, name, pairs):
 
 def away(rig, degrees, axis, name="away"):
     """Cameras at the same places that look away."""
-    turn = transform(so3.exp(np.radians(degrees) * np.asarray(axis, dtype=float)), np.zeros(3))
+    turn = so3.transform(so3.exp(np.radians(degrees) * np.asarray(axis, dtype=float)), np.zeros(3))
     return [
         dataclasses.replace(
             camera, name=f"{camera.name} {name}", camera_from_world=turn @ camera.camera_from_world

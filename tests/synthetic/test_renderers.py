@@ -4,10 +4,11 @@ import pytest
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.render.renderer import render
-from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene, transform
+from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene
 from tests.helpers import opencv_pixels, random_rotations
 from tests.helpers.pyrender_labels import labels_and_depth
 from tracker.conventions import Array
+from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_CORNERS, corners
 
 LABELS = np.array([1, 6, 2, 5, 3, 4], np.uint8)  # +x … -z, none twice
@@ -37,7 +38,7 @@ def lamp(x: float, y: float, z: float, strength: float = 0.5) -> Lamp:
 
 
 def thing(name: str, mesh: Mesh, position: Array, reflectance: float = 0.5) -> Body:
-    groups, pose = int(mesh.groups.max()) + 1, transform(np.eye(3), position)
+    groups, pose = int(mesh.groups.max()) + 1, so3.transform(np.eye(3), position)
     return Body(name, mesh, pose, np.full((groups, 3), reflectance), np.zeros(groups, np.uint8))
 
 
@@ -45,7 +46,7 @@ TABLE = thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2)
 
 
 def crowded(rotation: Array) -> PlatformScene:
-    pose = transform(rotation, [0.02, -0.01, 0.06])
+    pose = so3.transform(rotation, [0.02, -0.01, 0.06])
     cube = Body("object", box((0.065, 0.065, 0.065)), pose, COLORS, LABELS, gloss=0.1, texture=0.1)
     balls = (thing(f"ball{k}", ball(), [0.05 * k - 0.07, 0.05, 0.1]) for k in range(4))
     return PlatformScene((cube, TABLE, *balls), lighting(0.5, lamp(0.3, 0.2, 1)))

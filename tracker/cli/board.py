@@ -289,9 +289,8 @@ def extrinsics(
     paths = _photos_of(folders, names)
     board, found, faults = _sightings_of(list(paths.values()), board)
     sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
-    world_from_board = np.eye(4)
-    world_from_board[:3, :3] = tracker.geometry.so3.exp([0, 0, np.deg2rad(yaw)])
-    world_from_board[:3, 3] = (*center, height)
+    so3 = tracker.geometry.so3
+    world_from_board = so3.transform(so3.exp([0, 0, np.deg2rad(yaw)]), (*center, height))
     with _naming(faults):
         placed = place_cameras(lenses, sightings, world_from_board)
     files = smaller.write((one, output / f"{one.camera.name}.yml") for one in placed.cameras)

@@ -1,7 +1,7 @@
-"""Rotations: matrices, rotation vectors and quaternions (x, y, z, w).
+"""Rotations: matrices, rotation vectors and quaternions (x, y, z, w); and transforms made of them.
 
-Functions work on one element or on a stack: leading axes broadcast. They do not check their input:
-matrices must be rotations, quaternions non-zero.
+Functions of rotations work on one element or on a stack: leading axes broadcast. They do not check their
+input: matrices must be rotations, quaternions non-zero.
 
 The last three are compiled and take a single element, for use in compiled loops.
 """
@@ -105,6 +105,13 @@ def nearest_rotation(matrix: npt.ArrayLike) -> FloatArray:
     # Flip the direction of the smallest singular value to turn a reflection into the nearest rotation.
     u = np.concatenate([u[..., :2], u[..., 2:] * sign[..., None, None]], axis=-1)
     return np.asarray(u @ vt)
+
+
+def transform(rotation: npt.ArrayLike, translation: npt.ArrayLike) -> FloatArray:
+    """Return the transform (4, 4) of a rotation (3, 3) and a translation (3,)."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rotation, translation
+    return out
 
 
 @compiled

@@ -102,10 +102,7 @@ class PoseEstimate:
     @property
     def world_from_object(self) -> FloatArray:
         """(4, 4) transform from the object's frame to the world's."""
-        transform = np.eye(4)
-        transform[:3, :3] = self.rotation
-        transform[:3, 3] = self.position
-        return transform
+        return so3.transform(self.rotation, self.position)
 
     @property
     def keypoints(self) -> FloatArray:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.scene import transform
 from tests.helpers import make_camera, misplaced
 from tracker.calibration.by_object.check import LIMIT, check, check_calibration
 from tracker.calibration.by_object.looks import OFTEN, Look
@@ -24,7 +23,7 @@ KNOWN = np.diag(np.repeat([2e-4, 3e-3], 3) ** -2.0)
 def moved(camera, shift, turn):
     """A camera that a file has elsewhere by a shift (3,) [m], and turned by (3,) [rad], in the world."""
     rotation = camera.camera_from_world[:3, :3] @ so3.exp(turn)
-    elsewhere = transform(rotation, -rotation @ (camera.position + shift))
+    elsewhere = so3.transform(rotation, -rotation @ (camera.position + shift))
     return dataclasses.replace(camera, camera_from_world=elsewhere)
 
 
@@ -38,7 +37,7 @@ def looks(true, given, count=20, seed=1):
     result = []
     for _ in range(count):
         turn = so3.exp(rng.normal(size=3))
-        place = transform(turn, rng.uniform([-0.12, -0.12, 0.02], [0.12, 0.12, 0.08]))
+        place = so3.transform(turn, rng.uniform([-0.12, -0.12, 0.02], [0.12, 0.12, 0.08]))
         seen = [
             np.linalg.inv(g.camera_from_world) @ t.camera_from_world @ place
             for t, g in zip(true, given, strict=True)
@@ -93,7 +92,7 @@ def test_the_cameras_of_another_platform_do_not_fit_and_one_look_names_none():
 def test_a_world_that_is_moved_as_a_whole_fits():
     # Its cameras see the object where they have it, all of them.
     shift, turn = np.array([0.02, -0.01, 0.03]), so3.exp([0.0, 0.0, 0.1])
-    back = np.linalg.inv(transform(turn, shift))
+    back = np.linalg.inv(so3.transform(turn, shift))
     given = [dataclasses.replace(c, camera_from_world=c.camera_from_world @ back) for c in CAMERAS]
     turned = np.kron(np.eye(2), turn)
     world = [

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.scene import transform
 from tests.helpers import make_rig, random_rotations
 from tests.helpers.filmed import RIG
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
@@ -266,7 +265,7 @@ def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, messa
 
 def floating(height=0.005, degrees=1.0):
     """(4, 4) to the true world from one that floats."""
-    return transform(so3.exp(np.radians([degrees, 0.0, 0.0])), [0.0, 0.0, height])
+    return so3.transform(so3.exp(np.radians([degrees, 0.0, 0.0])), [0.0, 0.0, height])
 
 
 @pytest.mark.parametrize("height", [0.005, -0.006])

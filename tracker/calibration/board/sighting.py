@@ -13,6 +13,7 @@ import numpy as np
 from tracker.calibration.board.board import Board
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
+from tracker.geometry import so3
 
 FEWEST_CORNERS = 4
 """Smallest number of corners that determines the board's pose."""
@@ -87,10 +88,7 @@ class BoardView:
 
 def transform(turn: FloatArray, shift: FloatArray) -> FloatArray:
     """Return the transform (4, 4) of a rotation vector [rad] and a translation [m]."""
-    out = np.eye(4)
-    out[:3, :3] = cv2.Rodrigues(turn)[0]
-    out[:3, 3] = shift
-    return out
+    return so3.transform(cv2.Rodrigues(turn)[0], shift)
 
 
 def rms(residuals: Sequence[FloatArray]) -> float:

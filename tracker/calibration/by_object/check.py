@@ -235,10 +235,8 @@ def _median_miss(misses: FloatArray, cameras: Sequence[Camera]) -> float:
 def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, float]:
     """Return the transform that undoes an error (a, w) of camera_from_world, its shift [m] and turn [rad]."""
     rotation = camera.camera_from_world[:3, :3]
-    back = np.eye(4)
-    back[:3, :3] = so3.exp(-rotation @ error[3:])
-    back[:3, 3] = camera.camera_from_world[:3, 3] - rotation @ error[:3]
-    back[:3, 3] -= back[:3, :3] @ camera.camera_from_world[:3, 3]
+    turn, shift = so3.exp(-rotation @ error[3:]), camera.camera_from_world[:3, 3]
+    back = so3.transform(turn, shift - rotation @ error[:3] - turn @ shift)
     true = back @ camera.camera_from_world
     place = -true[:3, :3].T @ true[:3, 3]
     return back, float(np.linalg.norm(place - camera.position)), float(np.linalg.norm(error[3:]))

@@ -228,9 +228,7 @@ def _prior(now: Unknowns) -> tuple[FloatArray, FloatArray]:
 
 def _changed(camera: Camera, change: FloatArray) -> Camera:
     """Return a camera after a change (10,) of its unknowns."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = so3.exp(change[3:6]), change[:3]
-    transform = camera.camera_from_world @ transform
+    transform = camera.camera_from_world @ so3.transform(so3.exp(change[3:6]), change[:3])
     transform[:3, :3] = so3.nearest_rotation(transform[:3, :3])
     matrix = camera.matrix.copy()
     matrix[(0, 1), (0, 1)] *= np.exp(change[FOCAL][0])

@@ -128,9 +128,7 @@ def levelled(rig: CameraRig, plane: TablePlane) -> CameraRig:
     length = np.linalg.norm(axis)
     turn = so3.exp(axis / length * plane.tilt) if length > 0.0 else np.eye(3)
     place = np.array([*plane.center, 0.0])
-    world_from_level = np.eye(4)
-    world_from_level[:3, :3] = turn.T
-    world_from_level[:3, 3] = np.array([*plane.center, plane.height]) - turn.T @ place
+    world_from_level = so3.transform(turn.T, np.array([*plane.center, plane.height]) - turn.T @ place)
     arena = dataclasses.replace(rig.arena, table=0.0, table_std=plane.std)
     return dataclasses.replace(moved(rig, world_from_level), arena=arena)
 
