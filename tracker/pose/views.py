@@ -134,23 +134,25 @@ def _light_slopes(picture, width, height):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-untyped-def]
-    """Return which tiles (h, w) of a label map show a face colour in a window, or are beside such tiles.
+def _evened_label(b, g, r, at, picture, table, slopes):  # type: ignore[no-untyped-def]
+    """Label of a colour at a place (column, row) of the label map, in even light."""
+    (i, j), (across, down) = at, slopes
+    if across.shape[1] > 0:
+        b = evened_level(b, across[0, i] * down[0, j])
+        r = evened_level(r, across[1, i] * down[1, j])
+    return label_of(b, g, r, picture.channels, table, picture.gains)
 
-    The loops are written out here and below: a function call per pixel would count references to its array
-    arguments, which takes ten times as long as all else.
-    """
-    (left, top, right, bottom), (across, down) = window, slopes
-    even = across.shape[1] == 0
+
+@compiled
+def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-untyped-def]
+    """Return which tiles (h, w) of a label map show a face colour in a window, or are beside such tiles."""
+    left, top, right, bottom = window
     near = np.zeros((image.shape[0] // by // TILE + 3, image.shape[1] // by // TILE + 3), np.bool_)
     for m in range(top // TILE, (bottom - 1) // TILE + 1):
         for n in range(left // TILE, (right - 1) // TILE + 1):
             j, i = m * TILE, n * TILE
-            b, r = np.int64(image[by * j, by * i, 0]), np.int64(image[by * j, by * i, 2])
-            if not even:
-                b = evened_level(b, across[0, i] * down[0, j])
-                r = evened_level(r, across[1, i] * down[1, j])
-            if label_of(b, image[by * j, by * i, 1], r, picture.channels, table, picture.gains) > 0:
+            b, g, r = image[by * j, by * i, 0], image[by * j, by * i, 1], image[by * j, by * i, 2]
+            if _evened_label(b, g, r, (i, j), picture, table, slopes) > 0:
                 for beside in range(9):
                     near[m + beside // 3, n + beside % 3] = True
     return near[1:-1, 1:-1]
@@ -166,8 +168,8 @@ def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: i
     """
     picture, (left, top, right, bottom) = pictures[c], window
     picture.mosaic = find_mosaic(image)
-    across, down = _light_slopes(picture, image.shape[1] // by, image.shape[0] // by)
-    near, even = _near_color(calm, picture, by, table, window, (across, down)), across.shape[1] == 0
+    slopes = _light_slopes(picture, image.shape[1] // by, image.shape[0] // by)
+    near = _near_color(calm, picture, by, table, window, slopes)
     # A little more than 1 / area, so that whole numbers are not rounded down.
     area, share, count = by * by, (1.0 + 1e-9) / (by * by), 0
     for j in range(top, bottom):
@@ -182,10 +184,7 @@ def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: i
                         g += calm[y, x, 1]
                         r += calm[y, x, 2]
                 b, g, r = int(b * share), int(g * share), int(r * share)
-                if not even:
-                    b = evened_level(b, across[0, i] * down[0, j])
-                    r = evened_level(r, across[1, i] * down[1, j])
-                label = label_of(b, g, r, picture.channels, table, picture.gains)
+                label = _evened_label(b, g, r, (i, j), picture, table, slopes)
                 labels[c, j, i] = label
                 count += label > 0
     picture.colored = count
