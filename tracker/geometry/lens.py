@@ -157,7 +157,7 @@ def apply_update(rotation, position, update):  # type: ignore[no-untyped-def]
             rotation[i, column] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * g
 
 
-@compiled(inline="always")
+@compiled
 def clamped(value, most):  # type: ignore[no-untyped-def]
     """Truncate a coordinate to a whole number, clamped to 0 … `most`; 0 for NaN."""
     return int(min(max(value, 0.0), float(most))) if value == value else 0

@@ -96,7 +96,7 @@ def eliminate_surfaces(space, g, part, narrow, slopes):  # type: ignore[no-untyp
                 raw[j, k] -= factor * raw[i, k]
 
 
-@compiled(inline="always")
+@compiled
 def _explained(full, raw, mean, g, k, i, x):  # type: ignore[no-untyped-def]
     """How much a surface of colour x reduces the sum of squares."""
     return raw[i, k] ** 2 * full[g, i, i] + RIDGE * x * (x - 2.0 * mean[i, k])
@@ -195,7 +195,7 @@ def fit_edge(space, g, part, narrow, slopes, stiffness):  # type: ignore[no-unty
     return total, known, weight, shift, lift
 
 
-@compiled(inline="always")
+@compiled
 def _label(channels, table, color):  # type: ignore[no-untyped-def]
     cell = 0
     for k in range(3):
@@ -203,7 +203,7 @@ def _label(channels, table, color):  # type: ignore[no-untyped-def]
     return table[cell]
 
 
-@compiled(inline="always")
+@compiled
 def _variance(squares, degrees):  # type: ignore[no-untyped-def]
     """Variance of a pixel's channel from the residuals, at least that of the noise."""
     return max(NOISE * NOISE, squares / max(degrees, 1))

@@ -45,7 +45,7 @@ _STEPS = np.array([0.5 * (1 + math.erf(x / math.sqrt(2))) for x in _X])
 _LINE = np.exp(-0.5 * _X**2) / math.sqrt(2 * math.pi)
 
 
-@compiled(inline="always")
+@compiled
 def _table_index(z):  # type: ignore[no-untyped-def]
     """Index of z in the tables of step and line; unsigned, since a signed index could count from the end."""
     return np.uint32(np.int32((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5))
@@ -171,7 +171,7 @@ def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled(inline="always")
+@compiled
 def _fill_channel(raw, mean, k, area, rest, v, av, ev, wv):  # type: ignore[no-untyped-def]
     """Fill the products with channel k; RIDGE pulls each surface's colour slightly to its pixels' mean."""
     inside, outside = av / (area + 1e-9), (v - av) / (rest + 1e-9)

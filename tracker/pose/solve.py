@@ -39,7 +39,7 @@ MODEL_STD = 4e-4, 3e-4
 """Errors that do not average out over samples: edge lengths, unmodelled optics [radii of the object, rad]."""
 
 
-@compiled(inline="always")
+@compiled
 def tukey(residual, limit):  # type: ignore[no-untyped-def]
     """Tukey's biweight of a residual: 1 at zero, 0 from `limit` on."""
     if abs(residual) >= limit:
@@ -56,7 +56,7 @@ def robust_std(residuals, n):  # type: ignore[no-untyped-def]
     return GAUSSIAN * median(residuals, n) if n > 0 else 1.0
 
 
-@compiled(inline="always")
+@compiled
 def residual(strip, found, since, exponent, rim):  # type: ignore[no-untyped-def]
     """Remaining offset of an edge [px]: equation (13) of docs/how-it-works.md.
 
@@ -68,14 +68,14 @@ def residual(strip, found, since, exponent, rim):  # type: ignore[no-untyped-def
     return left
 
 
-@compiled(inline="always")
+@compiled
 def trust_of(camera):  # type: ignore[no-untyped-def]
     """Factor on the weight of pieces, since neighbours share errors; the edge's own offset is exempt."""
     shared = 1.0 if camera.parts > 1 else 1.0 / CORRELATION**2
     return shared / (1.0 + (camera.blur / (SMEAR * camera.scale)) ** 4)
 
 
-@compiled(inline="always")
+@compiled
 def shown(solution, camera):  # type: ignore[no-untyped-def]
     """Exponent and rim with which a camera shows the object."""
     return solution.shared[EXPONENT] + camera.offset[EXPONENT], solution.shared[RIM]

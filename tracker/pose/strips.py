@@ -65,7 +65,7 @@ SUMS = {"reassoc", "contract", "nsz"}
 """Fast-math flags of sums: any order, but always the same."""
 
 
-@compiled(inline="always")
+@compiled
 def _face_depth(corners, k, face, axis, nu, nv):  # type: ignore[no-untyped-def]
     """Signed distance along a normal from corner k of an edge to the opposite edge of `face` [px].
 
@@ -194,13 +194,13 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     return count
 
 
-@compiled(inline="always")
+@compiled
 def padded(count):  # type: ignore[no-untyped-def]
     """Return a number of pixels plus the gap after them."""
     return (count + BLOCK - 1) // BLOCK * BLOCK
 
 
-@compiled(inline="always")
+@compiled
 def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
     """Which columns of row j of a mosaic measured a channel: 0 for even, 1 for odd, -1 for none."""
     has_red = (j & 1) == red >> 1
@@ -209,7 +209,7 @@ def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
     return (red & 1) ^ (channel == 0) if has_red == (channel == 2) else -1
 
 
-@compiled(inline="always")
+@compiled
 def _in_view(strip, reach, width, height):  # type: ignore[no-untyped-def]
     """Whether a strip lies completely in the image."""
     along = 0.5 * strip.length

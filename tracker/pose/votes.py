@@ -85,7 +85,7 @@ def _integrate(labels, lenses, pictures, out):  # type: ignore[no-untyped-def]
                 out[c, j + 1, i + 1, 1] = out[c, j, i + 1, 1] + second
 
 
-@compiled(inline="always")
+@compiled
 def _shown(integrals, c, box, share):  # type: ignore[no-untyped-def]
     """Share of the object that a box of camera c shows."""
     left, top, right, bottom = box[0], box[1], box[2], box[3]

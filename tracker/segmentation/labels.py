@@ -45,7 +45,7 @@ def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
     return most < MAY_BE_GREY * least and brightest < MAY_BE_GREY * least
 
 
-@compiled(inline="always")
+@compiled
 def label_of(b, g, r, channels, table, gains):  # type: ignore[no-untyped-def]
     """Look up a pixel's label in the table, 0 for clipped greys: equation (2) of docs/how-it-works.md.
 

@@ -233,7 +233,7 @@ AS_IT_IS = Light(np.ones(3), np.zeros((2, 2)), 0.0)
 """Light of images whose colours are not normalised."""
 
 
-@compiled(inline="always")
+@compiled
 def evened_level(level, factor):  # type: ignore[no-untyped-def]
     """Return a level times a factor; a clipped level stays clipped, since its true value is unknown."""
     return 255 if level >= CLIPPED else min(int(level * factor + 0.5), CLIPPED - 1)

@@ -80,7 +80,7 @@ class Canvas(NamedTuple):
     """(C, H, W) int16: index of that die."""
 
 
-@compiled(inline="always")
+@compiled
 def look(sx, sy, above, ux, uy, cos, sin):  # type: ignore[no-untyped-def]
     """Return which part of a die a ray of slope (sx, sy) meets, and how high above its foot [m]; NONE, -1.
 
@@ -126,7 +126,7 @@ def bounds(lenses, c, die, margin, out):  # type: ignore[no-untyped-def]
     out[3] = min(max(math.ceil(bottom) + 1 + margin, out[1]), height)
 
 
-@compiled(inline="always")
+@compiled
 def frame(lenses, c, die):  # type: ignore[no-untyped-def]
     """Return above, ux, uy, cos, sin of `look` for camera c and a die."""
     cos, sin = math.cos(die[3]), math.sin(die[3])
