@@ -149,6 +149,8 @@ def test_blur_is_given_in_pixels(blur, photos):
         (lambda image: cv2.blur(image, (21, 1)), BOARD, "the photo is blurred"),
         (np.zeros_like, BOARD, "no marker of DICT_APRILTAG_16h5 found"),
         (lambda image: np.full_like(image, 200), BOARD, "no marker of DICT_APRILTAG_16h5 found"),
+        (lambda image: image[:, :1].copy(), BOARD, "no marker of DICT_APRILTAG_16h5 found"),
+        (lambda image: image[:1, :1].copy(), BOARD, "no marker of DICT_APRILTAG_16h5 found"),
         (np.copy, Board(5, 7, 0.04, 0.03, "DICT_5X5_100"), "no marker of DICT_5X5_100 found"),
         *[
             (np.copy, Board(*size, 0.04, 0.03), f"do not lie as on a board of {size[0]}x{size[1]} squares")

@@ -233,6 +233,8 @@ def photo_blur(gray: Image) -> float:
 
 
 def _blur_along_rows(image: Array) -> float:
+    if image.shape[1] < 2:
+        return float("nan")
     more = 2.0
     slope = np.abs(np.gradient(image, axis=1))
     strong = slope >= max(float(np.quantile(slope, 0.995)), 1.0)
