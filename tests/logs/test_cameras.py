@@ -80,6 +80,11 @@ def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
     (folder / "camera180.yml").unlink()
     with tracker.open_log(folder) as log, pytest.raises(LogError, match="no calibration of camera180; expe"):
         fitted_to(folder, log)
+    for name in ("camera60", "camera300"):
+        (folder / f"{name}.yml").rename(folder / f"top{name}.yml")
+    lacking = "no calibration of camera60, camera180, camera300 in or beside it, expected camera60.yml there"
+    with tracker.open_log(folder) as log, pytest.raises(CalibrationError, match=lacking):
+        fitted_to(folder, log)
 
 
 def write_hdf5_called(folder: Path, name: str) -> Path:

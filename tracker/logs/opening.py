@@ -151,10 +151,11 @@ def fitted_to(
     if rig is None:
         rig = log.rig
         if rig is None:
-            expected = "--calibration, the folder with a file of each camera, like camera60.yml"
+            expected = f"{names[0]}.yml there, or --calibration, the folder with a file of each camera"
             if len(log.episode_starts) > 1:
                 expected += "; or one scene's folder alone, if each has its own"
-            raise CalibrationError(f"{where}: found no calibration in or beside it, expected {expected}")
+            found = f"no calibration of {', '.join(names)} in or beside it"
+            raise CalibrationError(f"{where}: found {found}, expected {expected}")
         if correct_halved_principal_point:
             cameras = tuple(camera.with_halved_principal_point_corrected() for camera in rig)
             rig = dataclasses.replace(rig, cameras=cameras)
