@@ -151,7 +151,7 @@ def fitted_to(
     if rig is None:
         rig = log.rig
         if rig is None:
-            expected = f"{names[0]}.yml there, or --calibration, the folder with a file of each camera"
+            expected = f"--calibration, the folder with a file of each camera, like {names[0]}.yml"
             if len(log.episode_starts) > 1:
                 expected += "; or one scene's folder alone, if each has its own"
             found = f"no calibration of {', '.join(names)} in or beside it"
