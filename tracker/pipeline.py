@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import of_kind, one_stamp
@@ -72,6 +73,10 @@ class ObjectTracker:
         seen = self._memory.belief
         memory = "" if seen.timestamp is None else f",\n    last update at {seen.timestamp:.3f} s"
         return f"ObjectTracker({self.model!r},\n    {self.rig!r},\n    {self.colors!r}{memory})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A copy, of whichever depth, gets its own gate.
+        return self.__dict__ | {"_gate": Gate()}
 
     def detect(self, images: Images, hidden: Images | None = None) -> Observation:
         """Estimate the object's pose from one set of images, without memory; bitwise reproducible.

@@ -125,7 +125,8 @@ def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, s
     assert all(item == answer or "another call" in item for item in found)
 
 
-copies = pytest.mark.parametrize("copied", [lambda one: pickle.loads(pickle.dumps(one)), copy.deepcopy])
+ways = [lambda one: pickle.loads(pickle.dumps(one)), copy.deepcopy, copy.copy]
+copies = pytest.mark.parametrize("copied", ways)
 
 
 @copies

@@ -71,10 +71,6 @@ class Gate:
         # In a forked process, no thread would release the lock that one held.
         return self._locks.setdefault(os.getpid(), threading.Lock())
 
-    def __reduce__(self) -> tuple[type, tuple[()]]:
-        # A copied tracker gets its own gate.
-        return type(self), ()
-
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
             raise TrackerError(
