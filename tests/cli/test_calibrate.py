@@ -144,6 +144,15 @@ def test_a_right_calibration_fits(pictures, run_here):
     assert re.search(r"warning +camera60: fy/fx is 1\.0058, expected 1", result.stdout)
 
 
+def test_a_camera_that_never_sees_the_object_is_no_part_of_the_verdict(pictures, run_here):
+    folder, files = pictures
+    blank = folder / "blank-camera300.png"
+    cv2.imwrite(str(blank), np.full_like(cv2.imread(str(files[0])), 110))
+    given = [blank if k % 3 == 2 else file for k, file in enumerate(files)]
+    result = well(run_here("check", *given, *CUBE, "--calibration", folder / "right"))
+    assert "the calibration fits, but camera300 was not checked: " in result.stdout
+
+
 def test_a_camera_without_a_first_image_is_scaled_by_its_next(pictures, rig, tmp_path, run_here):
     rig.resized(540, 540).save(tmp_path)
     given = ("none", *pictures[1][1:], *CUBE, "--calibration", tmp_path, "--resize-calibration")

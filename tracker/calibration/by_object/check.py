@@ -159,7 +159,8 @@ def check_calibration(
     if not compared and sum(bool(look.lost.any()) for look in looks) < OFTEN:
         raise CalibrationError(
             "check: found no set of images in which two cameras see the object still and in one place; "
-            "expected one or more, preferably twenty; is the calibration of these cameras, in their order?"
+            "expected one or more, preferably twenty; are object and calibration those of these images, "
+            "and the cameras in their order?"
         )
     problem = CameraErrors(looks, cameras)
     free = problem.moved()
