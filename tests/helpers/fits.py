@@ -29,7 +29,8 @@ def with_cameras(fit, which=slice(None), **fields):
         # One face is in another's colour.
         one["faces"][VISIBLE[0]][LABELS[VISIBLE[1]]] += one["wrong"]
         one["inner"] = one["faces"]
-    evidence = Evidence(*log_odds(weighed(cameras, np.asarray(LABELS), fit.stands, NUMBERS), NUMBERS))
+    logs = weighed(cameras, np.asarray(LABELS), fit.stands, NUMBERS)
+    evidence = Evidence(*log_odds(logs, cameras, NUMBERS))
     return dataclasses.replace(fit, cameras=cameras, evidence=evidence)
 
 

@@ -4,10 +4,11 @@ import math
 import numpy as np
 import pytest
 
-from tests.helpers.fits import made_fit, with_cameras
+from tests.helpers.fits import LABELS, made_fit, with_cameras
 from tracker import Status
 from tracker.geometry import so3
 from tracker.pose import judge, rivals
+from tracker.pose.evidence import NUMBERS, log_odds, weighed
 from tracker.pose.rivals import lead, turned_about_face
 
 GOOD, ALONE = made_fit(), made_fit(cameras=1)
@@ -33,6 +34,14 @@ REFUSED = {
     "better elsewhere": (dataclasses.replace(GOOD, lead=-2.0), Status.AMBIGUOUS),
     "anywhere": (dataclasses.replace(GOOD, covariance=np.diag([1e-2] * 6)), Status.AMBIGUOUS),
 }
+
+
+@pytest.mark.parametrize("sure", [True, False])
+def test_three_views_given_many_times_are_as_much_evidence_as_once(sure):
+    cameras, labels = made_fit(sure=sure).cameras, np.array(LABELS)
+    many = np.tile(cameras, 4)
+    one, four = (log_odds(weighed(seen, labels, 0.0, NUMBERS), seen, NUMBERS) for seen in (cameras, many))
+    assert four == pytest.approx(one, rel=1e-6)
 
 
 def rough(rms):

@@ -94,6 +94,11 @@ NUMBERS = Numbers(
 )  # fmt: skip
 
 
+FULL_WEIGHT = 3.0
+"""Number of cameras, as many as NUMBERS were fitted with, up to which each counts in full. More share this
+weight: many see the same occluders, and the same errors of the model."""
+
+
 @compiled
 def _prices(numbers, prices):  # type: ignore[no-untyped-def]
     """Fill prices (HIDDEN_SHARES, 5): log likelihood of a partly hidden face's pixel, over a hidden face's.
@@ -343,14 +348,15 @@ def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignor
 
 
 @compiled
-def log_odds(logs, numbers):  # type: ignore[no-untyped-def]
-    """Return the fields of Evidence that follow from the results of `weighed`."""
-    here, body, shape, nothing, ahead = logs
-    other = np.logaddexp(
-        numbers.temper * (body - here) + numbers.body, numbers.temper * (shape - here) + numbers.shape
-    )
-    less = numbers.temper * (nothing - here) + numbers.nothing
-    return other, less, numbers.temper * ahead - numbers.nothing
+def log_odds(logs, seen, numbers):  # type: ignore[no-untyped-def]
+    """Return the fields of Evidence that follow from the results of `weighed` for seen (C,) of SEEN."""
+    (here, body, shape, nothing, ahead), count = logs, 0
+    for one in seen:
+        count += one.predicted > 0
+    temper = numbers.temper * min(1.0, FULL_WEIGHT / max(count, 1))
+    other = np.logaddexp(temper * (body - here) + numbers.body, temper * (shape - here) + numbers.shape)
+    less = temper * (nothing - here) + numbers.nothing
+    return other, less, temper * ahead - numbers.nothing
 
 
 @compiled
@@ -366,4 +372,4 @@ def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  #
     for c in range(len(seen)):
         if pictures[c].used and not used[c].used:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
-    return log_odds(weighed(seen, box[1], stands, numbers), numbers)
+    return log_odds(weighed(seen, box[1], stands, numbers), seen, numbers)
