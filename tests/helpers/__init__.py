@@ -59,10 +59,8 @@ def look_at(position: Array, target: Array = (0.0, 0.0, 0.0), up: Array = (0.0, 
     """camera_from_world (4, 4) of a camera at `position` (3,) [m] that looks at `target` (3,) [m]."""
     forward = np.subtract(target, position) / np.linalg.norm(np.subtract(target, position))
     right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
-    out = np.eye(4)
-    out[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    out[:3, 3] = -out[:3, :3] @ np.asarray(position)
-    return out
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    return so3.transform(rotation, -rotation @ np.asarray(position))
 
 
 LENSES = {

@@ -14,6 +14,7 @@ from tracker import Camera, CameraRig
 from tracker.calibration.board.board import Board, Page, page_image
 from tracker.calibration.board.sighting import BoardView
 from tracker.conventions import FloatArray, Image
+from tracker.geometry import so3
 
 BOARD = Board(5, 7, 0.04, 0.03)
 OFTEN = 3
@@ -48,10 +49,8 @@ def pose_towards(rng: np.random.Generator, tilt: float = 0.7) -> FloatArray:
     turned = cv2.Rodrigues(np.array([0, 0, rng.uniform(-np.pi, np.pi)]))[0]
     axis = rng.uniform(0, 2 * np.pi)
     lean = cv2.Rodrigues(rng.uniform(0.3, 1) * tilt * np.array([np.cos(axis), np.sin(axis), 0]))[0]
-    pose = np.eye(4)
-    pose[:3, :3] = lean @ np.diag([1.0, -1.0, -1.0]) @ turned  # its z points at the camera
-    pose[:3, 3] = (*rng.uniform(-0.08, 0.08, 2), 0.5 * rng.uniform(0.85, 1.2))
-    return pose
+    facing = lean @ np.diag([1.0, -1.0, -1.0]) @ turned  # its z points at the camera
+    return so3.transform(facing, (*rng.uniform(-0.08, 0.08, 2), 0.5 * rng.uniform(0.85, 1.2)))
 
 
 def seen_pixels(points: FloatArray, pose: FloatArray, lens: TrueLens) -> FloatArray:

@@ -9,17 +9,18 @@ from tests.helpers.boards import BOARD, LENS, photo, pose_towards, sighting
 from tracker.calibration.board.board import Board
 from tracker.calibration.board.extrinsics import place_cameras
 from tracker.calibration.board.intrinsics import fit_lens
-from tracker.calibration.board.sighting import find_board, transform
+from tracker.calibration.board.sighting import find_board
 from tracker.calibration.files.platform import Calibrated, read_calibrated
 from tracker.errors import CalibrationError
+from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
-GIVEN = transform(np.array([0, 0, 0.4]), np.array([0.01, -0.02, 0.005]))
+GIVEN = so3.transform(so3.exp([0, 0, 0.4]), [0.01, -0.02, 0.005])
 TRUE = [look_at((0.3 * np.cos(azimuth), 0.3 * np.sin(azimuth), 0.4)) for azimuth in (1.0, 3.1, 5.2)]
 PLACES = [
     GIVEN,
-    transform(np.array([0.3, -0.2, 2.0]), np.array([0.03, 0.02, 0.05])),
-    transform(np.array([-0.2, 0.4, -1.0]), np.array([-0.03, 0.03, 0.04])),
+    so3.transform(so3.exp([0.3, -0.2, 2.0]), [0.03, 0.02, 0.05]),
+    so3.transform(so3.exp([-0.2, 0.4, -1.0]), [-0.03, 0.03, 0.04]),
 ]
 
 

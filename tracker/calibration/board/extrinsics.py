@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from tracker.calibration.board.sighting import MANY_TIMES, BoardView, Optics, rms, transform, without_wrong
+from tracker.calibration.board.sighting import MANY_TIMES, BoardView, Optics, rms, without_wrong
 from tracker.calibration.deviations import rotation_slopes
 from tracker.calibration.files.platform import Calibrated
 from tracker.conventions import FloatArray
@@ -182,10 +182,7 @@ def _optics(one: Calibrated) -> Optics:
 
 
 def _step(pose: FloatArray, step: FloatArray) -> FloatArray:
-    out = transform(step[:3], step[3:])
-    out[:3, :3] = out[:3, :3] @ pose[:3, :3]
-    out[:3, 3] += pose[:3, 3]
-    return out
+    return so3.transform(so3.exp(step[:3]) @ pose[:3, :3], step[3:] + pose[:3, 3])
 
 
 def _start(

@@ -72,7 +72,7 @@ class BoardView:
         for turn, shift in zip(turns[:count], shifts[:count], strict=True):
             better = cv2.solvePnPRefineLM(*seen, np.array(turn), np.array(shift))
             found = np.concatenate(better).astype(np.float64).ravel()
-            poses.append(transform(found[:3], found[3:]))
+            poses.append(so3.transform(so3.exp(found[:3]), found[3:]))
         return min(poses, key=lambda pose: rms([self.misses(pose, optics)]))
 
     def misses(self, camera_from_board: FloatArray, optics: Optics) -> FloatArray:
@@ -84,11 +84,6 @@ class BoardView:
     def least_misses(self, optics: Optics) -> FloatArray:
         """Return the residuals (N, 2) at the pose that fits best [px]."""
         return self.misses(self.pose(optics), optics)
-
-
-def transform(turn: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return the transform (4, 4) of a rotation vector [rad] and a translation [m]."""
-    return so3.transform(cv2.Rodrigues(turn)[0], shift)
 
 
 def rms(residuals: Sequence[FloatArray]) -> float:
