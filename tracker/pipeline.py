@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
+
+import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import of_kind, one_stamp
+from tracker.conventions import Image
 from tracker.errors import TrackerError
 from tracker.inputs import (
     Images,
@@ -22,10 +25,11 @@ from tracker.inputs import (
     rig_of,
 )
 from tracker.objects.box import Box
-from tracker.objects.model import CuboidModel
+from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pose.agreement import CONTRADICTION, size, spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
+from tracker.pose.judge import apparent
 from tracker.pose.result import CameraUse, Forecast, Observation, Status
 from tracker.segmentation.color_model import ColorModel
 from tracker.tracking.belief import TrackingOptions, measured
@@ -177,3 +181,22 @@ class ObjectTracker:
         nothing = [CameraMemory()] * len(self.rig)
         _, given, uses = usable(nothing, check_images(images, self.rig))
         return self._estimator.find(given, timing, hidden=check_hidden(hidden, self.rig)), uses
+
+
+SAMPLE, RATHER = 7, 0.25
+"""Number of sets of images that tell which object they show, and the gain in mean confidence that does."""
+
+
+def another_shown(tracker: ObjectTracker, sets: Sequence[Sequence[Image | None]]) -> str:
+    """Return a remark if images show a built-in object of another size than the tracker's; empty if not.
+
+    The sets of images are judged together, as if the calibration fitted.
+    """
+    size = np.sort(tracker.model.size)
+    names = [name for name in object_names() if not np.allclose(np.sort(load_object(name).size), size)]
+    trackers = [tracker, *(ObjectTracker(name, tracker.rig, table_prior=False) for name in names)]
+    fits = [[one.fit(images) for one in trackers] for images in sets]
+    sure = [[apparent(fit) if isinstance(fit, Fit) else 0.0 for fit in row] for row in fits]
+    own, *theirs = np.mean(sure, axis=0) if sets else [0.0]
+    rather = [name for name, mean in zip(names, theirs, strict=bool(sets)) if mean > own + RATHER]
+    return f"the images show {' or '.join(rather)} rather than {tracker.model.name}" if rather else ""

@@ -153,6 +153,14 @@ def test_a_camera_that_never_sees_the_object_is_no_part_of_the_verdict(pictures,
     assert "the calibration fits, but camera300 was not checked: " in result.stdout
 
 
+def test_inverted_transforms_are_pointed_out(pictures, rig, tmp_path, run_here):
+    back = (dataclasses.replace(one, camera_from_world=np.linalg.inv(one.camera_from_world)) for one in rig)
+    dataclasses.replace(rig, cameras=tuple(back)).save(tmp_path)
+    result = run_here("check", *pictures[1][:3], *CUBE, "--calibration", tmp_path)
+    assert result.returncode == 2
+    assert "warning: the calibration has the arena in no image or few" in result.stderr
+
+
 def test_a_camera_without_a_first_image_is_scaled_by_its_next(pictures, rig, tmp_path, run_here):
     rig.resized(540, 540).save(tmp_path)
     given = ("none", *pictures[1][1:], *CUBE, "--calibration", tmp_path, "--resize-calibration")

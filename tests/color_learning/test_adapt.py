@@ -54,8 +54,12 @@ def test_the_same_frames_give_the_same_colors(film, known_names, monkeypatch):
 @pytest.mark.usefixtures("known_names")
 def test_another_object_is_refused(film):
     cuboid = tracker.load_object("cuboid_2x2x8_v2")
-    with pytest.raises(NotBetterError, match=r"refused: found 0 of .*; are the object's size and faces"):
+    with pytest.raises(NotBetterError, match=r"refused: the images show .* rather than cuboid_2x2x8_v2"):
         adapt(cuboid, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=2)
+    grey = [np.full_like(image, 110) for image in film[0].images]
+    empty = [dataclasses.replace(shot, images=grey) for shot in film]
+    with pytest.raises(NotBetterError, match=r"refused: found 0 of .*; are the object's size and faces"):
+        adapt(cuboid, [footage_of(empty)], COLORS, OPTIONS, name="mine", rounds=2)
     with pytest.raises(NotBetterError, match=r"no better than by cube_v2 \(see --colors\)"):
         adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=0)
 

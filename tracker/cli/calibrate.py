@@ -18,7 +18,7 @@ from tracker.cli.board import board, extrinsics, intrinsics
 from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import PICTURE, OutFolder, Recording
 from tracker.cli.stills import NO_IMAGE, read_images
-from tracker.cli.terminal import bar, listing, table
+from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ class Filmed:
     def opened(self) -> Iterator[Opened]:
         """Open all inputs for the `with` block; TrackerError if one is invalid."""
         from tracker.calibration.by_object.sightings import Footage
+        from tracker.summaries.remarks import OUT_OF_VIEW, in_view
 
         model, colors = self.subject.load()
         pictures = [path for path in self.inputs if path == NO_IMAGE or Path(path).suffix.lower() in PICTURE]
@@ -87,6 +88,8 @@ class Filmed:
                 rig, sets = _sets(pictures, rig, resize=resize)
                 footage.append(Footage(sets))
                 frames += len(sets)
+            if not (self.quiet or in_view(rig)):
+                say(f"warning: {OUT_OF_VIEW}")
             progress = stack.enter_context(bar("frames", frames, self.quiet))
             yield model, footage, rig, colors, progress
 

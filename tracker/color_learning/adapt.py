@@ -20,9 +20,10 @@ from tracker.color_learning.hues import NAMED_HUES, bgr_of_hue, hue_of, hues_of_
 from tracker.color_learning.lessons import Frames, Judgement, Lesson, consistent, judge, lesson, nodes_of
 from tracker.conventions import Array
 from tracker.errors import ColorModelError, NotBetterError
+from tracker.logs.log import evenly
 from tracker.objects.labels import COLOR_NAMES
 from tracker.objects.model import CuboidModel
-from tracker.pipeline import ObjectTracker
+from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
 from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, color_model_names, load_colors
@@ -70,7 +71,7 @@ def adapt(
     say: receives a line about each round.
 
     ColorModelError if the colours of the initial model are misnamed; NotBetterError, which says why, if
-    nothing could be learned, or nothing was gained.
+    nothing could be learned, nothing was gained, or the images show another object.
     """
     if wrong := _told_wrong(hues_of_model(start)):
         raise ColorModelError(f"colour model {start.name}: refused: {wrong}")
@@ -104,6 +105,10 @@ def adapt(
             best = Adapted(colors, before, after, taught)
         if idle >= PATIENCE and gate == GATES[-1]:
             break
+    for one in footage:
+        few = [one.held_out[k] for k in evenly(len(one.held_out), SAMPLE)]
+        if another := another_shown(ObjectTracker(model, one.rig, best.colors), few):
+            raise NotBetterError(f"{start.name}: refused: {another}")
     if best.after is before:
         instead = f"{start.name} (see --colors): {before}"
         fault = fault or f"held-out frames are explained no better than by {instead}"

@@ -5,8 +5,9 @@ import pytest
 
 import tracker
 from tests.helpers import make_rig, random_rotations
-from tests.helpers.filmed import RIG
+from tests.helpers.filmed import RIG, shots
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
+from tracker.calibration.by_object.check import check
 from tracker.calibration.by_object.edges import OWN, Contour, seen_motion
 from tracker.calibration.by_object.refine import Unknowns, refine_cameras, relative_covariance, solve
 from tracker.calibration.by_object.sightings import Footage, Shot, Sighting, different, resting
@@ -261,6 +262,15 @@ def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, messa
     kind = NotBetterError if message.startswith("refused") else CalibrationError
     with pytest.raises(kind, match=message):
         refine_cameras(MODEL, [film()], rig, COLORS)
+
+
+@pytest.mark.parametrize("command", [refine_cameras, find_table, check])
+def test_images_of_another_object_are_refused(command):
+    """Whether the object is taken to be seen in some of them or in none, and wherever the cameras are."""
+    shown = shots("cuboid_2x2x8_v2", 7, seed=513)
+    for stills in (shown, shown[:1]):
+        with pytest.raises(CalibrationError, match=r"the images show .*cuboid_2x2x8_v2.* rather"):
+            command(MODEL, [footage(stills)], WRONG, COLORS)
 
 
 def floating(height=0.005, degrees=1.0):

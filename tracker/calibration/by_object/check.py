@@ -26,7 +26,7 @@ from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
 from tracker.logs.log import evenly
 from tracker.objects.model import CuboidModel
-from tracker.pipeline import ObjectTracker
+from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
 from tracker.pose.estimate import USED
 from tracker.pose.fit import Fit
 from tracker.pose.judge import ASTRAY, EXPECTED, apparent
@@ -268,7 +268,11 @@ def check(
     looks: list[Look] = []
     for one in footage:
         chosen = list(_still(tracker, one, progress))
-        for images in one.images([chosen[k] for k in evenly(len(chosen), MOST)]):
+        numbers = [chosen[k] for k in evenly(len(chosen), MOST)]
+        some = [numbers[k] for k in evenly(len(numbers), SAMPLE)]
+        if another := another_shown(tracker, list(one.images(some))):
+            raise CalibrationError(another)
+        for images in one.images(numbers):
             fit = tracker.fit(images)
             if isinstance(fit, Fit) and fit.own is not None and apparent(fit) >= SURE:
                 looks.append(look_of(fit, model.size))

@@ -13,7 +13,7 @@ from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.logs.log import Log, evenly, picked
-from tracker.pipeline import ObjectTracker
+from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
 from tracker.pose.result import Observation
 
 Images = Sequence[Image | None]
@@ -103,13 +103,15 @@ def all_sightings(
     """Return the shots in which a tracker finds the object with at least the confidence `least`, in order.
 
     `progress` receives 1 for each. LogError: a recording is damaged; ImageError: an image does not suit the
-    tracker's cameras.
+    tracker's cameras; CalibrationError: the images show another object.
     """
-    seen = []
+    seen: list[Sighting] = []
+    every: list[tuple[Footage, int]] = []
     for one in footage:
         begins = True
         for shot, tracked in observed(tracker, one):
             begins = begins or shot.begins
+            every.append((one, shot.number))
             found = tracker.detect(shot.images) if tracked is None else tracked
             pose, motion = found.object_pose, found.filtered_object_pose
             lost = tracked is not None and motion is None
@@ -120,6 +122,10 @@ def all_sightings(
             seen.append(Sighting(one, shot.number, pose.position, pose.rotation, velocity, skew, begins))
             begins = False
             progress(1)
+    shown = [(one.footage, one.number) for one in seen] or every
+    some = [shown[k] for k in evenly(len(shown), SAMPLE)]
+    if another := another_shown(tracker, [next(one.images([number])) for one, number in some]):
+        raise CalibrationError(another)
     return seen
 
 
