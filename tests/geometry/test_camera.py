@@ -134,7 +134,7 @@ def _changed(array: np.ndarray, index: tuple[int, ...], value: float) -> np.ndar
         ("camera_from_world", _changed(CAMERA.camera_from_world, (2, 3), 1e20), r"1e\+20 m"),
         ("camera_from_world", _changed(CAMERA.camera_from_world, (3, 0), 1), "last row"),
         ("camera_from_world", _changed(CAMERA.camera_from_world, (0, 0), 2), "deviates from a rotation"),
-        ("camera_from_world", np.diag([1.0, 1.0, -1.0, 1.0]), "deviates from a rotation by inf"),
+        ("camera_from_world", np.diag([1.0, 1.0, -1.0, 1.0]), "by inf, .* axis inverted"),
         ("camera_from_world_std", -np.ones((4, 4)), "found -1, expected standard deviations from 0 to"),
     ],
 )

@@ -148,8 +148,9 @@ class Camera:
         away = np.abs(self.camera_from_world[:3, 3]).max()
         self._require(away <= FARTHEST, key, f"a translation by {away:g} m", f"at most {FARTHEST:g} m")
         deviation = rotation_deviation(self.camera_from_world[:3, :3])
-        found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
-        self._require(deviation <= ROTATION_TOLERANCE, key, found, f"at most {ROTATION_TOLERANCE:g}")
+        self._require(
+            deviation <= ROTATION_TOLERANCE, key, off_rotation(deviation), f"at most {ROTATION_TOLERANCE:g}"
+        )
 
     @property
     def world_from_camera(self) -> FloatArray:
@@ -257,6 +258,12 @@ def rotation_deviation(matrix: Array) -> float:
         deviation = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
         mirrored = bool(np.dot(np.cross(matrix[0], matrix[1]), matrix[2]) <= 0)
     return float("inf") if mirrored or not np.isfinite(deviation) else deviation
+
+
+def off_rotation(deviation: float) -> str:
+    """Say in an error how far a transform's 3×3 part is from a rotation, see `rotation_deviation`."""
+    why = "" if deviation < float("inf") else ", since its determinant is not positive: is an axis inverted?"
+    return f"a 3×3 part that deviates from a rotation by {deviation:.2g}{why}"
 
 
 def all_coefficients(coefficients: FloatArray) -> FloatArray:

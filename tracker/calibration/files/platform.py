@@ -31,7 +31,14 @@ from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.files import read_bounded, told_as, told_of, write_whole
 from tracker.geometry import so3
-from tracker.geometry.camera import COUNTS, MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
+from tracker.geometry.camera import (
+    COUNTS,
+    MAX_SIZE,
+    ROTATION_TOLERANCE,
+    Camera,
+    off_rotation,
+    rotation_deviation,
+)
 
 MAX_FILE_SIZE = 100_000
 """Largest file that is parsed [bytes]; real files have 2 kB, and PyYAML takes seconds for a megabyte."""
@@ -164,8 +171,8 @@ def rotation_of(matrix: FloatArray, what: str, fault: type[TrackerError]) -> Flo
     """
     deviation = rotation_deviation(matrix)
     if deviation > MAX_ROTATION_DEVIATION:
-        found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
-        raise fault(f"{what}: found {found}, expected at most {MAX_ROTATION_DEVIATION:g}")
+        limit = f"expected at most {MAX_ROTATION_DEVIATION:g}"
+        raise fault(f"{what}: found {off_rotation(deviation)}, {limit}")
     return matrix if deviation <= ROTATION_TOLERANCE else so3.nearest_rotation(matrix)
 
 
