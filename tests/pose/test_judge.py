@@ -4,12 +4,14 @@ import math
 import numpy as np
 import pytest
 
+import tracker
 from tests.helpers.fits import LABELS, made_fit, with_cameras
 from tracker import Status
 from tracker.geometry import so3
+from tracker.objects.box import Box
 from tracker.pose import judge, rivals
 from tracker.pose.evidence import NUMBERS, log_odds, weighed
-from tracker.pose.rivals import lead, turned_about_face
+from tracker.pose.rivals import SHOWN, lead, shifted_along, turned_about_face
 
 GOOD, ALONE = made_fit(), made_fit(cameras=1)
 NO_EDGES = {"usable": 0.0, "inliers": 0.0, "squares": 0.0}
@@ -224,6 +226,28 @@ def test_turns_about_the_one_face_in_view_look_the_same(half, face):
         np.testing.assert_allclose(rotation[:, face], np.eye(3)[face], atol=1e-12)
         np.testing.assert_allclose(np.abs(rotation) @ half, half, atol=1e-12)
         assert so3.angle_between(rotation, np.eye(3)) > 1
+
+
+LONG_BOX = tracker.load_object("cuboid_2x2x8_v2")
+
+
+@pytest.mark.parametrize("seen", [0, SHOWN - 1, SHOWN])
+def test_a_long_box_may_be_shifted_along_while_no_end_is_seen(seen, rng):
+    box, fit = Box.of(LONG_BOX), dataclasses.replace(made_fit(), rotation=so3.exp(rng.normal(size=3)))
+    fit.cameras["faces"][:] = 0
+    fit.cameras["faces"][1, 2, box.face_labels[2]] = seen  # the face +y
+    found = [fit.rotation.T @ (place - fit.position) for place in shifted_along(fit, box)]
+    assert len(found) == (6 if seen < SHOWN else 0)
+    for x, y, z in found:
+        assert (x, z) == pytest.approx((0.0, 0.0), abs=1e-12)
+        assert 0.009 < abs(y) < 0.031
+    assert sum(y for _, y, _ in found) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_box_that_is_not_long_is_not_shifted():
+    for size in ((0.065, 0.065, 0.065), (0.02, 0.03, 0.04)):
+        model = dataclasses.replace(LONG_BOX, size=np.array(size))
+        assert not list(shifted_along(made_fit(), Box.of(model)))
 
 
 def test_two_faces_in_view_leave_one_turn_only():

@@ -238,14 +238,19 @@ def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  
 
 @compiled
 def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, reaches, scores):  # type: ignore[no-untyped-def]
-    """Align hypotheses (n, 3, 3), (n, 3) in place to `pictures` (C,); fill scores (n,) by `judges` (C,)."""
+    """Align hypotheses (n, 3, 3), (n, 3) in place to `pictures` (C,); fill scores (n,) by `judges` (C,).
+
+    Without reaches (S,), they stay where they are.
+    """
     strips, seen, lags = (
         np.empty(MAX_STRIPS, STRIP),
         np.zeros(len(pictures), SEEN),
         np.zeros((len(pictures), 6)),
     )
     for h in range(len(scores)):
-        if align(lenses, labels, pictures, box, rotations[h], positions[h], reaches, strips) == 0:
+        found = len(reaches) == 0
+        found = found or align(lenses, labels, pictures, box, rotations[h], positions[h], reaches, strips) > 0
+        if not found:
             scores[h] = IMPOSSIBLE
             continue
         count_labels(lenses, labels, judges, box, rotations[h], positions[h], lags, seen)

@@ -41,14 +41,14 @@ from tracker.pose.judge import (
 )
 from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
-from tracker.pose.rivals import lead, turned_about_face
+from tracker.pose.rivals import lead, shifted_along, turned_about_face
 from tracker.pose.schedule import FIRST, FOLLOWING, FROM_THERE, SCHEDULE, Schedule
 from tracker.pose.support import table_of
 from tracker.pose.views import Hidden, Sight, reader_of
 from tracker.segmentation.color_model import ColorModel
 
 REFINED = 3
-"""Maximum number of poses that are refined."""
+"""Maximum number of poses that are refined, and of those that look like the best of them."""
 
 MIN_COLORED = 20
 """Minimum number of face-coloured pixels, over all label maps, to begin a search."""
@@ -65,6 +65,10 @@ CLEAR = 0.5
 
 COMPETING, BEHIND = 4, 10.0
 """Maximum number of competing hypotheses, and how far one may rank behind the best after a step to stay."""
+
+ALIKE = 0.95
+"""A pose that looks like the best fit is refined, too, if it explains the label maps at least this well,
+relative to that fit."""
 
 ODD = 1.2
 """Pixels of the label map in the object's colours beside it or on the wrong face, per expected piece of edge,
@@ -164,9 +168,7 @@ class PoseEstimator:
         if thorough and not settled(best):
             other = self.without_worst(sight, best, lag)
             fits += [other] if other is not best else []
-        if alone(best):
-            fits += self._turned(sight, best, lag)
-        return fits
+        return fits + self._alike(sight, best, lag)
 
     def _best(self, sight: Sight, fits: list[Fit], lag: Lag | None) -> Fit | Status:
         """Return the most likely fit if it is accepted, or why it is not."""
@@ -237,15 +239,18 @@ class PoseEstimator:
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
 
-    def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
-        """Return fits of other poses that look alike to the only camera, if it sees little but one face."""
-        camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
-        least = CLOSE * explanation_score(fit.cameras)
-        return [
-            self.refiner(sight, rotation, fit.position, lag=lag)
-            for rotation in turned_about_face(fit.rotation, fit.position, self.box.half, camera)
-            if explanation_score(self.search.counted(sight, rotation, fit.position, fit.lags)) > least
-        ]
+    def _alike(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
+        """Return fits of other poses that look like a fit: shifted or, to a single camera, turned."""
+        rotation, position, half = fit.rotation, fit.position, self.box.half
+        poses = [(rotation, other) for other in shifted_along(fit, self.box)]
+        if alone(fit):
+            camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
+            poses += [(other, position) for other in turned_about_face(rotation, position, half, camera)]
+        if not poses:
+            return []
+        least = ALIKE * explanation_score(self.search.counted(sight, rotation, position))
+        others = [one for one in self.search.scored(sight, poses) if one.score > least][:REFINED]
+        return [self._fitted(sight, one._replace(left_out=fit.left_out), FROM_THERE, lag) for one in others]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """Return the fit with a judgement of the calibration, if two or more cameras see the object.

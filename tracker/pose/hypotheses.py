@@ -165,6 +165,10 @@ class Search:
         tried = [Hypothesis(0.0, rotation, position) for rotation, position in poses]
         return next(iter(self._aligned(sight, tried, FAR_REACHES)), None)
 
+    def scored(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> list[Hypothesis]:
+        """Return hypotheses of poses (3, 3), (3,) [m] as they are, best first."""
+        return self._aligned(sight, [Hypothesis(0.0, *pose) for pose in poses], REACHES[:0])
+
     def _aligned(self, sight: Sight, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:
         """Align hypotheses in steps with these reaches; return those whose edges are found, best first.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
+from tracker.objects.box import Box
 from tracker.pose.fit import Fit
 from tracker.pose.hypotheses import apart
 from tracker.pose.judge import rank
@@ -21,6 +22,16 @@ RECONCILABLE = 16.8
 
 SQUARE = 0.02
 """Relative difference of two edges below which their face counts as a square."""
+
+LONG = 1.5
+"""Longest edge, relative to the next, from which a box may be taken for one that is shifted along it."""
+
+SHOWN = 12
+"""Pixels of a label map in the colour of an end that settle where it is."""
+
+SHIFTS = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
+"""Distances by which it may be shifted [half its longest edge]: an end that is hidden is easily taken to be
+where an occluder ends."""
 
 
 def turned_about_face(
@@ -46,6 +57,17 @@ def turned_about_face(
     axis[face] = 1.0
     for quarters in (1, 2, 3) if square else (2,):
         yield rotation @ so3.exp(quarters * 0.5 * math.pi * axis)
+
+
+def shifted_along(fit: Fit, box: Box) -> Iterator[FloatArray]:
+    """Yield other positions (3,) [m] that fit about as well if the ends of a long box are hidden."""
+    axis = int(np.argmax(box.half))
+    if box.half[axis] < LONG * np.partition(box.half, 1)[1]:
+        return
+    ends = [2 * axis, 2 * axis + 1]
+    if fit.cameras["faces"][:, ends, box.face_labels[ends]].max() < SHOWN:
+        for shift in SHIFTS:
+            yield fit.position + shift * box.half[axis] * fit.rotation[:, axis]
 
 
 def reconcilable(one: Fit, other: Fit) -> bool:
