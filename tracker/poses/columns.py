@@ -28,6 +28,8 @@ Columns = TypeVar("Columns", bound="PoseColumns")
 class PoseColumns:
     """Poses stored in a recording. Arrays are copied and read-only.
 
+    `columns[rows]` are those of the frames that a slice, a mask or an array of row numbers selects.
+
     Raises:
         LogError: an array has the wrong shape or type, a row with a pose is not finite or not valid, or a
             row without one is not NaN.
@@ -84,8 +86,7 @@ class PoseColumns:
         """Return all columns by name, `has_pose` first."""
         return {name: getattr(self, name) for name in ("has_pose", *self.ROW_SHAPES)}
 
-    def take(self: Columns, rows: Any) -> Columns:
-        """Return the frames selected by a slice, a mask or an array of row numbers."""
+    def __getitem__(self: Columns, rows: Any) -> Columns:
         return type(self)(**{name: column[rows] for name, column in self.arrays().items()})
 
     @classmethod

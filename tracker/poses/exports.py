@@ -91,7 +91,7 @@ def write_bop(
     _check(poses)
     of_kind(camera, Camera, "camera", LogError)
     columns = poses.columns(kind)
-    found = columns.take(columns.has_pose)
+    found = columns[columns.has_pose]
     if np.isnan(found.confidence).any():
         what = f"found {kind} poses without a confidence"
         raise LogError(f"{os.fspath(path)}: {what}, expected a score for each")

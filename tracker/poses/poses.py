@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any, Literal
 
@@ -159,13 +159,10 @@ class Poses:
     def __getitem__(self, rows: slice | Array) -> Poses:
         if is_whole(rows):
             raise LogError(f"frames of poses: found the number {rows}, expected a slice, a mask or numbers")
-        parts = {field.name: getattr(self, field.name) for field in fields(self)}
-        for name, value in parts.items():
-            if isinstance(value, PoseColumns):
-                parts[name] = value.take(rows)
-            elif isinstance(value, np.ndarray):
-                parts[name] = value[rows]
-        return Poses(**parts)
+        parts: dict[str, Any] = {
+            name: one[rows] for name, one in vars(self).items() if isinstance(one, PoseColumns | np.ndarray)
+        }
+        return replace(self, **parts)
 
     def table(self, keypoints_of: CuboidModel | None = None) -> dict[str, Array]:
         """Return columns (n,) with the names of the CSV file: numbers (NaN if missing) and texts.
@@ -309,7 +306,7 @@ def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
     """
     found, recorded = poses.columns(kind), poses.columns("recorded")
     both = found.has_pose & recorded.has_pose
-    ours, theirs = found.take(both), recorded.take(both)
+    ours, theirs = found[both], recorded[both]
     distance = 1e3 * np.linalg.norm(ours.position - theirs.position, axis=1)
     angle = np.degrees(
         so3.angle_between(

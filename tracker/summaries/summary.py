@@ -277,7 +277,7 @@ def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
 
 def _sure_and_far(poses: Poses) -> dict[str, float]:
     """Return medians of confidence and standard deviations, path length, greatest height and FAST speed."""
-    some = best(poses).take(best(poses).has_pose)
+    some = best(poses)[best(poses).has_pose]
     if not len(some):
         return {}
     std = np.sqrt(np.diagonal(some.covariance, axis1=1, axis2=2))
