@@ -10,10 +10,9 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from tracker.calibration.board.sighting import photo_blur
+from tracker.calibration.board.sighting import grey, photo_blur
 from tracker.calibration.by_object import health
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
@@ -224,8 +223,7 @@ class PictureLook(NamedTuple):
     @classmethod
     def of(cls, image: Image) -> PictureLook:
         """Measure an image (H, W, 3); takes a few milliseconds."""
-        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        return cls(health.brightness(image), 100 * health.clipped_share(image), photo_blur(grey))
+        return cls(health.brightness(image), 100 * health.clipped_share(image), photo_blur(grey(image)))
 
     def faults(self) -> list[str]:
         """Return the faults with possible remedies."""
