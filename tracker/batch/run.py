@@ -76,9 +76,8 @@ def make_result(task: Task) -> dict[str, Any]:
         output.parent.mkdir(parents=True, exist_ok=True)
         job = task.job
         tracked = run(job)
-        about = output.stat()
         mark = tracked.poses.about.fingerprint
-        line = {"fingerprint": mark, "bytes": about.st_size, "goal": _goal_of(job.log)}
+        line = {"fingerprint": mark, "bytes": output.stat().st_size, "goal": _goal_of(job.log)}
         line |= row(job, tracked, remark_on_recording(job, tracked.poses))
         write_whole(results.summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
         results.failure_file(output).unlink(missing_ok=True)

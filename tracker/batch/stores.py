@@ -88,8 +88,7 @@ class Retracking(Batch):
             recipe = dataclasses.replace(recipe_of(name), start=start, stop=stop)
             own = dataclasses.replace(options, pattern=pattern_of(name), start=start, stop=stop)
             output = str(results.output_of_episode(path, episode.number, Path(os.path.abspath(folder))))
-            part = f"episode {episode.number}"
-            task = Task(os.path.abspath(path), output, own, agreed(recipe), part)
+            task = Task(os.path.abspath(path), output, own, agreed(recipe), f"episode {episode.number}")
             return Planned(episode, name, task, recipe)
 
         paths = results.recordings_of(recordings, folder)

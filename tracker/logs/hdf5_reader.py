@@ -76,8 +76,7 @@ class StoredImages:
             start = index - index % self._together
             frames = self._read(start, min(start + self._together, self.count))
             self._kept = start, frames
-        result: Image = frames[index - start]
-        return result
+        return np.asarray(frames[index - start])
 
     def _read(self, start: int, stop: int) -> Image:
         """Read frames of the same blocks, checking each block: the library would fill in missing ones."""

@@ -125,10 +125,8 @@ def write_parquet(
 
 def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray, FloatArray]:
     """Return rotations (n, 3, 3) and translations (n, 3) [m] from the object's to the camera's frame."""
-    camera_from_world = camera.camera_from_world[:3, :3]
-    rotation: FloatArray = camera_from_world @ so3.matrix_from_quaternion(columns.orientation)
-    translation: FloatArray = columns.position @ camera_from_world.T + camera.camera_from_world[:3, 3]
-    return rotation, translation
+    turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+    return turn @ so3.matrix_from_quaternion(columns.orientation), columns.position @ turn.T + shift
 
 
 def _check(poses: object) -> None:

@@ -264,8 +264,7 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
         joined["recorded"] = None
     if any(part.cameras is not None for part in parts):
         joined["cameras"] = np.concatenate([_cameras(part) for part in parts])
-    about = replace(first, fingerprint="", **texts)
-    return Poses(**joined, about=about)
+    return Poses(**joined, about=replace(first, fingerprint="", **texts))
 
 
 def _cameras(part: Poses) -> Array:
@@ -308,11 +307,8 @@ def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
     both = found.has_pose & recorded.has_pose
     ours, theirs = found[both], recorded[both]
     distance = 1e3 * np.linalg.norm(ours.position - theirs.position, axis=1)
-    angle = np.degrees(
-        so3.angle_between(
-            so3.matrix_from_quaternion(ours.orientation), so3.matrix_from_quaternion(theirs.orientation)
-        )
-    )
+    turns = (so3.matrix_from_quaternion(one.orientation) for one in (ours, theirs))
+    angle = np.degrees(so3.angle_between(*turns))
     quantiles = {"median": 0.5, "p90": 0.9}
     shares = {
         "both": both,

@@ -98,8 +98,7 @@ def _at(times: FloatArray, positions: FloatArray, stamps: FloatArray) -> FloatAr
 
 
 def _centred(positions: FloatArray) -> FloatArray:
-    result: FloatArray = positions - positions.mean(axis=0)
-    return result
+    return np.asarray(positions - positions.mean(axis=0))
 
 
 def _flips(columns: PoseColumns) -> int:

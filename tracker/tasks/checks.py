@@ -45,8 +45,7 @@ def quaternions(name: str, value: npt.ArrayLike, *, finite: bool = False) -> Flo
     length = np.linalg.norm(array, axis=-1, keepdims=True)
     if (length < SHORTEST).any():
         raise TaskError(f"{name}: found a quaternion of length 0, expected a unit quaternion (x, y, z, w)")
-    result: FloatArray = array / length
-    return result
+    return np.asarray(array / length)
 
 
 def pair(

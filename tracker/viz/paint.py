@@ -36,8 +36,7 @@ _EM = 1.15  # font size [digit heights]
 
 def canvas(width: int, height: int, color: Color = BACKGROUND) -> Image:
     """Return an empty image of a given size [px]."""
-    picture: Image = np.full((height, width, 3), color, np.uint8)
-    return picture
+    return np.full((height, width, 3), color, np.uint8)
 
 
 def fill(image: Image, polygon: FloatArray, color: Sequence[int], opacity: float) -> None:

@@ -58,10 +58,9 @@ _STYLE: Any = {
 @contextmanager
 def figure(size: tuple[float, float]) -> Iterator[Figure]:
     """Yield an empty figure of a given size [inch]; TrackerError if the package `matplotlib` is missing."""
-    made = optional("matplotlib.figure", "plot", "a plot").Figure
     with optional("matplotlib", "plot", "a plot").rc_context(_STYLE):
         # Without pyplot, no display is needed and no figure stays in memory.
-        yield made(figsize=size, layout="constrained")
+        yield optional("matplotlib.figure", "plot", "a plot").Figure(figsize=size, layout="constrained")
 
 
 @contextmanager
@@ -287,8 +286,7 @@ def angle_std(orientation: FloatArray, reference: FloatArray, covariance: FloatA
     along = np.einsum("ni,nij,nj->n", axis, covariance, axis)
     largest = np.linalg.eigvalsh(np.nan_to_num(covariance)).max(axis=1, initial=0)
     variance = np.where(length < 3 * np.sqrt(largest), largest, along)
-    result: FloatArray = np.degrees(np.sqrt(np.maximum(variance, 0)))
-    return result
+    return np.asarray(np.degrees(np.sqrt(np.maximum(variance, 0))))
 
 
 def _draw_panel(axis: Any, time: Array, series: Series) -> tuple[Any, ...]:

@@ -230,11 +230,10 @@ def _jpeg(image: Image) -> Any:
 
 
 def _mesh(model: CuboidModel) -> Any:
-    loops = cuboid.FACE_CORNERS
     triangles = 4 * np.arange(6)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     colors = DISPLAY_COLORS_BGR[model.face_labels][:, ::-1]
     return rr.Mesh3D(
-        vertex_positions=cuboid.corners(model.size)[loops.ravel()],
+        vertex_positions=cuboid.corners(model.size)[cuboid.FACE_CORNERS.ravel()],
         triangle_indices=triangles.reshape(-1, 3),
         vertex_normals=np.repeat(cuboid.FACE_NORMALS, 4, axis=0),
         vertex_colors=np.repeat(colors, 4, axis=0),

@@ -158,8 +158,7 @@ def _slopes(camera: Camera) -> FloatArray:
     rays = camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2))
     # A ray that does not descend misses the table; its slope is set so that it misses all dice, too.
     sink = np.maximum(-np.nan_to_num(rays[:, 2], nan=0.0), 1e-3)
-    slopes: FloatArray = np.nan_to_num(rays[:, :2] / sink[:, None], nan=1e3)
-    return slopes.reshape(camera.height, camera.width, 2)
+    return np.nan_to_num(rays[:, :2] / sink[:, None], nan=1e3).reshape(camera.height, camera.width, 2)
 
 
 def _reduced(image: Image, camera: Camera) -> Image:
