@@ -74,8 +74,8 @@ class Hdf5LogWriter:
         path = path_of(path, "log", LogError)
         self._path = os.fspath(path if name is None else name)
         of_kind(rig, CameraRig, f"{self._path}: rig", LogError, "tracker.CameraRig.load")
-        sizes = {(camera.width, camera.height) for camera in rig}
-        if len(sizes) != 1:
+        self._size, *others = {(camera.width, camera.height) for camera in rig}
+        if others:
             found = ", ".join(f"{camera.width}×{camera.height}" for camera in rig)
             raise LogError(f"{self._path}: found cameras of {found} px, expected images of one size")
         if frame_rate is not None and not (is_number(frame_rate) and frame_rate > 0):
@@ -84,7 +84,6 @@ class Hdf5LogWriter:
         if len(settings) not in (0, len(rig)):
             raise LogError(f"{self._path}: settings: found {len(settings)}, expected {len(rig)}")
         self._rig, self._flush_every = rig, flush_every
-        self._size = sizes.pop()
         self._count = 0
         self._order = StampOrder(gaps=False)
         if os.path.lexists(path):

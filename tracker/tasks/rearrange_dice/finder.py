@@ -181,8 +181,7 @@ class Search:
                 its = evidence(small, None if image is None else _reduced(image, camera))
                 scores[(c, slice(None), *part)], known[(c, *part)], self._shades[(c, *part)] = its
         self.views = Views(slopes, lenses, scores, known)
-        kinds = np.float32, np.int8, np.int16
-        self._canvas = Canvas(*(np.zeros(known.shape, kind) for kind in kinds))
+        self._canvas = Canvas(*(np.zeros(known.shape, kind) for kind in (np.float32, np.int8, np.int16)))
         self._known = int((known != UNKNOWN).any(axis=(1, 2)).sum())
 
     def run(self) -> tuple[FloatArray, FloatArray]:

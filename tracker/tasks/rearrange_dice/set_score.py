@@ -253,8 +253,7 @@ def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def
                 # Rotations move the corners by the step; heights, which are known best, move by half of it.
                 size = step if axis < 2 else 0.5 * step if axis == 2 else step / (0.7 * DIE_WIDTH)
                 for sign in (-1.0, 1.0):
-                    for i in range(4):
-                        trial[i] = die[i]
+                    trial[:] = die
                     trial[axis] += sign * size
                     if trial[0] ** 2 + trial[1] ** 2 > ARENA_RADIUS * ARENA_RADIUS:
                         continue
@@ -264,6 +263,5 @@ def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def
                         die[axis] = trial[axis]
             if best <= before:
                 break
-    for i in range(4):
-        dice[k, i] = die[i]
+    dice[k] = die
     return best
