@@ -32,7 +32,7 @@ from tracker.calibration.files.platform import pattern_of, robots_in
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError, TrackerError, install
 from tracker.files import told_as, whole_file, write_whole
-from tracker.geometry import cuboid, so3
+from tracker.geometry import cuboid
 from tracker.logs.datasets import CONTROL_RATE, Episode, StoreSteps, is_store, read_steps
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import MeasuredColumns, PoseColumns
@@ -222,8 +222,7 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
 
 def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]:
     """Return the contents of the arrays listed in ARRAYS."""
-    rotation = so3.matrix_from_quaternion(columns.orientation)
-    corners = cuboid.keypoints(columns.position, rotation, model.size)
+    corners = cuboid.keypoints(columns.position, columns.rotation, model.size)
     arrays = (columns.position, columns.orientation, corners, columns.confidence[:, None], columns.covariance)
     return dict(zip(ARRAYS, arrays, strict=True))
 

@@ -14,6 +14,7 @@ import numpy as np
 from tracker.checks import described, float_array, freeze
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
+from tracker.geometry import so3
 
 UNIT_TOLERANCE = 1e-6
 """Largest deviation of a quaternion's length from 1."""
@@ -81,6 +82,11 @@ class PoseColumns:
 
     def __len__(self) -> int:
         return len(self.has_pose)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(n, 3, 3) rotations of world_from_object; NaN without a pose."""
+        return so3.matrix_from_quaternion(self.orientation)
 
     def arrays(self) -> dict[str, Array]:
         """Return all columns by name, `has_pose` first."""

@@ -11,7 +11,6 @@ from tracker.checks import of_kind
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import csv_text, told_as, whole_file, write_whole
-from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import PoseColumns
@@ -126,7 +125,7 @@ def write_parquet(
 def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray, FloatArray]:
     """Return rotations (n, 3, 3) and translations (n, 3) [m] from the object's to the camera's frame."""
     turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
-    return turn @ so3.matrix_from_quaternion(columns.orientation), columns.position @ turn.T + shift
+    return turn @ columns.rotation, columns.position @ turn.T + shift
 
 
 def _check(poses: object) -> None:

@@ -190,10 +190,7 @@ class Poses:
             return {}
         of_kind(model, CuboidModel, "keypoints", LogError, "tracker.load_object")
         known = {kind: self._known(kind) for kind in KINDS}
-        return {
-            kind: cuboid.keypoints(one.position, so3.matrix_from_quaternion(one.orientation), model.size)
-            for kind, one in known.items()
-        }
+        return {kind: cuboid.keypoints(one.position, one.rotation, model.size) for kind, one in known.items()}
 
     def to_dataframe(self, keypoints_of: CuboidModel | None = None) -> Any:
         """Return a pandas DataFrame with the columns of `table`; TrackerError if pandas is missing."""
@@ -307,8 +304,7 @@ def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
     both = found.has_pose & recorded.has_pose
     ours, theirs = found[both], recorded[both]
     distance = 1e3 * np.linalg.norm(ours.position - theirs.position, axis=1)
-    turns = (so3.matrix_from_quaternion(one.orientation) for one in (ours, theirs))
-    angle = np.degrees(so3.angle_between(*turns))
+    angle = np.degrees(so3.angle_between(ours.rotation, theirs.rotation))
     quantiles = {"median": 0.5, "p90": 0.9}
     shares = {
         "both": both,

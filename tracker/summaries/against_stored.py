@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.conventions import Array, FloatArray
+from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import Poses, compare, concatenate
@@ -44,7 +44,7 @@ def differences(parts: Sequence[tuple[Poses, FloatArray]]) -> dict[str, Any]:
     ours, theirs = whole.columns(kind), whole.columns("recorded")
     both = ours.has_pose & theirs.has_pose
     shift = (ours.position - theirs.position)[both]
-    angle = so3.angle_between(_rotations(ours)[both], _rotations(theirs)[both])
+    angle = so3.angle_between(ours.rotation[both], theirs.rotation[both])
     stated = np.concatenate(delays)
     some = len(shift) > 0
     return {
@@ -102,10 +102,6 @@ def _centred(positions: FloatArray) -> FloatArray:
 
 
 def _flips(columns: PoseColumns) -> int:
-    rotations, has_pose = _rotations(columns), columns.has_pose
+    rotations, has_pose = columns.rotation, columns.has_pose
     follow = has_pose[1:] & has_pose[:-1]
     return int(np.sum(so3.angle_between(rotations[1:][follow], rotations[:-1][follow]) > FLIP))
-
-
-def _rotations(columns: PoseColumns) -> Array:
-    return so3.matrix_from_quaternion(columns.orientation)
