@@ -224,7 +224,7 @@ def _dashes(line: FloatArray) -> list[FloatArray]:
 
 
 def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstimate) -> None:
-    """Tint the faces that the camera sees, and draw their edges and the object's centre."""
+    """Tint the faces that the camera sees, and draw all edges, the hidden ones dashed."""
     seen, corners = _seen(view, model, pose)
     for face in np.flatnonzero(seen):
         loop = corners[cuboid.FACE_CORNERS[face]]
