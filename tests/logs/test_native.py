@@ -281,6 +281,17 @@ def test_an_empty_record_is_a_frame_without_images(write, frames, tmp_path):
     assert np.isnan(alone.timestamp)
 
 
+@pytest.mark.parametrize("stamped", [True, False])
+def test_after_the_last_image_time_goes_on(stamped, tmp_path):
+    content = with_errors([5, 6, 7])
+    usual = content.stamps[4] - content.stamps[3]
+    expected = content.stamps[4] + usual * np.arange(1, 4)
+    if stamped:
+        expected = content.stamps[5:] = expected + 0.01
+    with tracker.open_log(write_hdf5(tmp_path / "log", content)) as log:
+        assert [frame.timestamp for frame in log][5:] == pytest.approx(expected, abs=1e-6)
+
+
 def test_a_recording_with_an_empty_record_is_tracked_on(tmp_path, run_here):
     log = write_log(tmp_path / "log", 8)
     write_native(log, with_errors([3, 4]), poses=1)

@@ -25,7 +25,7 @@ EARLIEST = -MAX_GAP
 """Smallest valid timestamp [s]: a simulated clock may start below zero, but a time since the epoch with a
 damaged sign is far below."""
 
-_APART = 1e-3  # [s] between frames without a timestamp at the beginning or end of a recording
+_APART = 1e-3  # [s] between frames without a timestamp at the beginning of a recording
 _ZERO_NORM = 1e-6  # shorter quaternions were never set: their memory held about zero
 NORM_TOLERANCE = 0.01
 """Largest deviation of a recorded quaternion's length from 1."""
@@ -88,7 +88,8 @@ def recorded_frame(
 ) -> LogFrame:
     """Make a frame from values of the platform's recorder; LogError, naming `where`, if they are invalid.
 
-    After a driver error the recorder appends an empty frame: it has no images, and its timestamp is NaN.
+    After a driver error the recorder appends an empty frame: it has no images, and if its `stamp` is 0, too,
+    its timestamp is NaN.
     `camera_stamps`: (C,) [s]; `stamp`: the frame's [ms], or None; `poses`: records (8,), up to two: the
     measured and the filtered pose.
     """
@@ -96,7 +97,8 @@ def recorded_frame(
         checked_stamp(value, what=f"{where}, camera number {number}")
     if not camera_stamps.any() and not any(image.any() for image in images):
         none = np.full(len(images), np.nan)
-        return LogFrame(index, np.nan, none, (None,) * len(images), None, None)
+        known = checked_stamp(stamp / 1000, what=where) if stamp else np.nan
+        return LogFrame(index, known, none, (None,) * len(images), None, None)
     seconds = float(np.mean(camera_stamps)) if stamp is None else checked_stamp(stamp / 1000, what=where)
     named = zip(("pose", "filtered pose"), poses, strict=False)
     found = [pose_from_record(numbers, what=f"{where}, {what}") for what, numbers in named]
@@ -170,20 +172,25 @@ def with_stamps(frames: Iterable[LogFrame]) -> Iterator[LogFrame]:
     """Yield the frames, with interpolated timestamps for those that have none."""
     waiting: list[LogFrame] = []
     last: float | None = None
+    usual = _APART
     for frame in frames:
         if np.isnan(frame.timestamp):
             waiting.append(frame)
             continue
-        yield from _between(waiting, last, frame.timestamp)
+        yield from _between(waiting, last, frame.timestamp, usual)
+        if last is not None and not waiting and frame.timestamp > last:
+            usual = frame.timestamp - last
         waiting, last = [], frame.timestamp
         yield frame
-    yield from _between(waiting, last, None)
+    yield from _between(waiting, last, None, usual)
 
 
-def _between(frames: Sequence[LogFrame], before: float | None, after: float | None) -> Iterator[LogFrame]:
+def _between(
+    frames: Sequence[LogFrame], before: float | None, after: float | None, usual: float
+) -> Iterator[LogFrame]:
     count = len(frames) + 1
     if before is None:
-        before = count * _APART if after is None else after - count * _APART
-    step = _APART if after is None else (after - before) / count
+        before = 0.0 if after is None else after - count * usual
+    step = usual if after is None else (after - before) / count
     for number, frame in enumerate(frames, start=1):
         yield dataclasses.replace(frame, timestamp=before + number * step)
