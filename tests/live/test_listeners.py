@@ -1,4 +1,5 @@
 import contextlib
+import dataclasses
 import itertools
 import subprocess
 import sys
@@ -52,6 +53,22 @@ def test_raw_pixels_are_read_back_to_the_bit_with_the_calibration_of_their_size(
             assert frame.camera_timestamps[2] == pytest.approx(frame.timestamp - 0.002)
         for mine, its in zip(log.rig, RIG.resized(540, 540), strict=True):
             assert mine.matrix == pytest.approx(its.matrix)
+
+
+def test_a_lagging_camera_may_miss_an_image(path):
+    moments = []
+    for n in range(4):
+        one = moment(n, images(n))
+        # As a source stamps it: a missing image with the moment's own time, a lagging one with an older.
+        stamps = (*one.taken.stamps[:2], one.timestamp - (0.15 if n != 2 else 0.0))
+        shown = (*one.taken.images[:2], one.taken.images[2] if n != 2 else None)
+        taken = dataclasses.replace(one.taken, images=shown, stamps=stamps)
+        moments.append(dataclasses.replace(one, taken=taken))
+    recorder = record(path, *moments)
+    assert (recorder.recorded, recorder.fault) == (4, None)
+    with tracker.open_log(path) as log:
+        late = [frame.timestamp - frame.camera_timestamps[2] for frame in log]
+    assert late == pytest.approx([0.15, 0.15, 0.25, 0.15])
 
 
 def test_cameras_of_different_sizes_are_refused_before_there_is_a_file(path):

@@ -113,6 +113,17 @@ def test_a_colour_image_keeps_what_the_mosaic_measures(rng, tmp_path):
     assert frame.recorded_pose is None
 
 
+def test_a_lagging_camera_that_misses_an_image_goes_on(tmp_path):
+    image = np.full((24, 28, 3), 90, np.uint8)
+    with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:
+        for k in range(4):
+            there = k != 2
+            stamps = [0.1 * k, 0.1 * k, 0.1 * k - 0.15 if there else np.nan]
+            writer.append([image, image, image if there else None], 0.1 * k, stamps)
+    found = [frame.camera_timestamps[2] for frame in frames_of(tmp_path / "log.h5")]
+    assert found == pytest.approx([-0.15, -0.05, -0.05, 0.15])
+
+
 ENDINGS = """
 import os, resource, signal, sys
 from tests.helpers.log_writers import make_content

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -119,7 +120,10 @@ class Recorder(Listener):
             rig = self._rig if size == self._size else self._rig.resized(*size)
             settings = self._settings()
             self._writer = Hdf5LogWriter(self.path, rig, poses=True, flush_every=0, settings=settings)
-        self._writer.append(pictures, moment.timestamp, taken.stamps, moment.object_pose)
+        stamps = [math.nan if one is None else t for one, t in zip(pictures, taken.stamps, strict=True)]
+        if all(one is None for one in pictures):
+            stamps = [moment.timestamp] * len(pictures)
+        self._writer.append(pictures, moment.timestamp, stamps, moment.object_pose)
         self.recorded += 1
         if time.monotonic() - self._flushed > FLUSH:
             self._writer.flush()

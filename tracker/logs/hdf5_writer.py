@@ -86,6 +86,7 @@ class Hdf5LogWriter:
         self._rig, self._flush_every = rig, flush_every
         self._count = 0
         self._order = StampOrder(gaps=False)
+        self._before = np.full(len(rig), np.nan)  # latest timestamps of each camera's images [s]
         if os.path.lexists(path):
             raise LogError(f"{self._path}: there is such a file, expected a new one")
         with uninterrupted(), contextlib.ExitStack() as undo:
@@ -120,8 +121,9 @@ class Hdf5LogWriter:
                 of which each pixel keeps the colour that such a sensor measures there. None, a missing
                 image, is recorded as black.
             timestamp: timestamp of the frame [s], at most an hour after the previous frame and not before it.
-            camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's. NaN
-                for all, without images: a driver error, read as a frame without images.
+            camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's, or
+                that of the camera's image before if it is older. NaN for all, without images: a driver error,
+                read as a frame without images.
             pose: the object's pose, with `position`, `orientation` and `confidence`, or None; recorded only
                 if the log was opened with `poses`.
 
@@ -140,7 +142,8 @@ class Hdf5LogWriter:
                 raise LogError(f"{where}: found stamps of shape {given.shape}, expected {stamps.shape}")
             # A driver error left the frame empty: recorded as zeros.
             empty = np.isnan(given).all() and all(image is None for image in images)
-            stamps = given if empty else np.where(np.isnan(given), stamps, given)
+            # A lagging camera's next image may be older than this frame: its last timestamp is repeated.
+            stamps = given if empty else np.where(np.isnan(given), np.fmin(stamps, self._before), given)
             for value in stamps[~np.isnan(stamps)].tolist():
                 checked_stamp(value, what=where)
         rows: dict[str, Any] = {
@@ -153,6 +156,7 @@ class Hdf5LogWriter:
         self._order.check(self._count, stamp, stamps, what=where)  # last: it remembers the stamps
         with uninterrupted():
             self._write(rows)
+        self._before = np.where(np.isnan(stamps), self._before, stamps)
 
     def _write(self, rows: dict[str, Any]) -> None:
         """Append a frame's rows; LogError if that fails: the log is unchanged."""
