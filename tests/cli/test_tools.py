@@ -10,6 +10,7 @@ from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5, write_native, write_picture
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
+from tracker.cli.export import export
 from tracker.errors import LogError
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.objects.model import load_object, to_toml
@@ -154,6 +155,27 @@ def test_a_log_becomes_a_film_also_with_its_poses(tmp_path, run_here):
     assert [picture.shape for picture in pictures] == [(24, 84, 3)] * FRAMES
     well(run_here("export", "own.h5", "--video", "film.mp4", "--log", "job", folder=tmp_path))
     assert (tmp_path / "film.mp4").stat().st_size > 1000
+
+
+def test_a_film_draws_each_cameras_view_in_its_own_image_in_whatever_order(tmp_path, monkeypatch):
+    pytest.importorskip("av", reason="video: no module av")
+    write_log(tmp_path / "job", FRAMES)
+    run(make_job(tmp_path / "job", tmp_path / "own.h5"))
+    with tracker.open_log(tmp_path / "job") as log:
+        names, turned = log.rig.names, replace(log.rig, cameras=log.rig.cameras[::-1])
+        with Hdf5LogWriter(tmp_path / "turned.h5", turned) as writer:
+            for frame in log:
+                writer.append(frame.raw[::-1], frame.timestamp, frame.camera_timestamps[::-1])
+    drawn, overlay = [], tracker.viz.overlay
+
+    def noted(images, rig, *rest, **options):
+        drawn.append(rig.names)
+        return overlay(images, rig, *rest, **options)
+
+    monkeypatch.setattr(tracker.viz, "overlay", noted)
+    asked = ["own.h5", "--video", "film.mp4", "--log", "turned.h5"]
+    export.main([str(tmp_path / one) if "." in one else one for one in asked], standalone_mode=False)
+    assert set(drawn) == {names[::-1]}
 
 
 @pytest.mark.parametrize("kind", ["native", "hdf5"])

@@ -76,8 +76,9 @@ def write_tracked_film(
     model: tracker.CuboidModel,
     poses: tracker.Poses,
     progress: Callable[[int], None],
+    rig: tracker.CameraRig | None = None,
 ) -> None:
-    """Write a film of the tracked frames, with one frame in memory at a time."""
+    """Write a film of the tracked frames; `rig`: the cameras in the log's order, by default the poses'."""
     from tracker.viz.image_files import film_rate
 
     rows = {index: row for row, index in enumerate(poses.index.tolist())}
@@ -87,7 +88,7 @@ def write_tracked_film(
         for frame in log[min(rows, default=0) : max(rows, default=-1) + 1]:
             if (row := rows.get(frame.index)) is not None:
                 title = f"{poses.timestamp[row] - poses.timestamp[0]:.1f} s"
-                shown = frame.images, poses.about.rig, model
+                shown = frame.images, rig or poses.about.rig, model
                 height = height or len(tracker.viz.overlay(*shown, _widest(), title=title))
                 yield _of_height(tracker.viz.overlay(*shown, observation(poses, row), title=title), height)
                 progress(1)
@@ -185,9 +186,9 @@ def export(
         from tracker.summaries.summary import refuse_others
 
         with tracker.open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
-            fitted_to(log, opened, poses.about.rig)
+            rig = fitted_to(log, opened, poses.about.rig)
             refuse_others(source, poses, log, opened)
-            write_tracked_film(video, opened, model, poses, progress)
+            write_tracked_film(video, opened, model, poses, progress, rig)
 
 
 @command()
