@@ -21,8 +21,6 @@ PICTURE = (".png", ".jpg", ".jpeg")
 
 _PACKAGES = {"plot": "matplotlib", "video": "av"}  # package for each extra
 
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-
 
 class AnyPath(click.Path):
     """A path that is not empty: otherwise, an unset variable would mean the working folder."""
@@ -140,26 +138,19 @@ def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
 
 def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
     """Raise UsageError for a file without poses or with another object's; a damaged one may be replaced."""
-    from tracker.files.hdf5 import open_file
-    from tracker.poses.file import is_poses_file
+    from tracker.poses.file import refuse_other_file
 
-    if not path.is_file() or path.stat().st_size == 0:
-        return
-    if is_poses_file(path):
-        with suppress(LogError):
-            found = tracker.read_poses(path).about.object_name
-            if object_name not in (None, found):
-                raise click.UsageError(
-                    f"{name} {path}: found poses of {found}, expected those of {object_name}, another name, "
-                    "or --overwrite"
-                )
-        return
-    with path.open("rb") as file:
-        damaged = file.read(len(_HDF5)) == _HDF5
-    with suppress(OSError, RuntimeError), open_file(path):
-        damaged = False
-    if not damaged:
-        raise click.UsageError(f"{name} {path}: found a file that holds no poses, expected another name")
+    try:
+        refuse_other_file(path, f"{name} {path}")
+    except LogError as error:
+        raise click.UsageError(str(error)) from None
+    with suppress(LogError):
+        found = tracker.read_poses(path).about.object_name
+        if object_name not in (None, found):
+            raise click.UsageError(
+                f"{name} {path}: found poses of {found}, expected those of {object_name}, another name, "
+                "or --overwrite"
+            )
 
 
 def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:

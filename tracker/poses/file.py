@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import io
 import os
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -23,6 +25,8 @@ from tracker.errors import LogError
 from tracker.files import hdf5, told_as, told_of, write_whole
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import KINDS, About, Kind, Poses
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 class PosesBuilder:
@@ -162,6 +166,18 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
 def is_poses_file(path: str | os.PathLike[str]) -> bool:
     """Whether a file states that it is a file of poses; it may be damaged."""
     return hdf5.text_of(path, "format") == FORMAT
+
+
+def refuse_other_file(path: Path, what: str) -> None:
+    """Raise LogError, naming `what`, for a file without poses, unless it is empty or damaged."""
+    if not path.is_file() or path.stat().st_size == 0 or is_poses_file(path):
+        return
+    with path.open("rb") as file:
+        damaged = file.read(len(_HDF5)) == _HDF5
+    with suppress(OSError, RuntimeError), hdf5.open_file(path):
+        damaged = False
+    if not damaged:
+        raise LogError(f"{what}: found a file that holds no poses, expected another name")
 
 
 def read_fingerprint(path: str | os.PathLike[str]) -> str:

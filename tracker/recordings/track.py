@@ -33,7 +33,7 @@ from tracker.logs.opening import calibration_files, fitted_to, recording_files
 from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import Observation
-from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, write_poses
+from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, refuse_other_file, write_poses
 from tracker.poses.poses import About, Poses
 from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
 from tracker.version import version
@@ -229,7 +229,7 @@ def track(
 
     Raises:
         LogError: the recording is damaged (without `recover`) or changed while it was read, or the file
-            cannot be written, or is the recording or its calibration.
+            cannot be written, or is the recording, its calibration, or another file without poses.
         TrackerError: a name is unknown, or a calibration is missing or does not fit.
         OSError: a file cannot be read or written; BlockingIOError: another run is writing the file.
     """
@@ -252,6 +252,7 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
             if job.output.samefile(path):
                 found = "that is the recording or its calibration"
                 raise LogError(f"output {job.output}: {found}, expected another file")
+    refuse_other_file(job.output, f"output {job.output}")
     with claimed(job.output):
         kept = _kept(job)
         if kept is not None:
