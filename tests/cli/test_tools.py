@@ -157,6 +157,18 @@ def test_a_log_becomes_a_film_also_with_its_poses(tmp_path, run_here):
     assert (tmp_path / "film.mp4").stat().st_size > 1000
 
 
+def test_frames_that_a_folder_does_not_keep_are_counted(tmp_path, run_here):
+    log = write_log(tmp_path / "job", FRAMES)
+    result = run_here("convert", "job", "-o", "same", folder=tmp_path)
+    assert "warning" not in well(result).stderr
+    content = make_content(FRAMES)
+    for values in (content.raw, content.stamps, content.camera_stamps):
+        values[3] = 0
+    write_native(log, content)
+    result = well(run_here("convert", "job", "-o", "fewer", folder=tmp_path))
+    assert f"{FRAMES} frames become {FRAMES - 1}" in result.stderr
+
+
 def test_a_film_draws_each_cameras_view_in_its_own_image_in_whatever_order(tmp_path, monkeypatch):
     pytest.importorskip("av", reason="video: no module av")
     write_log(tmp_path / "job", FRAMES)

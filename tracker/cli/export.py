@@ -237,6 +237,11 @@ def convert(
                     say(f"warning: {source}: its {count + 1} episodes become one recording without a break")
     if log.fault is not None:
         say(f"warning: {log.fault}")
+    if not suffix:
+        with tracker.open_log(output) as copy:
+            if len(copy) != len(frames):
+                why = "by their timestamps, and missing or repeated ones left out"
+                say(f"warning: {output}: {len(frames)} frames become {len(copy)}: images are grouped {why}")
 
 
 _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | None"], "Sample | None"]]
