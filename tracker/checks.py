@@ -18,6 +18,8 @@ from tracker.errors import TrackerError, install, shown
 
 Kind = TypeVar("Kind")
 
+UNSTAMPED = "found none for any camera, expected one number: the time, now, of a set without images"
+
 
 def optional(package: str, extra: str, what: str, fault: type[TrackerError] = TrackerError) -> Any:
     """Import a package (or submodule) of an extra; if it is missing, raise `fault`, which names `what`."""
@@ -106,6 +108,12 @@ def array_of(given: object) -> Array:
         return np.asarray(given)
     except (TypeError, ValueError):
         return np.asarray(None)
+
+
+def in_8_bits(image: Array) -> tuple[int, str]:
+    """Return how many bits an image of 16 uses, as cameras do, and the expression that makes 8 of them."""
+    bits = next(bits for bits in (8, 10, 12, 16) if image.max(initial=0) < 1 << bits)
+    return bits, f"(image >> {bits - 8}).astype(np.uint8)" if bits > 8 else "image.astype(np.uint8)"
 
 
 def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) -> FloatArray:

@@ -10,7 +10,16 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import LATEST, check_sequence, described, described_input, in_range, path_of, seconds
+from tracker.checks import (
+    LATEST,
+    UNSTAMPED,
+    check_sequence,
+    described,
+    described_input,
+    in_range,
+    path_of,
+    seconds,
+)
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry.camera import Camera
@@ -154,5 +163,8 @@ def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) 
         found = f"{len(stamps)} stamps" if stamps.ndim == 1 else f"an array of shape {stamps.shape}"
         raise TrackerError(f"timestamp: found {found}, expected one, or one for each of {len(given)} cameras")
     seen = np.array(given)
-    latest = float(in_range(stamps[seen] if seen.any() else stamps, "timestamp").max())
+    counting = stamps[seen if seen.any() else np.isfinite(stamps)]
+    if not len(counting):
+        raise TrackerError(f"timestamp: {UNSTAMPED}")
+    latest = float(in_range(counting, "timestamp").max())
     return latest, np.where(seen, latest - np.where(seen, stamps, latest), 0.0)

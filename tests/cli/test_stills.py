@@ -157,6 +157,22 @@ def test_twelve_bits_in_sixteen_are_named_and_not_taken_for_black(detect, tmp_pa
         tracker.ObjectTracker("cube_v2", DEMO).detect(images)
 
 
+@pytest.mark.parametrize(("bits", "remedy"), [(8, r"image\.astype"), (10, r"\(image >> 2\)")])
+def test_fewer_bits_in_sixteen_are_not_shifted_away(bits, remedy, detect, tmp_path):
+    named = write_changed(tmp_path, lambda image: image.astype(np.uint16) << (bits - 8))
+    result, _ = detect("--calibration", DEMO, *named)
+    assert_one_line_error(result, f"as from a {bits}-bit camera")
+    images = [cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED) for name in named]
+    with pytest.raises(tracker.TrackerError, match=f"expected uint8: {remedy}"):
+        tracker.ObjectTracker("cube_v2", DEMO).detect(images)
+
+
+def test_images_without_colours_are_named(detect, tmp_path):
+    grey = write_changed(tmp_path, lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+    result, _ = detect("--calibration", DEMO, *grey)
+    assert "warning: the images have no colours: raw Bayer images must be demosaicked" in result.stderr
+
+
 def test_cameras_that_contradict_each_other_get_a_warning_beside_the_pose(detect, tmp_path):
     rig = tracker.CameraRig.load(DEMO)
     moved = rig[0].camera_from_world.copy()

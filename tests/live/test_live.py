@@ -319,6 +319,8 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
     assert pushed.next(0.0).stamps == (6.0, 5.0, 6.0)
     with pytest.raises(LiveError, match="expected finite numbers of seconds"):
         pushed.push([None, image, image], [5.0, 6.0, None])
+    with pytest.raises(LiveError, match="found none for any camera, expected one number"):
+        pushed.push([None] * 3, [None] * 3)
     with pytest.raises(LiveError, match="3 images, 2 stamps"):
         pushed.push([None] * 3, kind([1.0, 2.0]))
 

@@ -270,6 +270,17 @@ def test_the_latest_picture_counts_others_are_older_and_those_without_do_not_cou
     np.testing.assert_allclose(older, delays)
 
 
+def test_a_set_without_images_has_the_time_that_is_given(rig, short):
+    one = new(rig)
+    one.update(short[0], 0.0)
+    nothing = [None] * 3
+    with pytest.raises(TrackerError, match="found none for any camera, expected one number"):
+        one.update(nothing, [None] * 3)
+    one.update(nothing, [0.1, None, None])
+    with pytest.raises(TrackerError, match=r"found 0\.050000 s after 0\.100000 s"):
+        one.update(nothing, 0.05)
+
+
 @pytest.mark.parametrize(
     ("given", "says"),
     [

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, in_range, is_number, of_kind, seconds
+from tracker.checks import UNSTAMPED, check_sequence, in_range, is_number, of_kind, seconds
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LiveError, TrackerError, install, shown
 from tracker.files.toml import read_toml
@@ -215,6 +215,8 @@ class Pushed:
             latest = max((one for one in stamp if is_number(one)), default=None)
             pairs = zip(stamp, images, strict=True)
             stamp = [latest if one is None and image is None else one for one, image in pairs]
+            if all(one is None for one in stamp):
+                raise LiveError(f"timestamp: {UNSTAMPED}")
         given = in_range(seconds(stamp, "timestamp", LiveError), "timestamp", LiveError)
         stamps = given.ravel().tolist() * (1 if given.ndim else len(images))
         taken = ImageSet(tuple(images), tuple(stamps))

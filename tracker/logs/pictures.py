@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import cv2
 import numpy as np
 
-from tracker.checks import naming, optional
+from tracker.checks import in_8_bits, naming, optional
 from tracker.conventions import Array, Image
 from tracker.errors import LogError
 from tracker.files import OneAtATime, on_error, open_regular, told_of
@@ -113,7 +113,7 @@ def decode(data: bytes, *, color: bool = True) -> Image:
 def decoded(data: bytes, how: int) -> Array | None:
     """Return the image in a file's content, read by OpenCV as its flags `how` say; None if it cannot.
 
-    LogError: it is black, or seems so: of a 12-bit camera's values in 16 bits, only the upper 8 are left.
+    LogError: it is black, or seems so: of up to 12 bits' values in 16 bits, only the upper 8 are left.
     """
     content = np.frombuffer(data, np.uint8)
     try:
@@ -124,9 +124,9 @@ def decoded(data: bytes, how: int) -> Array | None:
     except cv2.error:  # more pixels than OpenCV reads
         return None
     if deep is not None and deep.dtype == np.uint16 and 0 < deep.max() < 4096:
+        bits, remedy = in_8_bits(deep)
         raise LogError(
-            f"found 16-bit values up to {deep.max()}, as from a 12-bit camera; "
-            "expected 8 bits: (image >> 4).astype(np.uint8)"
+            f"found 16-bit values up to {deep.max()}, as from a {bits}-bit camera; expected 8 bits: {remedy}"
         )
     return image
 

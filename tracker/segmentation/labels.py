@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from tracker.checks import in_8_bits
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError
@@ -72,8 +73,7 @@ def check_image(image: object, who: str = "image") -> Image:
             f"{who}: found {type(image).__name__}, expected a NumPy array (H, W, 3) of uint8, BGR"
         )
     if image.dtype != np.uint8:
-        bits = 12 if image.dtype == np.uint16 and image.max(initial=0) < 4096 else 16
-        remedy = f": (image >> {bits - 8}).astype(np.uint8)" if image.dtype == np.uint16 else ""
+        remedy = f": {in_8_bits(image)[1]}" if image.dtype == np.uint16 else ""
         raise ImageError(f"{who}: found {image.dtype}, expected uint8{remedy}")
     if image.ndim != 3 or image.shape[2] != 3:
         raise ImageError(f"{who}: found shape {image.shape}, expected (height, width, 3), BGR")

@@ -45,6 +45,9 @@ OUT_OF_VIEW = (
 )
 
 
+GREY = "the images have no colours: raw Bayer images must be demosaicked first, see docs/troubleshooting.md"
+
+
 def swapped(
     tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation | None = None
 ) -> str | None:
@@ -98,6 +101,8 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
         return OUT_OF_VIEW  # even of a certain pose: the cameras left may be sure of a wrong one
     if _confidence(answer) >= UNSURE:
         return None
+    if all(image is None or not np.ptp(image, axis=2).any() for image in images):
+        return GREY
     return swapped(tracker, images, answer) or mistaken(tracker, images)
 
 
