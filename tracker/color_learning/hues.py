@@ -44,7 +44,6 @@ LIGHT = 0
 """Label for the colour of the light, which is that of all greys, in pairs of colours."""
 
 _HUES, _SATURATIONS, _LEVELS = np.arange(-20.0, 21.0, 10.0), (0.6, 0.75, 0.9), (70.0, 110.0, 160.0, 210.0)
-_SWEEPS = 4
 
 
 def hue_of(pixels: Array) -> float:
@@ -158,7 +157,7 @@ def better_set(means: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
     """
     chosen = {label: np.asarray(mean, dtype=np.float64) for label, mean in means.items()}
     options = {label: _options(label) for label in chosen}
-    for _ in range(_SWEEPS):
+    for _ in range(4):
         for label in sorted(chosen, key=lambda one: _reach(chosen[one], one, chosen)):
             best = _reach(chosen[label], label, chosen)
             reaches = _reach(options[label], label, chosen)

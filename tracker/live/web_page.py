@@ -144,10 +144,7 @@ CONNECTIONS = 16
 """Largest number of connections; each takes a thread and a file handle, which cameras and disk need, too."""
 
 _HOST = "127.0.0.1"
-_JPEG_QUALITY = 85
 _POLL = 0.1  # interval at which the server checks whether to end [s]
-_LONGEST = 1.0  # longest wait for a message [s]
-_TIMEOUT = 10.0  # for a browser that does not read its response [s]
 
 
 class WebPage(Listener):
@@ -192,7 +189,7 @@ class WebPage(Listener):
             return self._moment is not None and str(self._moment.sequence) != after
 
         with self._changed:
-            self._changed.wait_for(lambda: is_newer() or self._closing, _LONGEST)
+            self._changed.wait_for(lambda: is_newer() or self._closing, 1.0)
             return self._message if is_newer() else b""
 
     def picture(self) -> bytes:
@@ -200,7 +197,7 @@ class WebPage(Listener):
         moment = self._moment
         if moment is not None and self._picture[0] != moment.sequence:
             image = overlay(moment.taken.images, self._tracker.rig, self._tracker.model, moment.observation)
-            content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+            content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
             self._picture = moment.sequence, content
         return self._picture[1]
 
@@ -240,7 +237,7 @@ class _Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     page: WebPage
-    timeout = _TIMEOUT
+    timeout = 10.0  # for a browser that does not read its response [s]
 
     def do_GET(self) -> None:
         if not self._is_own():

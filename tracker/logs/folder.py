@@ -29,7 +29,6 @@ _PAUSE = 8
 """Pause between two episodes [s], whose timestamps are unrelated."""
 
 _MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # bytes; more than the largest image uncompressed
-_MAX_TRUTH = 1 << 28  # bytes; a frame has about 1000
 
 
 class FolderSource(Source):
@@ -87,7 +86,7 @@ class FolderSource(Source):
 
     def _read_truth(self, file: Path) -> None:
         """Read the timestamps of frames and images from the truth, NaN for frames that it does not have."""
-        text = _content(file, _MAX_TRUTH)
+        text = _content(file, 1 << 28)  # a frame has about 1000 bytes
         faults = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
         with naming(f"{file}: found no stamps of frames", LogError, *faults):
             content = json.loads(text.decode("utf-8"))

@@ -27,9 +27,6 @@ DEFAULT_RATE = 10.0
 JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
 """Possible file names of the recording in a job's folder."""
 
-_BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
-"""Files in a folder that describe its images."""
-
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
@@ -64,11 +61,12 @@ def recording_files(path: Path) -> list[Path]:
     if found:
         return found
     suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
+    descriptions = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
     for folder, folders, names in os.walk(path, onerror=_refuse, followlinks=True):
         here = Path(folder) == path or not os.path.islink(folder)  # a link may lead back, or far away
         folders[:] = sorted(name for name in folders if here and not name.startswith("."))
         files = (Path(folder, name) for name in sorted(names) if not name.startswith("."))
-        found += [file for file in files if file.suffix.lower() in suffixes or file.name in _BESIDE]
+        found += [file for file in files if file.suffix.lower() in suffixes or file.name in descriptions]
     return found
 
 

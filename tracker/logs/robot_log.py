@@ -30,7 +30,6 @@ MAX_LINE = 1 << 16
 """Longest valid line [bytes]; typical lines have 3 kB."""
 
 _JOINTS = 9
-_MILLISECONDS = 1e11  # larger timestamps are in milliseconds
 _VERSION = 2
 _BLOCK = 4096  # steps read at once
 _RECORD = np.dtype(
@@ -146,7 +145,7 @@ def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
             binary = head == struct.pack("<I", _VERSION)
             names, table = _records(file) if binary else _lines(file, head)
         times = table[:, 0]
-        if np.nanmax(times, initial=0) > _MILLISECONDS:
+        if np.nanmax(times, initial=0) > 1e11:  # milliseconds
             times = times / 1000
         return RobotLog(times, **dict(zip(names, np.split(table[:, 1:], len(names), axis=1), strict=True)))
 

@@ -146,7 +146,6 @@ _SCALE = 38 / DIE_WIDTH
 
 _BORDER = 26  # around the arena [px]
 _LABELS = 48  # space for the axes, left of and below the border [px]
-_FLOOR: paint.Color = (50, 43, 40)
 _TICKS_M = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 _TEXT_SIZE = 11.0
 _FAR = 10 * ARENA_RADIUS
@@ -229,7 +228,7 @@ def _pixels(positions: Array) -> FloatArray:
 def _draw_arena(picture: Image) -> None:
     """Draw the floor with the cells of its grid, and the axes."""
     border = paint.circle(_pixels(np.zeros((1, 2)))[0], ARENA_RADIUS * _SCALE)
-    paint.fill(picture, border, _FLOOR, 1.0)
+    paint.fill(picture, border, (50, 43, 40), 1.0)
     paint.stroke(picture, [_square(cell) for cell in cells()], paint.FAINT, 1.0, 0.3)
     paint.stroke(picture, [border], paint.FAINT, 1.6)
     bottom, left, marks = _SIDE, _LABELS, []

@@ -23,7 +23,6 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Formats of `write_image`."""
 
 _SLOWEST, _FASTEST = 0.5, 60.0  # frame rates of a recording's film [frames per second]
-_LOOK = 100  # number of frames from which the rate is estimated
 
 
 def write_image(path: str | os.PathLike[str], image: Array) -> None:
@@ -107,7 +106,7 @@ def write_log_film(path: str | os.PathLike[str], log: Log, progress: Callable[[i
             yield np.concatenate(pictures, axis=1)
             progress(1)
 
-    write_film(path, side_by_side(), film_rate([frame.timestamp for frame in log[:_LOOK]]))
+    write_film(path, side_by_side(), film_rate([frame.timestamp for frame in log[:100]]))
 
 
 def film_rate(stamps: npt.ArrayLike) -> float:

@@ -149,7 +149,6 @@ SAMPLES = 17
 
 HINT = 0.5  # confidence below which a pose is only a hint, drawn in amber
 
-_TINT = 0.15
 _DASH, _DASH_GAP = 7.0, 6.0
 """Lengths of a hidden edge's dashes and of the gaps between them [px]."""
 
@@ -231,7 +230,7 @@ def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstim
         sides = [_project_line(view, *ends) for ends in zip(loop, np.roll(loop, -1, axis=0), strict=True)]
         outline = np.concatenate(sides)
         if np.isfinite(outline).all():
-            paint.fill(panel, outline, DISPLAY_COLORS_BGR[model.face_labels[face]].tolist(), _TINT)
+            paint.fill(panel, outline, DISPLAY_COLORS_BGR[model.face_labels[face]].tolist(), opacity=0.15)
     color = DOUBTFUL if pose.confidence < HINT else paint.WHITE
     visible, hidden = edges_in_view(view, model, pose)
     dashes = [dash for line in hidden for dash in _dashes(line)]

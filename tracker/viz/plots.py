@@ -30,8 +30,6 @@ from tracker.viz.overlays import DOUBTFUL, GOOD
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_GRID: paint.Color = (58, 51, 47)
-
 
 def rgb(color: Sequence[int]) -> tuple[float, float, float]:
     """Return red, green and blue from 0 to 1."""
@@ -43,7 +41,7 @@ _STYLE: Any = {
     **dict.fromkeys(("figure.facecolor", "savefig.facecolor", "axes.facecolor"), rgb(paint.BACKGROUND)),
     **dict.fromkeys(("text.color", "axes.labelcolor", "legend.labelcolor"), rgb(paint.FAINT)),
     **dict.fromkeys(("xtick.color", "ytick.color"), rgb(paint.FAINT)),
-    **dict.fromkeys(("axes.edgecolor", "grid.color"), rgb(_GRID)),
+    **dict.fromkeys(("axes.edgecolor", "grid.color"), rgb((58, 51, 47))),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 9),
     **dict.fromkeys(("xtick.major.size", "ytick.major.size"), 0),
     **dict.fromkeys(("axes.spines.top", "axes.spines.right", "axes.spines.left", "legend.frameon"), False),
@@ -149,8 +147,6 @@ def _chroma(levels: Array) -> tuple[FloatArray, FloatArray]:
 
 
 _AXES: dict[str, paint.Color] = {"x": (110, 120, 240), "y": (125, 205, 125), "z": (245, 165, 95)}
-_ROTATION: paint.Color = (210, 140, 200)
-_RECORDED: paint.Color = (90, 215, 250)
 _SIGMAS = 2.0
 
 STATUS_COLORS: dict[str, paint.Color] = {
@@ -255,7 +251,7 @@ def series_of(poses: Poses) -> list[Series]:
     values = np.stack([angles(one.orientation, first) for one in kinds])
     spread = _SIGMAS * angle_std(shown.orientation, first, shown.covariance[:, 3:, 3:])
     band = np.stack([np.maximum(values[0] - spread, 0), np.minimum(values[0] + spread, 180)])
-    result.append(Series("rotation [°]", _ROTATION, values, band, _limits(values)))
+    result.append(Series("rotation [°]", (210, 140, 200), values, band, _limits(values)))
     values = np.stack([one.confidence for one in kinds])
     nothing = np.full((2, len(poses)), np.nan)
     return [*result, Series("confidence", paint.BRIGHT, values, nothing, (-0.04, 1.04))]
@@ -298,8 +294,8 @@ def _draw_panel(axis: Any, time: Array, series: Series) -> tuple[Any, ...]:
     far = 10 * (top - bottom)
     low, high = np.clip(series.band, bottom - far, top + far)
     band = axis.fill_between(time, low, high, color=color, alpha=0.3, linewidth=0)
-    ring = {"ms": 3.8 * size, "mew": 0.9 * size, "fillstyle": "none", "color": rgb(_RECORDED), "alpha": 0.8}
-    (circles,) = axis.plot(time, series.values[2], "o", **ring)
+    ring = {"ms": 3.8 * size, "mew": 0.9 * size, "fillstyle": "none", "alpha": 0.8}
+    (circles,) = axis.plot(time, series.values[2], "o", color=rgb((90, 215, 250)), **ring)
     (line,) = axis.plot(time, series.values[0], "-", linewidth=1.3, color=color)
     (dots,) = axis.plot(time, series.values[1], ".", markersize=4.4 * size, color=color)
     axis.set_ylabel(series.label, color=color, fontsize=11)

@@ -46,9 +46,6 @@ The viewer follows the system's theme. Neither a blueprint nor a command-line op
 """
 
 _AXES = {"x": (215, 60, 50), "y": (40, 140, 60), "z": (40, 110, 215)}
-_FACE_ALPHA = 190  # the ellipsoid inside must show through
-_JPEG_QUALITY = 90
-_PLANE_DISTANCE = 0.12  # distance of the images from their camera in the 3D view [m]
 _BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS}
 
 FLUSH_SECONDS = 30.0  # longest wait for a writer, which may never answer after a failure [s]
@@ -219,13 +216,13 @@ def _pinhole(camera: Camera) -> tuple[Any, Any]:
         image_from_camera=matrix,
         resolution=[camera.width, camera.height],
         camera_xyz=rr.ViewCoordinates.RDF,
-        image_plane_distance=_PLANE_DISTANCE,
+        image_plane_distance=0.12,  # in the 3D view [m]
     )
     return place, lens
 
 
 def _jpeg(image: Image) -> Any:
-    content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+    content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
     return rr.EncodedImage(contents=content, media_type="image/jpeg")
 
 
@@ -237,7 +234,7 @@ def _mesh(model: CuboidModel) -> Any:
         triangle_indices=triangles.reshape(-1, 3),
         vertex_normals=np.repeat(cuboid.FACE_NORMALS, 4, axis=0),
         vertex_colors=np.repeat(colors, 4, axis=0),
-        albedo_factor=(255, 255, 255, _FACE_ALPHA),
+        albedo_factor=(255, 255, 255, 190),  # the ellipsoid inside must show through
     )
 
 

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
     from tracker.viz.rerun_scene import Scene
 
-APPLICATION = "trifinger-object-tracker"
-"""Name under which the viewer remembers the arrangement of its windows."""
-
 HOST = "127.0.0.1"
 """Address of the viewer, with a free port: Rerun's default port may belong to another user's viewer."""
 
@@ -64,7 +61,8 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
 
         from tracker.viz.rerun_scene import FLUSH_SECONDS, Scene, layout
 
-    stream = rr.RecordingStream(APPLICATION)
+    # Under this name, the viewer remembers the arrangement of its windows.
+    stream = rr.RecordingStream("trifinger-object-tracker")
     if path is not None:
         with _file(stream, Path(path), layout(rig)):
             yield Scene(stream, rig, model)
