@@ -22,6 +22,7 @@ from tracker.pose.hypotheses import (
     EVERYWHERE,
     LIKELIEST,
     NEARBY,
+    NO_REACHES,
     TURNS,
     Hypothesis,
     Round,
@@ -249,7 +250,7 @@ class PoseEstimator:
         if not poses:
             return []
         least = ALIKE * explanation_score(self.search.counted(sight, rotation, position))
-        others = [one for one in self.search.scored(sight, poses) if one.score > least][:REFINED]
+        others = [one for one in self.search.near(sight, poses, NO_REACHES) if one.score > least][:REFINED]
         return [self._fitted(sight, one._replace(left_out=fit.left_out), FROM_THERE, lag) for one in others]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:

@@ -24,8 +24,8 @@ from tracker.pose.votes import PositionSearch
 REACHES = np.array([5, 4, 3])
 """Reach of the search for label transitions in each alignment step [px of the label map]."""
 
-FAR_REACHES = np.array([8, 6, 4, 3])
-"""The same, starting from a predicted pose."""
+FAR_REACHES, NO_REACHES = np.array([8, 6, 4, 3]), REACHES[:0]
+"""The same, starting from a predicted pose, and to score poses where they are."""
 
 BESIDE = 6.0 * np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4])
 """Displacements (8, 2) from which a camera's own search also starts [px of the label map]: a narrow object is
@@ -158,16 +158,13 @@ class Search:
         lens = self.lenses[c]
         size = float(np.linalg.norm(lens["position"] - position) / lens["focal"][0])
         beside = position + size * (BESIDE @ lens["rotation"][:2])
-        return self.near(sight, [(rotation, place) for place in (position, *beside)])
+        return next(iter(self.near(sight, [(rotation, place) for place in (position, *beside)])), None)
 
-    def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:
-        """Return the best hypothesis reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°."""
-        tried = [Hypothesis(0.0, rotation, position) for rotation, position in poses]
-        return next(iter(self._aligned(sight, tried, FAR_REACHES)), None)
-
-    def scored(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> list[Hypothesis]:
-        """Return hypotheses of poses (3, 3), (3,) [m] as they are, best first."""
-        return self._aligned(sight, [Hypothesis(0.0, *pose) for pose in poses], REACHES[:0])
+    def near(
+        self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]], reaches: Array = FAR_REACHES
+    ) -> list[Hypothesis]:
+        """Hypotheses reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°, best first."""
+        return self._aligned(sight, [Hypothesis(0.0, *pose) for pose in poses], reaches)
 
     def _aligned(self, sight: Sight, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:
         """Align hypotheses in steps with these reaches; return those whose edges are found, best first.

@@ -191,8 +191,7 @@ class Follower:
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
-            best = estimator.search.near(sight, hypotheses)
-            if best is not None:
+            for best in estimator.search.near(sight, hypotheses)[:1]:
                 far = estimator.refiner(
                     sight, best.rotation, best.position, lag=lag, resized=memory.resized, ask=due
                 )
