@@ -251,7 +251,7 @@ class PoseEstimator:
             return []
         least = ALIKE * explanation_score(self.search.counted(sight, rotation, position))
         others = [one for one in self.search.near(sight, poses, NO_REACHES) if one.score > least][:REFINED]
-        return [self._fitted(sight, one._replace(left_out=fit.left_out), FROM_THERE, lag) for one in others]
+        return [self._fitted(sight, one._replace(left_out=fit.left_out), SCHEDULE, lag) for one in others]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """Return the fit with a judgement of the calibration, if two or more cameras see the object.
