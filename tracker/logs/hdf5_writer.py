@@ -122,8 +122,8 @@ class Hdf5LogWriter:
                 image, is recorded as black.
             timestamp: timestamp of the frame [s], at most an hour after the previous frame and not before it.
             camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's, or
-                that of the camera's image before if it is older. NaN for all, without images: a driver error,
-                read as a frame without images.
+                for a missing one that of the camera's image before. NaN for all, without images: a driver
+                error, read as a frame without images.
             pose: the object's pose, with `position`, `orientation` and `confidence`, or None; recorded only
                 if the log was opened with `poses`.
 
@@ -143,7 +143,9 @@ class Hdf5LogWriter:
             # A driver error left the frame empty: recorded as zeros.
             empty = np.isnan(given).all() and all(image is None for image in images)
             # A lagging camera's next image may be older than this frame: its last timestamp is repeated.
-            stamps = given if empty else np.where(np.isnan(given), np.fmin(stamps, self._before), given)
+            unseen = np.array([image is None for image in images])
+            likely = np.where(unseen, np.fmin(stamps, self._before), stamps)
+            stamps = given if empty else np.where(np.isnan(given), likely, given)
             for value in stamps[~np.isnan(stamps)].tolist():
                 checked_stamp(value, what=where)
         rows: dict[str, Any] = {
