@@ -17,6 +17,9 @@ from pathlib import Path
 
 from tracker.errors import LogError, shown
 
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file; here, so that h5py is loaded for such files only."""
+
 
 @contextlib.contextmanager
 def on_error(undo: Callable[[], object]) -> Iterator[None]:

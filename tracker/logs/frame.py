@@ -167,6 +167,11 @@ class StampOrder:
         self._last = np.where(np.isnan(stamps), self._last, stamps)
         self._index = index
 
+    @property
+    def camera_timestamps(self) -> FloatArray:
+        """(C,) timestamps of each camera's latest image [s]; a single NaN before the first frame."""
+        return self._last[1:] if self._last.ndim else self._last
+
 
 def with_stamps(frames: Iterable[LogFrame]) -> Iterator[LogFrame]:
     """Yield the frames, with interpolated timestamps for those that have none."""

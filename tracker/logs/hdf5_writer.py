@@ -86,7 +86,6 @@ class Hdf5LogWriter:
         self._rig, self._flush_every = rig, flush_every
         self._count = 0
         self._order = StampOrder(gaps=False)
-        self._before = np.full(len(rig), np.nan)  # latest timestamps of each camera's images [s]
         if os.path.lexists(path):
             raise LogError(f"{self._path}: there is such a file, expected a new one")
         with uninterrupted(), contextlib.ExitStack() as undo:
@@ -144,7 +143,7 @@ class Hdf5LogWriter:
             empty = np.isnan(given).all() and all(image is None for image in images)
             # A lagging camera's next image may be older than this frame: its last timestamp is repeated.
             unseen = np.array([image is None for image in images])
-            likely = np.where(unseen, np.fmin(stamps, self._before), stamps)
+            likely = np.where(unseen, np.fmin(stamps, self._order.camera_timestamps), stamps)
             stamps = given if empty else np.where(np.isnan(given), likely, given)
             for value in stamps[~np.isnan(stamps)].tolist():
                 checked_stamp(value, what=where)
@@ -158,7 +157,6 @@ class Hdf5LogWriter:
         self._order.check(self._count, stamp, stamps, what=where)  # last: it remembers the stamps
         with uninterrupted():
             self._write(rows)
-        self._before = np.where(np.isnan(stamps), self._before, stamps)
 
     def _write(self, rows: dict[str, Any]) -> None:
         """Append a frame's rows; LogError if that fails: the log is unchanged."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from tracker.calibration.rig import CameraRig
 from tracker.checks import path_of
 from tracker.errors import CalibrationError, LogError
-from tracker.files import on_error, open_regular, told_of
+from tracker.files import HDF5_MAGIC, on_error, open_regular, told_of
 from tracker.geometry.camera import Camera
 from tracker.logs.datasets import STORE_FILE, DatasetSource, is_store
 from tracker.logs.folder import TRUTH_FILE, FolderSource
@@ -26,8 +26,6 @@ DEFAULT_RATE = 10.0
 
 JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
 """Possible file names of the recording in a job's folder."""
-
-_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
 def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float = DEFAULT_RATE) -> Log:
@@ -115,7 +113,7 @@ def _source(path: Path, rate: float) -> Source:
     if path.suffix.lower() in FILM_SUFFIXES:
         return FolderSource(path, rate=rate)
     with open_regular(path) as file:
-        is_hdf5 = file.read(len(_HDF5_MAGIC)) == _HDF5_MAGIC
+        is_hdf5 = file.read(len(HDF5_MAGIC)) == HDF5_MAGIC
     if is_hdf5:
         from tracker.logs.hdf5_reader import Hdf5Source
 

@@ -248,9 +248,9 @@ def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, 
         np.zeros((len(pictures), 6)),
     )
     for h in range(len(scores)):
-        found = len(reaches) == 0
-        found = found or align(lenses, labels, pictures, box, rotations[h], positions[h], reaches, strips) > 0
-        if not found:
+        if len(reaches) > 0 and not align(
+            lenses, labels, pictures, box, rotations[h], positions[h], reaches, strips
+        ):
             scores[h] = IMPOSSIBLE
             continue
         count_labels(lenses, labels, judges, box, rotations[h], positions[h], lags, seen)

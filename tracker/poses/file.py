@@ -22,11 +22,9 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import described, float_array, naming, of_kind, one_stamp, path_of
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files import hdf5, told_as, told_of, write_whole
+from tracker.files import HDF5_MAGIC, hdf5, told_as, told_of, write_whole
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import KINDS, About, Kind, Poses
-
-_HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 class PosesBuilder:
@@ -173,7 +171,7 @@ def refuse_other_file(path: Path, what: str) -> None:
     if not path.is_file() or path.stat().st_size == 0 or is_poses_file(path):
         return
     with path.open("rb") as file:
-        damaged = file.read(len(_HDF5)) == _HDF5
+        damaged = file.read(len(HDF5_MAGIC)) == HDF5_MAGIC
     with suppress(OSError, RuntimeError), hdf5.open_file(path):
         damaged = False
     if not damaged:
