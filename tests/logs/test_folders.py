@@ -386,19 +386,31 @@ def test_a_malformed_file_is_refused(tmp_path, text, message):
         tracker.open_log(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("write", "stamp", "message"),
-    [
-        (write_folder, 0, "camera60/0.000000000.png: found two images with one timestamp"),
-        (write_hdf5, 7200, "the frame's stamp goes forward by 7200 s since frame 0, expected 0 to 3600 s"),
-    ],
-)
-def test_stamps_that_another_format_cannot_have_are_refused(write, stamp, message, tmp_path):
-    for k in range(2):
-        write_picture(tmp_path / "left" / f"{k}.png", picture(k, 0))
+def test_a_written_folder_keeps_frames_and_stamps_as_they_are(tmp_path):
+    # A camera is late by three frames, another one misses images, and one stamp comes twice.
+    stamps = np.array([[0, 0.3, 0.1], [0.1, 0.3, np.nan], [0.1, np.nan, 0.2], [0.2, 0.35, 0.7]])
+    for (k, c), stamp in np.ndenumerate(stamps):
+        if not np.isnan(stamp):
+            write_picture(tmp_path / "old" / CAMERAS[c] / f"{2 * k}.png", picture(k, c))
+    lines = "".join(f"{camera} = '{camera}/*.png'\n" for camera in CAMERAS)
+    (tmp_path / "old" / "recording.toml").write_text(f"[cameras]\n{lines}")
+    np.savetxt(tmp_path / "old" / "stamps.csv", np.nan_to_num(stamps), delimiter=",")
+    with tracker.open_log(tmp_path / "old") as log:
+        write_folder(tmp_path / "new", log, make_rig(30, 20), lambda _: None)
+    frames = frames_of(tmp_path / "new")
+    assert [frame.timestamp for frame in frames] == pytest.approx([0.4 / 3, 0.2, 0.2, 1.25 / 3])
+    np.testing.assert_array_equal([frame.camera_timestamps for frame in frames], stamps)
+    for k, frame in enumerate(frames):
+        for c, image in enumerate(frame.images):
+            np.testing.assert_array_equal(image, None if np.isnan(stamps[k, c]) else picture(k, c))
+
+
+def test_stamps_that_hdf5_cannot_have_are_refused(tmp_path):
+    write_numbers(tmp_path / "left", 0, 2)
     (tmp_path / "recording.toml").write_text("[cameras]\ncamera60 = 'left/*.png'\n")
-    (tmp_path / "stamps.csv").write_text(f"0\n{stamp}\n")
-    rig, place = CameraRig((make_camera(60).resized(30, 20),)), f"{tmp_path}/new: frame 1: {message}"
-    with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match=f"^{re.escape(place)}"):
-        write(tmp_path / "new", log, rig, lambda _: None)
-    assert not (tmp_path / "new").exists()
+    (tmp_path / "stamps.csv").write_text("0\n7200\n")
+    rig, place = CameraRig((make_camera(60).resized(64, 48),)), f"{tmp_path}/new.h5: frame 1: "
+    message = "the frame's stamp goes forward by 7200 s since frame 0, expected 0 to 3600 s"
+    with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match=f"^{re.escape(place + message)}"):
+        write_hdf5(tmp_path / "new.h5", log, rig, lambda _: None)
+    assert not (tmp_path / "new.h5").exists()

@@ -209,7 +209,7 @@ def convert(
 
     An HDF5 log (the platform's version 2.1) keeps raw pixels, stamps, measured poses and the calibration.
     Colour images become the mosaic that the platform's cameras would have recorded. A folder of images
-    (one PNG per camera) has timestamps as names, and holds the calibration, too.
+    (one PNG per camera) keeps frames' numbers, stamps and the calibration, too.
     """
     from tracker.logs.folder import write_folder
     from tracker.logs.hdf5_writer import write_hdf5
@@ -240,8 +240,8 @@ def convert(
     if not suffix:
         with tracker.open_log(output) as copy:
             if len(copy) != len(frames):
-                why = "by their timestamps, and missing or repeated ones left out"
-                say(f"warning: {output}: {len(frames)} frames become {len(copy)}: images are grouped {why}")
+                why = "those without images are left out"
+                say(f"warning: {output}: {len(frames)} frames become {len(copy)}: {why}")
 
 
 _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | None"], "Sample | None"]]

@@ -18,7 +18,7 @@ from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import read_bounded, told_as, told_of, whole_file
 from tracker.logs.frame import LogFrame, checked_stamp
-from tracker.logs.layout import CAMERA, RECORDING_FILE, Picture, find_layout
+from tracker.logs.layout import RECORDING_FILE, STAMPS_FILE, Picture, find_layout
 from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, check_sides, rig_beside
 from tracker.logs.pictures import FilmPicture, decode, from_bayer, head_of
 
@@ -44,7 +44,8 @@ class FolderSource(Source):
         self._films = {file.film for file in pictures if isinstance(file, FilmPicture)}
         self.format = "films" if self._films else "folder of images"
         self._stamps, self._raw = layout.stamps, False
-        self._times: FloatArray = np.nanmean(layout.stamps, axis=1)  # (n,) of the frames
+        # (n,) of the frames. Without the image of a late camera, the mean alone might go back.
+        self._times: FloatArray = np.maximum.accumulate(np.nanmean(layout.stamps, axis=1))
         self._given: CameraRig | None = None
         if (path / TRUTH_FILE).is_file():
             self._read_truth(path / TRUTH_FILE)
@@ -140,27 +141,28 @@ def _content(file: Path, largest: int = _MAX_FILE) -> bytes:
 
 
 def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
-    """Write frames as one folder of PNG files per camera, named by their timestamps, with the calibration.
+    """Write frames as one folder of PNG files per camera, named by the frames' numbers, with the calibration.
 
-    The folder appears only once everything is written. An image that the recorder repeated is written once.
+    `recording.toml` and `stamps.csv` keep each image's frame and timestamp. The folder appears only once
+    everything is written. Frames without images are left out; LogError if there are no others.
     """
+    stamps, seen = [], np.zeros(len(rig), bool)
     with told_as(LogError, path), whole_file(path) as folder:
         for name in rig.names:
             (folder / name).mkdir(parents=True)
         rig.save(folder)
         for frame in log:
-            for name, image, stamp in zip(rig.names, frame.images, frame.camera_timestamps, strict=True):
-                if image is None:
-                    continue
-                file = folder / name / f"{stamp:.9f}.png"
-                content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
-                if not file.exists():
-                    file.write_bytes(content)
-                elif file.read_bytes() != content:
-                    where = f"{path}: frame {frame.index}: {name}/{file.name}"
-                    raise LogError(f"{where}: found two images with one timestamp, expected different ones")
+            taken = np.array([image is not None for image in frame.images])
+            for name, image in zip(rig.names, frame.images, strict=True):
+                if image is not None:
+                    content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1]
+                    (folder / name / f"{frame.index:06d}.png").write_bytes(content.tobytes())
+            if taken.any():
+                stamps.append(np.where(taken, frame.camera_timestamps, frame.timestamp))
+            seen |= taken
             progress(1)
-        if not all(map(CAMERA.fullmatch, rig.names)):  # folders with such names need not be found
-            seen = [name for name in rig.names if any((folder / name).iterdir())]
-            lines = "".join(f'"{name}" = "{name}/*.png"\n' for name in seen)
-            (folder / RECORDING_FILE).write_text(f"[cameras]\n{lines}", "utf-8")
+        if not stamps:
+            raise LogError(f"{path}: found no image in the recording, expected at least one")
+        np.savetxt(folder / STAMPS_FILE, np.array(stamps)[:, seen], "%s", ",")
+        lines = "".join(f'"{name}" = "{name}/*.png"\n' for name in np.array(rig.names)[seen])
+        (folder / RECORDING_FILE).write_text(f"[cameras]\n{lines}", "utf-8")
