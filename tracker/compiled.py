@@ -20,6 +20,7 @@ import numba
 from numba.core import compiler, config, sigutils, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.codegen import JITCodeLibrary
+from numba.core.runtime.nrt import rtsys
 from numba.core.typing.templates import make_concrete_template
 
 _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
@@ -58,14 +59,16 @@ def compiled(function: Callable[..., Any] | None = None, *, counted: bool = Fals
     # Kernels are never called from C; wrappers for C would take as long to compile as those for Python.
     usual: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     # In this package, only kernels call functions with private names.
-    usual["no_cpython_wrapper"] = function.__module__.startswith("tracker.") and function.__name__[0] == "_"
+    part = function.__module__.startswith("tracker.") and function.__name__[0] == "_"
+    usual["no_cpython_wrapper"] = part
     if not counted and _CREATING.isdisjoint(function.__code__.co_names):
         usual["pipeline_class"] = _Uncounted
     dispatcher = numba.njit(**{**usual, **options})(function)
     _have_called_as_part(dispatcher)
     # Numba raises RuntimeError if it finds no place for its cache.
     with contextlib.suppress(RuntimeError, OSError):
-        dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
+        if not part:
+            dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
     return dispatcher
 
 
@@ -261,9 +264,11 @@ class _Cache(FunctionCache):
     _impl_class = _Implementation
 
     def load_overload(self, *arguments: Any) -> Any:
-        # Damaged files may raise any error: they count as missing, and the index is cleared.
+        # Damaged files may raise any error: they count as missing, and the index is cleared. Numba's own
+        # method also imports all that only a compiler needs, SciPy's linear algebra among it.
         try:
-            return super().load_overload(*arguments)  # type: ignore[no-untyped-call]
+            rtsys.initialize(arguments[1])
+            return self._load_overload(*arguments)  # type: ignore[no-untyped-call]
         except Exception:
             with contextlib.suppress(OSError):
                 self.flush()  # type: ignore[no-untyped-call]

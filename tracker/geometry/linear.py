@@ -1,4 +1,4 @@
-"""Small compiled linear algebra; NumPy's would take seconds to compile into the kernels."""
+"""Small compiled linear algebra; NumPy's would take long to compile into kernels, and to load with them."""
 
 from __future__ import annotations
 
@@ -87,6 +87,27 @@ def congruence(a, b, out):  # type: ignore[no-untyped-def]
             out[i, m] += total
             if m < i:
                 out[m, i] += total
+
+
+@compiled
+def sum_from(values, first):  # type: ignore[no-untyped-def]
+    """Return the sum of the values (n,) from the one with index `first` on."""
+    result = 0
+    for i in range(first, len(values)):
+        result += values[i]
+    return result
+
+
+@compiled
+def smallest(values):  # type: ignore[no-untyped-def]
+    """Return the index of the smallest value (n,), or of the first NaN if there is any."""
+    best = 0
+    for i in range(len(values)):
+        if math.isnan(values[i]):
+            return i
+        if values[i] < values[best]:
+            best = i
+    return best
 
 
 @compiled

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.compiled import compiled
+from tracker.geometry.linear import sum_from
 from tracker.pose.align import count_labels
 
 HIDDEN_SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
@@ -139,7 +140,7 @@ def _option(counts, colored, k, prices, pixel):  # type: ignore[no-untyped-def]
 @compiled
 def _options(counts, prices, pixel, out):  # type: ignore[no-untyped-def]
     """Fill out (8,) with `_option` of each colour."""
-    colored = counts[1:].sum()
+    colored = sum_from(counts, 1)
     out[:] = 0.0
     if counts[0] + colored == 0:
         return
@@ -219,7 +220,7 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
             if closer:
                 counts, pixel = seen[c].inner[face], numbers.pixel
             unknowns[c, face] = unseen
-            if counts.sum() == 0:
+            if sum_from(counts, 0) == 0:
                 continue
             option, value = options[c, face], 0.0
             _options(counts, prices, pixel, option)
@@ -243,7 +244,10 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
         own, other, unknown = edges, edges, 0.0
         for face in range(6):
             own += options[c, face, face_labels[face]]
-            other += options[c, face, int(np.argmax(tied[face]))]
+            best = 0
+            for k in range(1, MIXED + 1):
+                best = k if tied[face, k] > tied[face, best] else best
+            other += options[c, face, best]
             unknown += unknowns[c, face]
         outside = _outside(one, numbers)
         lone[0, count_seen] = np.logaddexp(shows + own - outside, blind - outside)
@@ -280,7 +284,7 @@ def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for face in range(6):
         unknown += unknowns[face]
-        colored = one.faces[face, 1:].sum()
+        colored = sum_from(one.faces[face], 1)
         if one.faces[face, 0] + colored > 0:
             value = _option(one.faces[face], colored, face_labels[face], prices, numbers.whole)
             own += np.logaddexp(value + correct, unknowns[face] + lost)
@@ -292,7 +296,7 @@ def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-
 def _clearly_shown(seen, face, label):  # type: ignore[no-untyped-def]
     """Whether a camera shows a face so clearly that no rival body ends elsewhere."""
     for one in seen:
-        pixels = one.faces[face].sum()
+        pixels = sum_from(one.faces[face], 0)
         if pixels >= CLEARLY_SHOWN[0] and one.faces[face, label] >= CLEARLY_SHOWN[1] * pixels:
             return True
     return False

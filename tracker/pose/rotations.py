@@ -38,7 +38,7 @@ def even_rotations(count: int) -> FloatArray:
     quaternions = np.stack(
         [r * np.sin(alpha), r * np.cos(alpha), big_r * np.sin(beta), big_r * np.cos(beta)], axis=1
     )
-    return np.ascontiguousarray([so3.matrix_from_quaternion(q) for q in quaternions])
+    return so3.matrix_from_quaternion(quaternions)
 
 
 @compiled(fastmath=SUMS)

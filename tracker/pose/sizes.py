@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
+from tracker.geometry.linear import smallest, sum_from
 from tracker.pose.solve import solve, with_edges
 
 SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
@@ -69,7 +70,7 @@ def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: igno
 @compiled
 def _mean(sizes, doubts):  # type: ignore[no-untyped-def]
     """Posterior mean of sizes (W,) by their doubts; the first if none is finite."""
-    least, weights, mean = doubts.min(), 0.0, 0.0
+    least, weights, mean = doubts[smallest(doubts)], 0.0, 0.0
     if not math.isfinite(least):
         return sizes[0]
     for w in range(len(sizes)):
@@ -111,7 +112,7 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
     used = 0
     for c in range(len(cameras)):
         used += cameras[c].used
-    several, standing = doubtful and used > 1, solution.feet.any()
+    several, standing = doubtful and used > 1, sum_from(solution.feet, 0) > 0.0
     wears, feet, shares = np.empty(len(WEAR)), np.empty(len(FEET)), np.empty(len(SHARES))
     share = 1.0
     for turn in range(2 if several and ask else 1):
@@ -125,7 +126,7 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
         if turn == 0 and several:
             with_edges(cameras, solution.feet, solution.own, solution.foot)
             _likely_shares(solution, cameras, shares)
-            share = SHARES[np.argmin(shares)]
+            share = SHARES[smallest(shares)]
             if share == 1.0:
                 break
     if not several:
@@ -134,7 +135,7 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
         shares[:] = solve(solution, cameras, 1.0)
         for k in range(len(SHARES)):
             shares[k] -= 2.0 * math.log(SHARES_PRIOR[k])
-    least = shares.min()
+    least = shares[smallest(shares)]
     if not math.isfinite(least):
         if ask:
             solution.own = WEAR[0]

@@ -172,16 +172,16 @@ def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-u
     spread (5, 5): covariance of value (5,). Filled: logs (6,), forces (6, 5), weights (6, 5, 5), of FLAT, on
     an edge, and free.
     """
-    edge, free = len(FLAT), len(FLAT) + 1
+    edge, free, noise = len(FLAT), len(FLAT) + 1, np.empty(3)
     for way in range(len(FLAT)):
-        noise = np.array([FLAT[way, 1] ** 2, FLAT[way, 2] ** 2, FLAT[way, 2] ** 2])
+        noise[0], noise[1], noise[2] = FLAT[way, 1] ** 2, FLAT[way, 2] ** 2, FLAT[way, 2] ** 2
         logs[way] = _way((0, 3), spread, noise, value, weights[way], forces[way])
         logs[way] += math.log(FLAT[way, 0] / FACE_WAYS)
         if way == LIFTED:
             # Only the positive part of the height's posterior counts.
             share = spread[0, 0] / (spread[0, 0] + noise[0])
             logs[way] += math.log(2.0 * _above(value[0] * (1.0 - share), noise[0] * share) + 1e-300)
-    noise = np.array([LEANING[1] ** 2, LEANING[2] ** 2])
+    noise[0], noise[1] = LEANING[1] ** 2, LEANING[2] ** 2
     logs[edge] = _way((3, 5), spread, noise, value, weights[edge], forces[edge])
     logs[edge] += math.log(LEANING[0] / EDGE_WAYS)
     logs[free] = math.log(FREE * _above(value[3] - lower_end, spread[3, 3]) + 1e-300)
@@ -198,7 +198,9 @@ def _mix_ways(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def
 
     Return the log of the summed densities; logs (6,) become probabilities.
     """
-    most, total = logs.max(), 0.0
+    most, total = -np.inf, 0.0
+    for way in range(len(logs)):
+        most = max(most, logs[way])
     for way in range(len(logs)):
         logs[way] = math.exp(logs[way] - most)
         total += logs[way]
