@@ -99,14 +99,28 @@ def test_misses_last_as_stated_and_never_bear_a_pose():
         assert np.isfinite(one.delay).all()
 
 
-def test_gross_errors_come_and_go_as_stated_and_stay_as_they_are():
+@pytest.mark.parametrize("dt", [0.02, 0.1, 1.0, 10.0])
+def test_gross_errors_come_and_go_as_stated_at_any_rate_and_stay_as_they_are(dt):
     own = {"rate": 0.5, "seconds": 0.4, "distance": 0.02, "angle": 0.5}
     state, truth = state_of(gross=own), truths()
-    off = np.array([np.linalg.norm(state.step(*truth, 0.1).position - truth[0], axis=1) for _ in range(50)])
-    assert np.allclose(off[off > 1e-9], 0.02)
-    gross = off > 1e-9
-    assert gross[1:][gross[:-1]].mean() > np.exp(-0.25)
-    assert gross[20:].mean() == pytest.approx(0.5 / (0.5 + 1 / 0.4), rel=0.2)
+    off = np.array([state.step(*truth, dt).position - truth[0] for _ in range(100)])
+    gross = np.linalg.norm(off, axis=2) > 1e-9
+    assert np.allclose(np.linalg.norm(off[gross], axis=1), 0.02)
+    share, goes_on = 0.5 / (0.5 + 1 / 0.4), np.exp(-dt / 0.4)
+    assert gross.mean() == pytest.approx(share, rel=0.1)
+    both = gross[1:] & gross[:-1]
+    same = np.isclose(off[1:], off[:-1], atol=1e-12).all(axis=2)[both]
+    stays = share + (1 - share) * np.exp(-dt * (0.5 + 1 / 0.4))
+    assert both.sum() / gross[:-1].sum() == pytest.approx(stays, rel=0.05)
+    assert same.mean() == pytest.approx(goes_on / stays, abs=0.02)
+
+
+def test_what_is_fully_hidden_is_not_found():
+    state = tracker.noise.NoiseModel.load("platform").start(np.random.default_rng(1), 2000)
+    position, orientation, visible = truths(2000)
+    assert state.step(position, orientation, visible, 0.1).found.mean() > 0.95
+    for _ in range(3):
+        assert not state.step(position, orientation, 0.0 * visible, 0.1).found.any()
 
 
 def test_environments_together_are_distributed_as_each_alone():

@@ -276,30 +276,37 @@ class NoiseState:
 
     def _gross_now(self, v: FloatArray, dt: float) -> FloatArray:
         """Return the gross errors (2, 3, N) [m, rad], each constant until it ends; 0 if there is none."""
-        own, (ends, begins) = self._values["gross"], self._rng.random((2, self.count))
-        self._is_gross &= ends < np.exp(-dt / max(own["seconds"], 1e-12))
-        rate = own["rate"] * np.exp(-own["visible"] * v)
-        new = np.flatnonzero(~self._is_gross & (begins < -np.expm1(-dt * rate)))
-        self._is_gross[new] = True
+        own, drawn = self._values["gross"], self._rng.random(self.count)
+        rate, ends = own["rate"] * np.exp(-own["visible"] * v), 1.0 / max(own["seconds"], 1e-12)
+        now = drawn < self._after(self._is_gross, rate, ends, dt)
+        new = np.flatnonzero(now & ~(self._is_gross & (drawn < np.exp(-dt * ends))))
+        self._is_gross = now
         drawn = self._rng.standard_normal((2, 3, len(new)))
         drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
         size = np.exp(own["spread"] * self._rng.standard_normal((2, len(new))))
         size *= np.array([[own["distance"]], [own["angle"]]])
         self._gross[..., new] = drawn * size[:, None]
-        self._gross[..., ~self._is_gross] = 0.0
+        self._gross[..., ~now] = 0.0
         return self._gross
 
     def _found_now(self, v: FloatArray, dt: float) -> Array:
-        """Draw (N,) whether the object is found: a two-state Markov chain whose rates depend on v."""
+        """Draw (N,) whether the object is found; never if nothing of it is visible."""
         own, drawn = self._values["missed"], self._rng.random(self.count)
         lost = own["lost"] * np.exp(np.maximum(-own["lost_visible"] * v, -_MOST))
-        found = own["found"] * np.exp(np.minimum(own["found_visible"] * v, _MOST))
-        # The chain's equilibrium probability, and the share of the deviation from it that remains after dt.
-        rest = found / np.maximum(lost + found, 1e-300)
-        stays = np.where(self._fresh, 0.0, np.exp(-dt * (lost + found)))
-        rest[lost == 0.0] = 1.0
-        self._found = drawn < rest + (self._found - rest) * stays
+        found = max(own["found"], 1e-300) * np.exp(np.minimum(own["found_visible"] * v, _MOST))
+        self._found = (v > 0.0) & (drawn < self._after(self._found, found, lost, dt))
         return self._found.copy()
+
+    def _after(self, on: Array, begins: FloatArray, ends: FloatArray | float, dt: float) -> FloatArray:
+        """Return the probabilities (N,) that two-state Markov chains are on after dt.
+
+        on: (N,) whether they are before; begins, ends: rates [1/s].
+        """
+        # The equilibrium probability, and the share of the deviation from it that remains.
+        rest = begins / np.maximum(begins + ends, 1e-300)
+        stays = np.where(self._fresh, 0.0, np.exp(-dt * (begins + ends)))
+        result: FloatArray = rest + (on - rest) * stays
+        return result
 
     def _confidence(self, error: FloatArray, keep: FloatArray, clear: FloatArray) -> FloatArray:
         own = self._values["confidence"]
