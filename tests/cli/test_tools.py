@@ -261,15 +261,29 @@ def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):
     assert found["error_end"] == errors[-1]
 
 
-def test_a_frame_without_images_gets_no_reward_of_dice(tmp_path, run_here):
+@pytest.mark.parametrize("every", [1, 2, 4])
+def test_the_total_of_dice_is_that_of_the_whole_time_however_few_frames_are_looked_at(
+    every, tmp_path, monkeypatch, run_here
+):
+    write_log(tmp_path / "job", FRAMES)
+    (tmp_path / "job" / "goal.json").write_text(json.dumps([[0.0, 0.0, 0.011]] * 25))
+    everywhere = np.ones((24, 28), bool)
+    monkeypatch.setattr(rearrange_dice, "segment_dice", lambda image: everywhere)
+    found = json.loads(run_here("score", tmp_path / "job", "--json", "--every", every).stdout)
+    assert (found["frames"], found["scored_frames"]) == (FRAMES, -(-FRAMES // every))
+    whole = json.loads(run_here("score", tmp_path / "job", "--json").stdout)
+    assert found["reward_total"] == pytest.approx(whole["reward_total"])
+
+
+def test_a_frame_without_images_of_all_cameras_gets_no_reward_of_dice(tmp_path, run_here):
     image = np.full((24, 28, 3), 90, np.uint8)
     with Hdf5LogWriter(tmp_path / "camera_data.h5", tiny_rig()) as writer:
         for stamp, images in ((1.0, [image] * 3), (1.1, [None] * 3), (1.2, [None, image, image])):
             writer.append(images, stamp)
     (tmp_path / "goal.json").write_text(json.dumps([[0.0, 0.0, 0.011]] * 25))
     found = json.loads(run_here("score", tmp_path, "--json").stdout)
-    assert found["rewards"] == [0.0, None, 0.0]
-    assert found["scored_frames"] == 2
+    assert found["rewards"] == [0.0, None, None]
+    assert found["scored_frames"] == 1
 
 
 @pytest.mark.parametrize(

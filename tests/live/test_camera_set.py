@@ -67,6 +67,27 @@ def first(enough, *cameras, **more):
         return sets(whole, enough)
 
 
+class Film(Scripted):
+    """Gives images of grey levels 0, 1, …; at one of them it takes its time."""
+
+    film = True
+
+    def __init__(self, slow=-1):
+        super().__init__(*(partial(self.level, k, 0.12 * (k == slow)) for k in range(40)))
+
+    def level(self, k, seconds):
+        time.sleep(seconds)
+        return np.full((4, 6, 3), k, np.uint8)
+
+
+def test_films_stay_in_step_when_one_is_late():
+    given = first(15, Film(), Film(slow=4), rate=25.0)
+    levels = [[None if image is None else int(image.max()) for image in one.images] for one in given]
+    assert any(None in some for some in levels)
+    assert levels[-1][1] is not None
+    assert all(len(set(some) - {None}) == 1 for some in levels)
+
+
 def well_after(fault):
     """Whether the last camera gives images again, after it had a fault."""
     return lambda found: found[-1].images[-1] is not None and any(one.faults[-1] == fault for one in found)

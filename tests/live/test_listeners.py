@@ -68,7 +68,7 @@ def test_a_lagging_camera_may_miss_an_image(path):
     assert (recorder.recorded, recorder.fault) == (4, None)
     with tracker.open_log(path) as log:
         late = [frame.timestamp - frame.camera_timestamps[2] for frame in log]
-    assert late == pytest.approx([0.15, 0.15, 0.25, 0.15])
+    assert late == pytest.approx([0.15, 0.15, np.nan, 0.15], nan_ok=True)
 
 
 def test_cameras_of_different_sizes_are_refused_before_there_is_a_file(path):

@@ -307,6 +307,13 @@ def test_live_poses_are_those_of_the_tracker():
     assert moments[0].latency > 0
 
 
+def test_what_waited_is_as_much_older():
+    pushed = Pushed()
+    pushed.push([None] * 3)
+    time.sleep(0.05)
+    assert 0.05 <= pushed.next(0.0).age < 5
+
+
 @pytest.mark.parametrize("kind", [list, tuple, np.array])
 def test_stamps_are_pushed_as_whatever_holds_them(kind):
     pushed = Pushed()

@@ -133,6 +133,18 @@ def test_a_socket_that_an_earlier_run_left_is_bound_again(tmp_path):
     ZmqPublisher(f"ipc://{left}").close()
 
 
+def test_a_socket_that_another_program_listens_to_is_left_to_it(tmp_path):
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(tmp_path / "poses"))
+        other.listen()
+        with pytest.raises(LiveError, match="found a program that listens there, expected a new path"):
+            ZmqPublisher(f"ipc://{tmp_path / 'poses'}")
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(tmp_path / "poses"))
+            for _ in range(2):  # the publisher's attempt came first
+                other.accept()[0].close()
+
+
 def test_addresses_are_bound_for_all_where_that_is_meant_and_of_ipv6_where_the_machine_has_it():
     with contextlib.closing(ZmqPublisher("tcp://0.0.0.0:*", public=True)) as one:
         assert one.address.startswith("tcp://0.0.0.0:")

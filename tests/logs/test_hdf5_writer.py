@@ -120,8 +120,10 @@ def test_a_lagging_camera_that_misses_an_image_goes_on(tmp_path):
             there = k != 2
             stamps = [0.1 * k, 0.1 * k, 0.1 * k - 0.15 if there else np.nan]
             writer.append([image, image, image if there else None], 0.1 * k, stamps)
-    found = [frame.camera_timestamps[2] for frame in frames_of(tmp_path / "log.h5")]
-    assert found == pytest.approx([-0.15, -0.05, -0.05, 0.15])
+    frames = frames_of(tmp_path / "log.h5")
+    found = [frame.camera_timestamps[2] for frame in frames]
+    assert found == pytest.approx([-0.15, -0.05, np.nan, 0.15], nan_ok=True)
+    assert [frame.images[2] is None for frame in frames] == [False, False, True, False]
 
 
 ENDINGS = """

@@ -114,15 +114,16 @@ def _of_dice(
 
     assert goal.position is not None
     stamps, rewards = [], []
-    with tracker.open_log(job) as log, bar(job.name, -(-len(log) // every), quiet) as progress:
+    with tracker.open_log(job) as log, bar(job.name, len(log), quiet) as progress:
         masks = rearrange_dice.goal_masks(cameras.rig_of(job, log), goal.position)
-        for frame in log[::every]:
+        for k, frame in enumerate(log):
             # HDF5 logs have black images where images are missing.
-            images = {c: image for c, image in enumerate(frame.images) if image is not None and image.any()}
-            found = [rearrange_dice.segment_dice(image) for image in images.values()]
+            images = [image for image in frame.images if image is not None and image.any()]
             stamps.append(frame.timestamp)
-            error = rearrange_dice.error([masks[c] for c in images], found) if images else float("nan")
-            rewards.append(float(-error))
+            rewards.append(float("nan"))
+            # The error is that of all cameras: with fewer it would be smaller.
+            if k % every == 0 and len(images) == len(masks):
+                rewards[k] = float(rearrange_dice.reward(masks, [*map(rearrange_dice.segment_dice, images)]))
             progress(1)
     seconds = np.array(stamps) - stamps[0] if stamps else np.zeros(0)
     return seconds, np.array(rewards)

@@ -8,6 +8,7 @@ A source gives sets of images, one per camera: from a replayed recording (`Repla
 together (`open_cameras`), from the simulated platform (`Simulation`), or pushed by the caller (`Pushed`).
 """
 
+from tracker.live import platform as platform
 from tracker.live.cameras import CameraSet as CameraSet
 from tracker.live.live import Live as Live
 from tracker.live.moment import ImageSet as ImageSet

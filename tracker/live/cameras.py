@@ -56,7 +56,7 @@ class Grabbed:
 
 
 class LiveCamera(Protocol):
-    """A camera that has been opened."""
+    """A camera that has been opened; with an attribute `film`, if true, each set gets its next image."""
 
     triggered: bool
     """Whether it takes images only on request; if not, it runs freely and `grab` returns the next image."""
@@ -238,7 +238,8 @@ class CameraSet:
             with self._changed:
                 if camera.triggered:
                     self._changed.wait_for(lambda: slot.answered < self._asked or self._closing.is_set())
-                requested = self._asked
+                # A film stays in step: sets that no longer wait for it get their images, too.
+                requested = slot.answered + 1 if getattr(camera, "film", False) else self._asked
             if self._closing.is_set():
                 return
             picture, fault, there, final = None, None, True, None

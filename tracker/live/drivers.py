@@ -172,8 +172,8 @@ class OpenCvCamera:
 
     def __init__(self, what: str, size: tuple[int, int] | None = None) -> None:
         self._what = what
-        self.triggered = not what.isdigit() and Path(what).is_file()
-        if self.triggered:
+        self.triggered = self.film = not what.isdigit() and Path(what).is_file()
+        if self.film:
             with naming("opencv", LiveError, LogError):
                 check_container(Path(what))  # a playlist would open what it names
         self._capture = cv2.VideoCapture(int(what) if what.isdigit() else what)
@@ -190,7 +190,7 @@ class OpenCvCamera:
         there, image = self._capture.read()
         stamp = time.time()
         if not there:
-            if self.triggered:
+            if self.film:
                 raise SourceEnded(f"opencv: {self._what} has ended")
             raise CameraLost(f"opencv: {self._what} gives no image")
         if image.ndim == 2:
@@ -199,7 +199,7 @@ class OpenCvCamera:
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """See `LiveCamera`; the values that OpenCV reports, in the driver's units. A film has none."""
-        if self.triggered:
+        if self.film:
             return {}
         return {name: self._capture.get(number) for name, number in _KEPT.items()}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import socket
 import stat
 import struct
 from contextlib import suppress
@@ -98,7 +99,7 @@ class ZmqPublisher:
 
 
 def _refuse_file(address: str) -> None:
-    """Raise LiveError if the path holds something other than a socket, which ZeroMQ would remove."""
+    """Raise LiveError if the path holds no socket, or one in use: ZeroMQ would remove it."""
     kind, _, path = address.partition("://")
     if kind != "ipc" or path.startswith("@") or path == "*":  # an abstract name, or one that ZeroMQ chooses
         return
@@ -107,6 +108,9 @@ def _refuse_file(address: str) -> None:
             raise LiveError(
                 f"publish {address}: found something other than a socket there, expected a new path"
             )
+        with socket.socket(socket.AF_UNIX) as other:
+            if other.connect_ex(path) == 0:
+                raise LiveError(f"publish {address}: found a program that listens there, expected a new path")
 
 
 FINGERPRINT = 0x2D41F07A9260F694

@@ -188,7 +188,7 @@ class Pushed:
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._waiting: ImageSet | None = None
-        self._ended, self._count = False, 0
+        self._ended, self._count, self._came = False, 0, 0.0
         self.replaced = 0
         """Number of sets that a newer one replaced before they were fetched."""
 
@@ -227,7 +227,7 @@ class Pushed:
                 raise LiveError(f"images: found {len(images)}, expected {self._count} as before")
             self._count = len(images)
             self.replaced += self._waiting is not None
-            self._waiting = taken
+            self._waiting, self._came = taken, time.monotonic()
             self._changed.notify_all()
 
     def finish(self) -> None:
@@ -243,7 +243,7 @@ class Pushed:
             taken, self._waiting = self._waiting, None
             if taken is None and self._ended:
                 raise SourceEnded("pushed images: no more will come")
-            return taken
+            return taken and replace(taken, age=time.monotonic() - self._came)
 
     def close(self) -> None:
         """See `ImageSource`."""

@@ -10,6 +10,7 @@ Settings are stored as bytes, not as strings, since the HDF5 library crashes on 
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import math
@@ -197,7 +198,15 @@ class Hdf5Source(Source):
         stamp = None if self._frame_stamps is None else self._frame_stamps[index, 0]
         if self._poses and (self._has_pose is None or self._has_pose[index]):
             poses = [np.concatenate([rows[index] for rows in self._poses])]
-        return recorded_frame(index, [*map(from_bayer, raw)], raw, stamps, stamp, poses, where=where)
+        frame = recorded_frame(index, [*map(from_bayer, raw)], raw, stamps, stamp, poses, where=where)
+        # A missing image is recorded as black, with the timestamp of the camera's image before.
+        again = stamps == self._camera_stamps[index - 1] if index else np.zeros(len(stamps), bool)
+        missing = [same and not one.any() for same, one in zip(again, raw, strict=True)]
+        if not any(missing):
+            return frame
+        images = tuple(None if no else one for no, one in zip(missing, frame.images, strict=True))
+        known = np.where(missing, np.nan, frame.camera_timestamps)
+        return dataclasses.replace(frame, images=images, camera_timestamps=known)
 
     def rig(self) -> CameraRig | None:
         """See Source."""

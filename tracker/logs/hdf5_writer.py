@@ -118,7 +118,7 @@ class Hdf5LogWriter:
         Args:
             images: one per camera: raw Bayer pixels (H, W), red at even rows and columns, or BGR (H, W, 3),
                 of which each pixel keeps the colour that such a sensor measures there. None, a missing
-                image, is recorded as black.
+                image, is recorded as black, and is read as missing but for the camera's first image.
             timestamp: timestamp of the frame [s], at most an hour after the previous frame and not before it.
             camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's, or
                 for a missing one that of the camera's image before. NaN for all, without images: a driver
@@ -134,18 +134,18 @@ class Hdf5LogWriter:
             raise LogError(f"{where}: the log is closed")
         raw = self._raw(images, where)
         stamp = checked_stamp(timestamp, what=where)
-        stamps = np.full(len(self._rig), stamp)
+        given = stamps = np.full(len(self._rig), np.nan)
+        unseen = np.array([image is None for image in images])
         if camera_timestamps is not None:
             given = seconds(camera_timestamps, f"{where}: camera_timestamps", LogError)
             if given.shape != stamps.shape:
                 raise LogError(f"{where}: found stamps of shape {given.shape}, expected {stamps.shape}")
-            # A driver error left the frame empty: recorded as zeros.
-            empty = np.isnan(given).all() and all(image is None for image in images)
+        # A driver error left the frame empty if it has neither: recorded as zeros.
+        if camera_timestamps is None or not (np.isnan(given).all() and unseen.all()):
             # A lagging camera's next image may be older than this frame: its last timestamp is repeated.
-            unseen = np.array([image is None for image in images])
-            likely = np.where(unseen, np.fmin(stamps, self._order.camera_timestamps), stamps)
-            stamps = given if empty else np.where(np.isnan(given), likely, given)
-            for value in stamps[~np.isnan(stamps)].tolist():
+            likely = np.where(unseen, np.fmin(stamp, self._order.camera_timestamps), stamp)
+            stamps = np.where(np.isnan(given), likely, given)
+            for value in stamps.tolist():
                 checked_stamp(value, what=where)
         rows: dict[str, Any] = {
             "images": raw,

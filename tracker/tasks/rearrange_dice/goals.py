@@ -145,10 +145,10 @@ def read_goal(path: str | os.PathLike[str]) -> FloatArray:
         if isinstance(data, str):
             return parse_pattern(data)
         if isinstance(data, dict):
-            if "goal" not in data:
+            if not {"goal", "_goal"} & set(data):
                 keys = ", ".join(map(repr, data))[:100] or "no key"
                 raise TaskError(f"found {keys}, expected the key 'goal' with 25 positions [x, y, z]")
-            data = data["goal"]
+            data = data.get("goal", data.get("_goal"))
         return places_of(data)
 
 
