@@ -401,3 +401,16 @@ def test_to_look_at_a_recording_takes_no_longer_among_many(tmp_path, monkeypatch
     for given in (log, log.parent):
         fingerprint(Job(given, tmp_path / "out.h5", recipe))
     assert set(entries) == {log.parent}
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("summary.csv", "found summary.csv, but no batch"), ("batch.json", "batch.json: found no batch")],
+)
+def test_files_of_others_by_a_batchs_names_stay(recordings, tmp_path, name, message):
+    one = batch_of(recordings)
+    one.folder.mkdir(parents=True, exist_ok=True)
+    (one.folder / name).write_text('{"mine": 1}')
+    with pytest.raises(LogError, match=message), only_run(one):
+        pass
+    assert contents(one.folder) == {name: b'{"mine": 1}'}

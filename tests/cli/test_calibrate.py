@@ -144,6 +144,24 @@ def test_a_right_calibration_fits(pictures, run_here):
     assert re.search(r"warning +camera60: fy/fx is 1\.0058, expected 1", result.stdout)
 
 
+def test_files_that_are_not_used_are_not_judged(pictures, rig, tmp_path, run_here):
+    recording = tmp_path / "recording"
+    rig.save(recording)
+    for file in pictures[1]:
+        moment, name = file.name.split("-")
+        (recording / f"00000{moment}").mkdir(exist_ok=True)
+        shutil.copy(file, recording / f"00000{moment}" / name)
+    shutil.copy(pictures[0] / "wrong" / "camera180.yml", tmp_path / "other_downsampled.yml")
+    check = ("check", recording, "--stills", *CUBE)
+    result = well(run_here(*check))
+    assert "the calibration fits" in result.stdout
+    assert "principal point was halved" not in result.stdout
+    for name in rig.names:
+        (recording / f"{name}.yml").rename(recording / f"{name}_downsampled.yml")
+    used = ("--calibration", recording, "--pattern", "*_downsampled.yml")
+    assert well(run_here(*check, *used)).stdout.count("principal point was halved") == 3
+
+
 def test_a_camera_that_never_sees_the_object_is_no_part_of_the_verdict(pictures, run_here):
     folder, files = pictures
     blank = folder / "blank-camera300.png"

@@ -171,6 +171,10 @@ def test_images_without_colours_are_named(detect, tmp_path):
     grey = write_changed(tmp_path, lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
     result, _ = detect("--calibration", DEMO, *grey)
     assert "warning: the images have no colours: raw Bayer images must be demosaicked" in result.stderr
+    black = write_changed(tmp_path, lambda image: 0 * image)
+    result, _ = detect("--calibration", DEMO, *black)
+    assert "no colours" not in result.stderr
+    assert "is the lens covered?" in result.stderr
 
 
 def test_cameras_that_contradict_each_other_get_a_warning_beside_the_pose(detect, tmp_path):

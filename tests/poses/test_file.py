@@ -53,6 +53,12 @@ def test_a_file_gives_back_what_was_written_to_the_bit(
     assert_same(read_poses(path), poses)
 
 
+def test_a_file_that_this_process_has_open_can_be_read(written):
+    expected = read_poses(written)
+    with h5py.File(written):
+        assert_same(read_poses(written), expected)
+
+
 def test_cameras_and_arena_come_back_with_and_without_deviations(path, rng):
     other = dataclasses.replace(make_camera(60, "links ä"), distortion=np.array(LENSES[14]))
     cameras = (make_camera(300), dataclasses.replace(other, camera_from_world_std=None))

@@ -176,11 +176,16 @@ def read_batch(folder: Path) -> Batch:
 def only_run(batch: Batch) -> Iterator[None]:
     """Make this the only run with a folder of results until the `with` block ends; write what was asked for.
 
-    Leftovers of killed runs and workers are removed. BlockingIOError if another run is active.
+    Leftovers of killed runs and workers are removed. BlockingIOError if another run is active, LogError if
+    the folder holds other files by the names of a batch's own.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
     content = {"options": batch.options.plain(), "recordings": batch.pairs}
     with claimed(batch.folder / results.ASKED):
+        if (batch.folder / results.ASKED).exists():
+            read_batch(batch.folder)
+        elif others := [name for name in results.OF_ALL if (batch.folder / name).exists()]:
+            raise LogError(f"{batch.folder}: found {others[0]}, but no batch; expected another folder")
         _remove_leftovers(batch)
         try:
             write_whole(batch.folder / results.ASKED, json.dumps(content, indent=0) + "\n")

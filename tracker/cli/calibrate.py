@@ -132,8 +132,8 @@ def check(
     """
     from tracker.calibration.by_object.check import check as look
 
-    focal_std, halved = _stated(filmed.inputs, filmed.cameras)
     with filmed.opened() as (model, footage, rig, colors, progress):
+        focal_std, halved = _stated(filmed.inputs, filmed.cameras, rig)
         found = look(model, footage, rig, colors, progress, focal_std)
     warnings = [*found.warnings, *halved]
     if plot is not None:
@@ -149,8 +149,12 @@ def check(
         raise click.exceptions.Exit(1)
 
 
-def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, float], list[str]]:
-    """Return the stated standard deviations of focal lengths, and warnings about halved calibrations."""
+def _stated(
+    inputs: Sequence[str], cameras: options.Cameras, rig: tracker.CameraRig
+) -> tuple[dict[str, float], list[str]]:
+    """Return the stated standard deviations of the rig's focal lengths, and warnings if it was halved."""
+    import numpy as np
+
     from tracker.calibration.files import platform
     from tracker.logs.opening import calibration_files
 
@@ -160,10 +164,14 @@ def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, 
     for recording in () if paths else inputs:
         with suppress(OSError):  # opening it reports what cannot be read
             paths += calibration_files(Path(recording))
-    found = {}
+    found, places = {}, {camera.name: camera.camera_from_world for camera in rig}
     for path in paths:
         with suppress(TrackerError):
-            found[path] = platform.read_calibrated(path)
+            one = platform.read_calibrated(path)
+            # Files of other cameras may lie in the folder above.
+            if np.array_equal(one.camera.camera_from_world, places.get(one.camera.name)):
+                found[path] = one
+                del places[one.camera.name]
     fault = "its principal point was halved to c/2, expected c/2 - 0.25 px"
     remedy = "--correct-halved-principal-point mends it while it is read"
     halved = filter(platform.halved_by_rows, () if cameras.correct_halved_principal_point else found)

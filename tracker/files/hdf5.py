@@ -76,7 +76,12 @@ def open_file(path: str | os.PathLike[str]) -> h5py.File:
     """Open a regular file for reading; OSError or any error of h5py if it is not an HDF5 file."""
     open_regular(path).close()  # the library would wait for a pipe's writer
     # Reading needs no lock, since files are replaced whole; network drives often have no locks.
-    return h5py.File(path, "r", locking=False)
+    try:
+        return h5py.File(path, "r", locking=False)
+    except OSError as error:
+        if "locking flag" not in str(error):
+            raise
+        return h5py.File(path, "r")  # this process has it open with locks
 
 
 def check_stated_end(path: Path) -> str | None:

@@ -158,7 +158,7 @@ class Log:
         self.close()
 
     def __len__(self) -> int:
-        """Number of frames that the file states, including damaged ones."""
+        """Number of frames, including damaged ones, but not those that a truncated file lacks."""
         return len(self._indices)
 
     def __iter__(self) -> Iterator[LogFrame]:

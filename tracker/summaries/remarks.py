@@ -101,7 +101,8 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
         return OUT_OF_VIEW  # even of a certain pose: the cameras left may be sure of a wrong one
     if _confidence(answer) >= UNSURE:
         return None
-    if all(image is None or not np.ptp(image, axis=2).any() for image in images):
+    lit = [image for image in images if image is not None and image.any()]
+    if lit and not any(np.ptp(image, axis=2).any() for image in lit):
         return GREY
     return swapped(tracker, images, answer) or mistaken(tracker, images)
 
@@ -125,8 +126,8 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
 def lasting_remark(tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]) -> str | None:
     """Like `likely_cause` for a recording, without exposure and sharpness: two sets of images must agree."""
     found: list[str | None] = []
-    # A driver error leaves a frame without images.
-    some = (images for images in sets if any(image is not None for image in images))
+    # A driver error leaves a frame without images; black ones show nothing.
+    some = (images for images in sets if any(image is not None and image.any() for image in images))
     for images in itertools.islice(some, _MOST_SETS):
         answer = tracker.detect(images)
         if _confidence(answer) >= SURE:

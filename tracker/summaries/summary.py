@@ -63,7 +63,7 @@ def summary(tracked: Tracked) -> dict[str, Any]:
     """Summarise a tracked recording; values are None if there is nothing to count.
 
     Returns:
-        `frames`, of which `new` were tracked now; `expected`, how many the recording should have;
+        `frames`, of which `new` were tracked now; `expected`, how many the file holds;
         `last_frame`, the number of the last one; `measured` and `filtered`, the shares of frames with such a
         pose; `statuses`, each status's share of frames and, as `with_pose`, the share of these with a pose;
         `cameras`, for each camera the shares of frames in which its image was not used, by `CameraUse` (for
