@@ -29,7 +29,7 @@ from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pose.agreement import CONTRADICTION, size, spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
-from tracker.pose.judge import apparent
+from tracker.pose.judge import apparent, supporters
 from tracker.pose.result import CameraUse, Forecast, Observation, Status
 from tracker.segmentation.color_model import ColorModel
 from tracker.tracking.belief import TrackingOptions, measured
@@ -100,7 +100,7 @@ class ObjectTracker:
         if isinstance(fit, Status):
             return Observation(None, None, fit, timing, cameras=uses)
         off = size(fit.disagreement)
-        wide = spread(off) if self._estimator.stated else 0.0
+        wide = spread(off, supporters(fit)) if self._estimator.stated else 0.0
         pose = measured(fit, spread=wide, size=self.model.size)
         reason = Status.INCONSISTENT_VIEWS if off > CONTRADICTION else None
         return Observation(pose, None, Status.FOUND, timing, reason, after(uses, fit))

@@ -11,7 +11,6 @@ from tests.helpers.kept_stills import bare
 from tracker.geometry import so3
 from tracker.geometry.lens import LENS
 from tracker.pose.agreement import (
-    _FITS,
     ACROSS,
     ALONG,
     CONTRADICTION,
@@ -21,6 +20,7 @@ from tracker.pose.agreement import (
     SCALES_PRIOR,
     SHARED_SHARE,
     TILT,
+    _fits,
     _within,
     disagreement,
     probabilities,
@@ -100,11 +100,12 @@ def test_no_cameras_view_leaves_what_was_believed_before():
     nothing = likelihoods(STILL, np.zeros((3, 6, 6)))
     np.testing.assert_allclose(nothing, nothing[0])
     np.testing.assert_allclose(probabilities(nothing), SCALES_PRIOR / SCALES_PRIOR.sum())
-    assert probably_fits(nothing) == pytest.approx(SCALES_PRIOR @ np.array(_FITS) / SCALES_PRIOR.sum())
+    expected = SCALES_PRIOR @ np.array(_fits(3)) / SCALES_PRIOR.sum()
+    assert probably_fits(nothing, 3) == pytest.approx(expected)
 
 
 def test_the_probability_of_being_near_falls_as_cameras_disagree():
-    found = [probably_fits(likelihoods(scattered(std))) for std in SCALES]
+    found = [probably_fits(likelihoods(scattered(std)), 3) for std in SCALES]
     assert found == sorted(found, reverse=True)
     assert found[0] > 0.99
     assert found[-1] < 0.05
@@ -117,8 +118,8 @@ def test_three_normal_deviates_are_near_together_as_chi_square_has_it():
 
 
 def test_the_spread_is_that_of_the_errors():
-    assert spread(size(None)) == 0.0
-    stds = [math.sqrt(spread(size(np.where(scale == SCALES, 0.0, -50.0)))) for scale in SCALES]
+    assert spread(size(None), 3) == 0.0
+    stds = [math.sqrt(spread(size(np.where(scale == SCALES, 0.0, -50.0)), 3)) for scale in SCALES]
     np.testing.assert_allclose(stds, SHARED_SHARE * SCALES, rtol=1e-6)
 
 
@@ -192,3 +193,11 @@ def test_a_camera_that_sees_a_narrow_object_wholly_beside_its_pose_contradicts(r
     for shift in ((0.025, 0.0, 0.0), (0.0, 0.02, 0.0), (-0.02, -0.02, 0.0)):
         for fit in fits(moved(rig, c, shift), stills, "cuboid_2x2x8_v2"):
             assert isinstance(fit, Status) or size(fit.disagreement) > CONTRADICTION, (c, shift)
+
+
+def test_the_errors_of_more_than_three_cameras_average_out():
+    factors = [spread(1e-3, count) / spread(1e-3, 3) for count in (0, 1, 2, 6, 12)]
+    assert factors == pytest.approx([1, 1, 1, 0.5, 0.25])
+    known = np.where(np.isclose(SCALES, 3.5e-3), 0.0, -50.0)
+    few, many = (probably_fits(known, count) for count in (3, 12))
+    assert few < many < 0.9  # the cameras' world may be displaced, too

@@ -169,7 +169,8 @@ def _stated(
         with suppress(TrackerError):
             one = platform.read_calibrated(path)
             # Files of other cameras may lie in the folder above.
-            if np.array_equal(one.camera.camera_from_world, places.get(one.camera.name)):
+            place = places.get(one.camera.name)
+            if place is not None and np.array_equal(one.camera.camera_from_world, place):
                 found[path] = one
                 del places[one.camera.name]
     fault = "its principal point was halved to c/2, expected c/2 - 0.25 px"

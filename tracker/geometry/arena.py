@@ -60,7 +60,7 @@ class Arena:
 
     @property
     def lowest(self) -> float:
-        """Smallest possible z of any part of the object, given the table's uncertainty [m]."""
+        """Smallest z at which the object is searched [m], given the table's uncertainty."""
         return -self.height if self.table is None else self.table - SLACK * self.table_std[0]
 
     def holds(self, position: FloatArray, lowest: float, height_std: float = 0.0) -> bool:
@@ -68,11 +68,11 @@ class Arena:
 
         height_std: standard deviation of these heights [m].
         """
-        slack = SLACK * math.hypot(self.table_std[0], height_std)
         away = math.hypot(position[0] - self.center[0], position[1] - self.center[1])
+        slack = SLACK * math.hypot(self.table_std[0], min(away, self.radius) * self.table_std[1], height_std)
         high = position[2] <= self.ground + self.height + slack
-        low = lowest >= self.lowest + SLACK * self.table_std[0] - slack
-        return bool(low and high and away <= self.radius + slack)
+        bottom, least = (position[2], -self.height) if self.table is None else (lowest, self.table)
+        return bool(bottom >= least - slack and high and away <= self.radius + slack)
 
 
 def _error(key: str, found: object, valid: str) -> CalibrationError:

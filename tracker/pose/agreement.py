@@ -8,6 +8,7 @@ DerSimonian and N. Laird, "Meta-analysis in clinical trials", Controlled Clinica
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -29,8 +30,9 @@ of sight, and along it, where edges that look wider make the object seem nearer.
 TILT, ROLL = 8e-3, 3e-3
 """The same for rotation: about axes across the line of sight, and about the line of sight [rad]."""
 
-SHARED_SHARE = 0.8
-"""Error of the pose relative to the standard deviation of the cameras' errors, if these are independent."""
+SHARED_SHARE, SHARING = 0.8, 3
+"""Error of the pose relative to the standard deviation of the cameras' errors, if these are independent, for
+up to this number of cameras; it falls with the square root of more."""
 
 OTHERS = 2e-3
 """Standard deviation [m] above which the errors come not from a camera that moved but from another platform's
@@ -136,12 +138,18 @@ def size(likelihoods: FloatArray | None) -> float:
     return 0.0 if likelihoods is None else math.exp(_mean(likelihoods, _LOGS))
 
 
-def spread(size: float) -> float:
+def _averaging(cameras: int) -> float:
+    """Factor on the errors of the pose if more than SHARING cameras see the object."""
+    return math.sqrt(SHARING / max(cameras, SHARING))
+
+
+def spread(size: float, cameras: int) -> float:
     """Variance along each axis [m²] of the errors that a disagreement of this size [m] reveals.
 
     Like the between-study variance in a meta-analysis, it adds to the stated variance.
+    cameras: number of those that see the object.
     """
-    return (SHARED_SHARE * size) ** 2
+    return (SHARED_SHARE * _averaging(cameras) * size) ** 2
 
 
 def _within(std: FloatArray) -> FloatArray:
@@ -151,9 +159,17 @@ def _within(std: FloatArray) -> FloatArray:
     return np.asarray(erf - math.sqrt(2.0 / math.pi) * x * np.exp(-0.5 * x**2))
 
 
-_FITS = _within(SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / OTHERS) ** 2)).tolist()
+@functools.lru_cache
+def _fits(cameras: int) -> list[float]:
+    # Another platform's world frame is displaced for all cameras alike.
+    whole = np.sqrt(_averaging(cameras) ** 2 + (SCALES / OTHERS) ** 2)
+    fits: list[float] = _within(SHARED_SHARE * SCALES * whole).tolist()
+    return fits
 
 
-def probably_fits(likelihoods: FloatArray) -> float:
-    """Probability that calibration errors leave the pose within NEAR_DISTANCE of the truth."""
-    return _mean(likelihoods, _FITS)
+def probably_fits(likelihoods: FloatArray, cameras: int) -> float:
+    """Probability that calibration errors leave the pose within NEAR_DISTANCE of the truth.
+
+    cameras: number of those that see the object.
+    """
+    return _mean(likelihoods, _fits(cameras))

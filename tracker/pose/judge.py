@@ -149,7 +149,7 @@ def nearness(covariance: FloatArray, single: bool) -> float:
 
 def fits(fit: Fit) -> float:
     """Probability that the calibration, as far as it was judged, leaves the pose within 5 mm."""
-    return 1.0 if fit.disagreement is None else probably_fits(fit.disagreement)
+    return 1.0 if fit.disagreement is None else probably_fits(fit.disagreement, supporters(fit))
 
 
 @_once

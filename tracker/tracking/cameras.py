@@ -11,7 +11,7 @@ import numpy as np
 from tracker.conventions import FloatArray, Image
 from tracker.pose.agreement import CONTRADICTION, probably_fits, size
 from tracker.pose.fit import Fit
-from tracker.pose.judge import contradicting, fits
+from tracker.pose.judge import contradicting, fits, supporters
 from tracker.pose.result import CameraUse
 from tracker.segmentation.sensor import noise_level
 from tracker.tracking.motion import MotionState
@@ -150,7 +150,7 @@ class Agreement(NamedTuple):
         total = np.maximum(fit.disagreement - fit.disagreement.max(), -MOST)
         if self.disagreement is not None:
             total += FADING * self.disagreement
-        return Agreement(total, probably_fits(total), size(total), self.looks + 1, 0)
+        return Agreement(total, probably_fits(total, supporters(fit)), size(total), self.looks + 1, 0)
 
     @property
     def contradicts(self) -> bool:

@@ -15,7 +15,7 @@ from tracker.pose.agreement import spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Seen, Start
 from tracker.pose.hypotheses import ENOUGH
-from tracker.pose.judge import alone, log_odds, rank, refusal
+from tracker.pose.judge import alone, log_odds, rank, refusal, supporters
 from tracker.pose.result import Observation, Status
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.views import Hidden
@@ -124,7 +124,7 @@ class Follower:
             reason = outcome
         else:
             agreement = memory.agreement.after(outcome, expected, lagging=lag is not None)
-            wide = spread(agreement.size) if self._estimator.stated else 0.0
+            wide = spread(agreement.size, supporters(outcome)) if self._estimator.stated else 0.0
             belief, status = belief.see(outcome, expected, agreement.fitting, wide)
             uses = after(uses, outcome)
             if status is Status.COASTING:  # found, but not accepted yet: does not update the agreement
