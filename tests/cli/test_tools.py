@@ -16,7 +16,7 @@ from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.objects.model import load_object, to_toml
 from tracker.poses.exports import write_bop, write_csv, write_tum
 from tracker.poses.file import write_poses
-from tracker.poses.poses import CSV_HEADER
+from tracker.poses.poses import CSV_HEADER, concatenate
 from tracker.recordings import run
 from tracker.tasks import move_object, rearrange_dice
 from tracker.tasks.job_goal import read_job_goal
@@ -259,6 +259,21 @@ def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):
     assert found["task"] == "rearrange_dice"
     assert found["rewards"] == [-error for error in errors]
     assert found["error_end"] == errors[-1]
+
+
+def test_while_an_object_is_unseen_a_new_goal_counts_for_its_last_pose(rng, tmp_path, run_here):
+    there, unseen = random_poses(rng, 10, share=1), random_poses(rng, 10, share=0, first=10)
+    write_poses(tmp_path / "poses.h5", concatenate([there, unseen]))
+    place = there.filtered.position[-1]
+    # From frame 14 on; a frame takes 100 control steps.
+    goal = [[0, place.tolist()], [1350, (place + np.array([0.1, 0.0, 0.0])).tolist()]]
+    (tmp_path / "goal.json").write_text(json.dumps({"_goal": goal}))
+    found = json.loads(run_here("score", tmp_path, "--poses", tmp_path / "poses.h5", "--json").stdout)
+    assert found["rewards"][10:] == [None] * 10
+    expected = move_object.trajectory_reward([(0, goal[0][1])], 0, there.filtered.position)
+    new = move_object.trajectory_reward([(0, goal[1][1])], 0, place)
+    assert found["error_end"] == pytest.approx(-new)
+    assert found["reward_total"] == pytest.approx(100 * (expected.sum() + 6 * new), rel=1e-3)
 
 
 @pytest.mark.parametrize("every", [1, 2, 4])

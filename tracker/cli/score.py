@@ -17,7 +17,7 @@ from tracker.cli.terminal import bar, listing
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
-    from tracker.conventions import FloatArray
+    from tracker.conventions import Array, FloatArray
     from tracker.tasks.job_goal import JobGoal
 
 
@@ -36,7 +36,7 @@ def score(
     """Compute the rewards of a job's folder for its task.
 
     The task is to move an object, to move it along a trajectory, or to arrange dice. Time counts from the
-    recording's first frame. A reward holds until the next frame in which the object is seen.
+    recording's first frame. A pose holds until the next frame in which the object is seen.
     """
     from tracker.errors import TaskError
     from tracker.summaries.summary import goal_file, totals
@@ -48,10 +48,10 @@ def score(
     if goal.task == "rearrange_dice":
         if poses_path is not None or object_name is not None:
             raise click.UsageError("--poses, --object: not for a goal of dice, which are found in the images")
-        seconds, rewards = _of_dice(job, goal, cameras, every, quiet)
+        seconds, rewards, seen = _of_dice(job, goal, cameras, every, quiet)
     else:
-        seconds, rewards = _of_object(job, goal, cameras, poses_path, object_name, quiet)
-    listed = [None if value != value else value for value in rewards.tolist()]
+        seconds, rewards, seen = _of_object(job, goal, cameras, poses_path, object_name, quiet)
+    listed = [value if known else None for value, known in zip(rewards.tolist(), seen.tolist(), strict=True)]
     scored = len(listed) - listed.count(None)
     found: dict[str, Any] = {"level": goal.level, "frames": len(listed), "scored_frames": scored}
     found |= totals(rewards, seconds)
@@ -72,9 +72,9 @@ def _of_object(
     poses_path: Path | None,
     object_name: str | None,
     quiet: bool,
-) -> tuple[FloatArray, FloatArray]:
-    """Return times (n,) [s] and rewards (n,) of the poses of all frames."""
-    from tracker.summaries.summary import best, seconds_since_beginning
+) -> tuple[FloatArray, FloatArray, Array]:
+    """Return times (n,) [s], rewards (n,) of the poses of all frames, and (n,) whether it was seen."""
+    from tracker.summaries.summary import best, held, seconds_since_beginning
 
     if poses_path is not None:
         poses, model = poses_of(poses_path, object_name)
@@ -89,7 +89,8 @@ def _of_object(
             poses = tracker.track(job, model, rig=rig, progress=progress).poses
     columns = best(poses)
     seconds = seconds_since_beginning(job, poses)
-    return seconds, goal.rewards(seconds, columns.position, columns.orientation, model)
+    rewards = goal.rewards(seconds, held(columns.position), held(columns.orientation), model)
+    return seconds, rewards, columns.has_pose
 
 
 def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
@@ -106,7 +107,7 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
 
 def _of_dice(
     job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, Array]:
     """Like `_of_object`; the rewards are minus the number of pixels that show dice outside the goal."""
     import numpy as np
 
@@ -126,4 +127,4 @@ def _of_dice(
                 rewards[k] = float(rearrange_dice.reward(masks, [*map(rearrange_dice.segment_dice, images)]))
             progress(1)
     seconds = np.array(stamps) - stamps[0] if stamps else np.zeros(0)
-    return seconds, np.array(rewards)
+    return seconds, np.array(rewards), ~np.isnan(rewards)

@@ -165,26 +165,33 @@ def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
             return found
         columns = best(poses)
         seconds = seconds_since_beginning(log, poses)
-        rewards = goal.rewards(seconds, columns.position, columns.orientation, model)
+        rewards = goal.rewards(seconds, held(columns.position), held(columns.orientation), model)
     except (TaskError, LogError, OSError) as error:
         return {"goal_fault": unicode_text(reason(error))}
     return {**found, **totals(rewards, seconds)}
 
 
+def held(values: FloatArray) -> FloatArray:
+    """Replace NaN rows of values (n, …) by the last row before that is not NaN, or else the first one."""
+    known = np.flatnonzero(~np.isnan(values).any(axis=tuple(range(1, values.ndim))))
+    if not len(known):
+        return values
+    return values[known[np.maximum(np.searchsorted(known, np.arange(len(values)), side="right") - 1, 0)]]
+
+
 def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
     """Return sum and mean over control steps of rewards (n,) at times (n,) [s], and the final error.
 
-    Each reward is held until the next; NaN, without a pose, is replaced by the reward before, or the first.
+    Each reward is held until the next; NaN is replaced by the reward before, or the first.
     """
-    known = np.flatnonzero(~np.isnan(rewards))
-    if not len(known):
+    rewards = held(rewards)
+    if np.isnan(rewards).all():
         return {}
-    held = rewards[known[np.maximum(np.searchsorted(known, np.arange(len(rewards)), side="right") - 1, 0)]]
     steps = np.diff(seconds)
     steps = STEPS_PER_SECOND * np.append(steps, np.median(steps) if len(steps) else 0.1)
-    total = float(np.sum(held * steps))
-    mean = total / float(steps.sum()) if steps.sum() > 0 else float(np.mean(held))
-    return {"reward_total": total, "reward_mean": mean, "error_end": 0.0 - float(held[-1])}
+    total = float(np.sum(rewards * steps))
+    mean = total / float(steps.sum()) if steps.sum() > 0 else float(np.mean(rewards))
+    return {"reward_total": total, "reward_mean": mean, "error_end": 0.0 - float(rewards[-1])}
 
 
 STEP = 0.002
