@@ -65,9 +65,9 @@ def compiled(function: Callable[..., Any] | None = None, *, counted: bool = Fals
         usual["pipeline_class"] = _Uncounted
     dispatcher = numba.njit(**{**usual, **options})(function)
     _have_called_as_part(dispatcher)
-    # Numba raises RuntimeError if it finds no place for its cache.
-    with contextlib.suppress(RuntimeError, OSError):
-        if not part:
+    if not part:
+        # Numba raises RuntimeError if it finds no place for its cache.
+        with contextlib.suppress(RuntimeError, OSError):
             dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
     return dispatcher
 

@@ -1,23 +1,19 @@
 import json
-import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_camera, make_rig
+from tests.helpers import make_rig
 from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.reading import frames_of, recovered
 from tests.helpers.stated_sizes import encoded, of_size
-from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError, LogError
 from tracker.logs.folder import write_folder
-from tracker.logs.hdf5_writer import write_hdf5
 from tracker.logs.layout import stamps_of_names
 from tracker.logs.log import picked
-from tracker.logs.opening import fitted_to, recording_files
+from tracker.logs.opening import fitted_to
 
 
 def picture(frame: int, camera: int) -> np.ndarray:
@@ -177,172 +173,6 @@ def test_stamps_of_synthetic_data_are_those_of_the_truth(tmp_path, sequence, sta
     assert recovered(tmp_path, "000001 is missing in ground_truth.json") == ([0], [0, 2, 3])
 
 
-def _grey(camera: int, k: int) -> int:
-    return 16 + 24 * camera + 8 * k
-
-
-def pictures(camera: int, count: int) -> list[np.ndarray]:
-    """Even grey, another one in each picture; a film changes it by less than half of the difference."""
-    return [np.full((48, 64, 3), _grey(camera, k), np.uint8) for k in range(count)]
-
-
-def shades(path: Path) -> tuple[list[list[int | None]], list[float], tuple[str, ...]]:
-    """Of each frame the cameras' greys, rounded to what `pictures` made; stamps; cameras."""
-    with tracker.open_log(path) as log:
-        frames = list(log)
-        greys = [[None if i is None else round(float(i.mean()) / 8) * 8 for i in f.images] for f in frames]
-        return greys, [round(frame.timestamp, 6) for frame in frames], log.camera_names
-
-
-def expected(count: int, cameras: int = 3) -> list[list[int]]:
-    return [[_grey(camera, k) for camera in range(cameras)] for k in range(count)]
-
-
-def write_film(path: Path, images: Sequence[np.ndarray], codec: str = "libx264") -> Path:
-    av = pytest.importorskip("av", reason="video: no module av")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with av.open(str(path), "w") as film:
-        stream = film.add_stream(codec, rate=25)
-        stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
-        stream.height, stream.width = images[0].shape[:2]
-        stream.gop_size = 5  # so that some pictures are found from a key picture in the middle
-        for image in images:
-            film.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
-        film.mux(stream.encode())
-    return path
-
-
-def write_numbers(folder: Path, camera: int, count: int, name: str = "{:06d}.png") -> None:
-    for k, image in enumerate(pictures(camera, count)):
-        write_picture(folder / name.format(k), image)
-
-
-@pytest.mark.parametrize(("suffix", "codec"), [(".mp4", "libx264"), (".avi", "mjpeg")])
-def test_a_film_of_each_camera_is_a_recording(tmp_path, suffix, codec):
-    for camera, name in enumerate(CAMERAS):
-        write_film(tmp_path / f"{name}{suffix}", pictures(camera, 12), codec)
-    greys, stamps, names = shades(tmp_path)
-    assert names == CAMERAS
-    assert greys == expected(12)
-    np.testing.assert_allclose(stamps, np.arange(12) / 25, atol=1e-6)
-    with tracker.open_log(tmp_path) as log:
-        assert log.image_sizes == ((64, 48),) * 3
-        for number in (7, 3, 11, 0, 1):
-            assert round(float(log[number].images[1].mean()) / 8) * 8 == 40 + 8 * number
-
-
-def test_films_of_different_length_leave_a_camera_without_image(tmp_path):
-    for camera, count in enumerate((6, 4)):
-        write_film(tmp_path / f"{CAMERAS[camera]}.mp4", pictures(camera, count))
-    greys, _, _ = shades(tmp_path)
-    assert [row[1] for row in greys] == [40, 48, 56, 64, None, None]
-    greys, _, names = shades(tmp_path / "camera60.mp4")  # a film alone is one camera
-    assert (greys, names) == (expected(6, 1), ("camera60",))
-
-
-CONCAT = b"ffconcat version 1.0\nfile 'other.mp4'\n"
-HLS = b"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:0.5,\nother.mp4\n#EXT-X-ENDLIST\n"
-DASH = (
-    b'<MPD xmlns="urn:mpeg:dash:schema:mpd:2011" type="static" mediaPresentationDuration="PT1S"><Period>'
-    b'<AdaptationSet contentType="video"><Representation id="1" mimeType="video/mp4" bandwidth="9">'
-    b"<BaseURL>other.mp4</BaseURL></Representation></AdaptationSet></Period></MPD>"
-)
-
-
-@pytest.mark.parametrize("content", [b"", b"no film" * 100, None, CONCAT, HLS, DASH])
-def test_what_is_no_film_is_reported_and_opens_no_file_that_it_names(tmp_path, content):
-    other, film = write_film(tmp_path / "other.mp4", pictures(0, 12)), tmp_path / "camera60.mp4"
-    half = other.read_bytes()[: other.stat().st_size // 2]
-    for name in (b"other.mp4", str(other).encode()):
-        film.write_bytes(half if content is None else content.replace(b"other.mp4", name))
-        for place in (film, tmp_path):
-            with pytest.raises(LogError, match=r"camera60\.mp4: found no film"):
-                tracker.open_log(place)
-
-
-def test_a_damaged_picture_of_a_film_is_named_and_the_others_are_given(tmp_path):
-    noise = np.random.default_rng(5).integers(0, 256, (20, 48, 64, 3), np.uint8)
-    film = write_film(tmp_path / "camera60.mp4", list(noise))
-    content = bytearray(film.read_bytes())
-    at = content.index(b"mdat") + len(content) // 2
-    content[at : at + 1500] = bytes(1500)
-    film.write_bytes(content)
-    assert 0 < len(recovered(film, r"camera60\.mp4: image \d+")[1]) < 20
-
-
-@pytest.mark.parametrize("names", [("above", "left", "right"), CAMERAS])
-def test_folders_of_cameras_may_have_any_name_where_pictures_are_numbers(tmp_path, names):
-    if names == CAMERAS:
-        write_picture(tmp_path / "camera60_overlay.png", pictures(0, 1)[0])  # hides no folder
-    for camera, name in enumerate(names):
-        write_numbers(tmp_path / name, camera, 3)
-    assert shades(tmp_path) == (expected(3), [0.0, 0.1, 0.2], names)
-    assert shades(tmp_path / names[0]) == (expected(3, 1), [0.0, 0.1, 0.2], names[:1])
-
-
-PATTERNS = '[cameras]\nleft = "{}"\nright = "{}"\n'
-
-
-@pytest.mark.parametrize(
-    ("left", "right"), [("l/{:06d}.png", "r/{:06d}.png"), ("{}_l.png", "{}_r.png"), ("{}/x.png", "{}/y.png")]
-)
-def test_a_file_says_which_pictures_are_whose(tmp_path, left, right):
-    for camera, name in enumerate((left, right)):
-        write_numbers(tmp_path, camera, 3, name)
-    write_picture(tmp_path / "camera60_overlay.png", pictures(0, 1)[0])
-    globs = [name.replace("{:06d}", "*").replace("{}", "*") for name in (left, right)]
-    (tmp_path / "recording.toml").write_text("rate = 50\n" + PATTERNS.format(*globs))
-    assert shades(tmp_path) == (expected(3, 2), [0.0, 0.02, 0.04], ("left", "right"))
-    files = recording_files(tmp_path)
-    assert {tmp_path / "recording.toml", tmp_path / left.format(2)} < set(files)
-
-
-def test_films_and_pictures_go_together_and_stamps_may_be_given(tmp_path):
-    write_film(tmp_path / "some.mp4", pictures(0, 3))
-    write_numbers(tmp_path / "r", 1, 3)
-    (tmp_path / "recording.toml").write_text(PATTERNS.format("some.mp4", "r/*.png"))
-    (tmp_path / "stamps.csv").write_text("100.0\n100.5\n101.25\n")
-    assert shades(tmp_path)[:2] == (expected(3, 2), [100.0, 100.5, 101.25])
-    (tmp_path / "stamps.csv").write_text("100.0, 100.25\n100.5, 100.75\n101.0, 101.25\n")
-    with tracker.open_log(tmp_path) as log:
-        assert log[1].camera_timestamps.tolist() == [100.5, 100.75]
-    (tmp_path / "stamps.csv").write_text("100.0\n")
-    with pytest.raises(LogError, match="found 1 lines, expected one for each of 3 frames"):
-        tracker.open_log(tmp_path)
-
-
-def test_a_films_first_picture_belongs_to_the_lowest_number_beside_it(tmp_path):
-    write_film(tmp_path / "some.mp4", pictures(0, 4))
-    for k, image in enumerate(pictures(1, 4)):
-        if k != 2:
-            write_picture(tmp_path / f"r{k + 1}.png", image)
-    (tmp_path / "recording.toml").write_text("rate = 50\n" + PATTERNS.format("some.mp4", "r*.png"))
-    shown = expected(4, 2)
-    shown[2][1] = None
-    assert shades(tmp_path)[:2] == (shown, [0.0, 0.02, 0.04, 0.06])
-
-
-@pytest.mark.parametrize(("rate", "period"), [("", 0.04), ("rate = 5\n", 0.2)])
-@pytest.mark.parametrize("name", ["{}", "f{}"])
-def test_pictures_of_several_cameras_belong_to_a_films(tmp_path, name, rate, period):
-    write_film(tmp_path / "some.mp4", pictures(0, 3))
-    write_numbers(tmp_path / "r", 1, 3, name + ".png")
-    write_numbers(tmp_path / "s", 2, 3, name + ".png")
-    cameras = PATTERNS.format("some.mp4", "r/*.png") + 'third = "s/*.png"'
-    (tmp_path / "recording.toml").write_text(rate + cameras)
-    assert shades(tmp_path)[0] == expected(3, 3)
-    assert shades(tmp_path)[1] == pytest.approx([0, period, 2 * period])
-
-
-@pytest.mark.parametrize("stated", [False, True])
-def test_pictures_named_after_their_cameras_go_together_by_order(stated, tmp_path):
-    for c, name in enumerate(("camera60", "camera180")):
-        write_numbers(tmp_path / name, c, 3, f"{name}_{{:02d}}.png")
-    if stated:
-        (tmp_path / "recording.toml").write_text(PATTERNS.format("camera60/*.png", "camera180/*.png"))
-    assert shades(tmp_path)[0] == expected(3, 2)
-
-
 def test_frames_picked_from_a_damaged_folder_are_those_that_are_whole(tmp_path):
     write_triplets(tmp_path, ["000000", "000001", "000002"])
     (tmp_path / "000001" / f"{CAMERAS[1]}.png").write_bytes(b"\x89PNG")
@@ -350,40 +180,6 @@ def test_frames_picked_from_a_damaged_folder_are_those_that_are_whole(tmp_path):
         assert [frame.index for frame in picked(log, range(3))] == [0, 2]
     with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match="000001"):
         list(picked(log, range(3)))
-
-
-def test_pictures_without_common_names_are_counted(tmp_path):
-    write_numbers(tmp_path / "a", 0, 3, "shot{}.png")
-    write_numbers(tmp_path / "b", 1, 3, "{:03d}0.png")
-    write_picture(tmp_path / "b" / "0000.png", pictures(1, 1)[0])
-    write_picture(tmp_path / "b" / "._0000.png", pictures(0, 1)[0])  # as macOS writes beside each file
-    (tmp_path / "b" / "notes.txt").touch()
-    (tmp_path / "recording.toml").write_text(PATTERNS.format("a/*.png", "b/*"))
-    assert shades(tmp_path)[0] == expected(3, 2)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[cameras", "not a TOML file"),
-        ("", "expected a table of 1 to 16 patterns"),
-        ("cameras = 3", "expected a table"),
-        ("[cameras]\na = 3", "a: found 3, expected a pattern"),
-        ("[cameras]\na = '../*.png'", "inside of the folder"),
-        ("[cameras]\na = '/etc/*'", "inside of the folder"),
-        ("[cameras]\na = '.'", "inside of the folder"),
-        *[(f"[cameras]\na = '{pattern}'", "without") for pattern in ("**/*.png", "left/**.png")],
-        ("[cameras]\na = 'b/*.png'", "found no file that fits 'b/"),
-        ("speed = 3\n[cameras]\na = '*.png'", "unknown key 'speed'"),
-        ("rate = 0\n[cameras]\na = '*.png'", "rate: found 0"),
-        ("rate = true\n[cameras]\na = '*.png'", "rate: found True"),
-    ],
-)
-def test_a_malformed_file_is_refused(tmp_path, text, message):
-    write_numbers(tmp_path, 0, 1)
-    (tmp_path / "recording.toml").write_text(text)
-    with pytest.raises(LogError, match=message):
-        tracker.open_log(tmp_path)
 
 
 def test_a_written_folder_keeps_frames_and_stamps_as_they_are(tmp_path):
@@ -403,14 +199,3 @@ def test_a_written_folder_keeps_frames_and_stamps_as_they_are(tmp_path):
     for k, frame in enumerate(frames):
         for c, image in enumerate(frame.images):
             np.testing.assert_array_equal(image, None if np.isnan(stamps[k, c]) else picture(k, c))
-
-
-def test_stamps_that_hdf5_cannot_have_are_refused(tmp_path):
-    write_numbers(tmp_path / "left", 0, 2)
-    (tmp_path / "recording.toml").write_text("[cameras]\ncamera60 = 'left/*.png'\n")
-    (tmp_path / "stamps.csv").write_text("0\n7200\n")
-    rig, place = CameraRig((make_camera(60).resized(64, 48),)), f"{tmp_path}/new.h5: frame 1: "
-    message = "the frame's stamp goes forward by 7200 s since frame 0, expected 0 to 3600 s"
-    with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match=f"^{re.escape(place + message)}"):
-        write_hdf5(tmp_path / "new.h5", log, rig, lambda _: None)
-    assert not (tmp_path / "new.h5").exists()

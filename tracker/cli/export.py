@@ -231,17 +231,15 @@ def convert(
                 write_log_film(output, frames, progress)
             else:
                 rig = cameras.rig_of(source, log)
-                write = write_folder if not suffix else write_hdf5
-                write(output, frames, rig, progress)
+                if suffix:
+                    write_hdf5(output, frames, rig, progress)
+                elif (written := write_folder(output, frames, rig, progress)) != len(frames):
+                    why = "those without images are left out"
+                    say(f"warning: {output}: {len(frames)} frames become {written}: {why}")
                 if count := sum(chosen.start < first < chosen.stop for first in log.episode_starts):
                     say(f"warning: {source}: its {count + 1} episodes become one recording without a break")
     if log.fault is not None:
         say(f"warning: {log.fault}")
-    if not suffix:
-        with tracker.open_log(output) as copy:
-            if len(copy) != len(frames):
-                why = "those without images are left out"
-                say(f"warning: {output}: {len(frames)} frames become {len(copy)}: {why}")
 
 
 _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | None"], "Sample | None"]]

@@ -118,7 +118,7 @@ def _of_dice(
     with tracker.open_log(job) as log, bar(job.name, len(log), quiet) as progress:
         masks = rearrange_dice.goal_masks(cameras.rig_of(job, log), goal.position)
         for k, frame in enumerate(log):
-            # HDF5 logs have black images where images are missing.
+            # A camera's first image, if missing, is black in HDF5 logs.
             images = [image for image in frame.images if image is not None and image.any()]
             stamps.append(frame.timestamp)
             rewards.append(float("nan"))

@@ -140,11 +140,12 @@ def _content(file: Path, largest: int = _MAX_FILE) -> bytes:
         return read_bounded(file, largest)
 
 
-def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
+def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> int:
     """Write frames as one folder of PNG files per camera, named by the frames' numbers, with the calibration.
 
     `recording.toml` and `stamps.csv` keep each image's frame and timestamp. The folder appears only once
-    everything is written. Frames without images are left out; LogError if there are no others.
+    everything is written. Frames without images are left out; LogError if there are no others. Return the
+    number of frames written.
     """
     stamps, seen = [], np.zeros(len(rig), bool)
     with told_as(LogError, path), whole_file(path) as folder:
@@ -166,3 +167,4 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> No
         np.savetxt(folder / STAMPS_FILE, np.array(stamps)[:, seen], "%s", ",")
         lines = "".join(f'"{name}" = "{name}/*.png"\n' for name in np.array(rig.names)[seen])
         (folder / RECORDING_FILE).write_text(f"[cameras]\n{lines}", "utf-8")
+    return len(stamps)

@@ -374,9 +374,7 @@ def offset_weights(calibration, position, out):  # type: ignore[no-untyped-def]
     and δp = Rᵀδt + δθ × position. calibration (6, 6) is the inverse of
     `calibration.deviations.calibration_covariance`.
     """
-    back = np.zeros((6, 6))
-    for i in range(6):
-        back[i, i] = 1.0
+    back = np.eye(6)
     x, y, z = position[0], position[1], position[2]
     back[0, 4], back[0, 5], back[1, 3] = -z, y, z
     back[1, 5], back[2, 3], back[2, 4] = -x, -y, x
