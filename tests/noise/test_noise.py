@@ -123,6 +123,15 @@ def test_what_is_fully_hidden_is_not_found():
         assert not state.step(position, orientation, 0.0 * visible, 0.1).found.any()
 
 
+def test_shares_that_rounding_puts_out_of_range_count_as_their_bounds():
+    model, truth = tracker.noise.NoiseModel.load("platform"), truths()
+    one, other = (
+        model.start(np.random.default_rng(1), N).step(*truth[:2], truth[2] * share, 0.1)
+        for share in (1.0, np.float32(1.0000001))
+    )
+    np.testing.assert_array_equal(one.position, other.position)
+
+
 def test_environments_together_are_distributed_as_each_alone():
     model = tracker.noise.NoiseModel.load("platform")
     truth = truths(1, 0.7)

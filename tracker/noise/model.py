@@ -33,6 +33,9 @@ RADIUS = 0.05
 LEAST_VISIBLE = 0.05
 """Lower bound of the visible share, except in the rates of missed poses and gross errors."""
 
+ROUNDED = 1e-6
+"""Visible shares that are out of range by no more were rounded."""
+
 _MOST = 60.0
 """Largest exponent of a rate."""
 
@@ -246,9 +249,9 @@ class NoiseState:
         length = np.sqrt(np.einsum("ij,ij->i", q, q))
         if not length.min() > 1e-6:
             raise TrackerError("orientation: found one of length 0, expected quaternions (x, y, z, w)")
-        if v.min() < 0.0 or v.max() > 1.0:
-            raise TrackerError(f"visible: found {v.min():g} to {v.max():g}, expected shares from 0 to 1")
-        return p, q / length[:, None], v
+        if v.min() < -ROUNDED or v.max() > 1.0 + ROUNDED:
+            raise TrackerError(f"visible: found {v.min():.7g} to {v.max():.7g}, expected shares from 0 to 1")
+        return p, q / length[:, None], v.clip(0.0, 1.0)
 
     def _kept(self, p: FloatArray, q: FloatArray, dt: float) -> FloatArray:
         """Return the correlations (2, N) of the slow errors with those of the previous step."""
