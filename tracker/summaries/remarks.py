@@ -29,6 +29,9 @@ from tracker.summaries.summary import SURE, camera_shares, to_look_at
 UNSURE = 0.75
 """Confidence below which images do not fit the cameras; from SURE on they do."""
 
+TRUSTED = 0.5
+"""Confidence from which a pose is the object's, even if a camera contradicts it."""
+
 _MOST_CAMERAS = 4  # up to this number of cameras all orders (24) are tried, above it only swapped pairs
 _MOST_SETS = 7  # sets of images to check: motion blur or a finger may spoil some
 _LEAST_RADIUS = 10.0  # of an arena in some image [px]
@@ -96,7 +99,7 @@ def in_view(rig: CameraRig) -> bool:
 
 
 def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
-    """Return a remark on cameras out of view or swapped, or else what is `mistaken`; None if all is well."""
+    """Return a remark on cameras out of view, swapped or moved, or what is `mistaken`, if any."""
     if not in_view(tracker.rig):
         return OUT_OF_VIEW  # even of a certain pose: the cameras left may be sure of a wrong one
     if _confidence(answer) >= UNSURE:
@@ -104,7 +107,10 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
     lit = [image for image in images if image is not None and image.any()]
     if lit and not any(np.ptp(image, axis=2).any() for image in lit):
         return GREY
-    return swapped(tracker, images, answer) or mistaken(tracker, images)
+    remark, own = swapped(tracker, images, answer), answer.object_pose
+    if remark is not None or own is None or own.confidence < TRUSTED:
+        return remark or mistaken(tracker, images)
+    return DOUBTFUL if CameraUse.CONTRADICTING in answer.cameras else None
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
@@ -187,9 +193,6 @@ def _confidence(answer: Observation) -> float:
     if answer.object_pose is None or answer.status is not Status.FOUND:
         return 0.0
     return 0.0 if CameraUse.CONTRADICTING in answer.cameras else answer.object_pose.confidence
-
-
-TRUSTED = 0.5  # smallest confidence at which a pose is checked
 
 
 def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> str | None:
