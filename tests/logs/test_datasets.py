@@ -51,6 +51,15 @@ def test_stamps_are_those_of_the_steps_that_saw_the_images(tmp_path):
         assert log.episode_starts == (0, 3)
 
 
+def test_images_before_the_first_step_change_neither_episodes_nor_the_clock(tmp_path):
+    # Ten sets in two episodes; no step saw the first two.
+    shown = 3 * np.repeat(np.arange(2, 10), 5)
+    folder = write_store(tmp_path / "x.zarr", make_content(10), shown=shown, ends=[19, 39])
+    with tracker.open_log(folder) as log:
+        assert [frame.timestamp for frame in log][:4] == pytest.approx([-0.2, -0.1, 0.0, 0.1])
+        assert log.episode_starts == (0, 6)
+
+
 @pytest.mark.parametrize("ends", [[], [19, 10], [-1, 19], [10, 10], [10, 20]])
 def test_episodes_that_end_where_none_can_are_refused(tmp_path, ends):
     folder = write_store(tmp_path / "x.zarr", make_content(5), shown=[0] * 10 + [12] * 10, ends=ends)

@@ -108,7 +108,8 @@ class DatasetSource(Source):
     def _first_steps(self, cameras: int) -> FloatArray | None:
         """Return (count,) the first control step that saw each frame; None if that is not stored.
 
-        Frames that no step saw are interpolated evenly between those that were seen.
+        Frames that no step saw are interpolated evenly between those that were seen; before the first of
+        these, steps are negative.
         """
         shown = StoredArray.find(self.store, "obs_to_image_index", str(self.path))
         if shown is None:
@@ -129,7 +130,7 @@ class DatasetSource(Source):
         period = CONTROL_RATE / CAMERA_RATE
         result: FloatArray = np.interp(numbers, seen, at)
         result += period * np.minimum(numbers - seen[0], 0) + period * np.maximum(numbers - seen[-1], 0)
-        return result - min(0.0, float(result[0]))
+        return result
 
 
 class Episode(NamedTuple):
