@@ -162,7 +162,8 @@ class Poses:
         parts: dict[str, Any] = {
             name: one[rows] for name, one in vars(self).items() if isinstance(one, PoseColumns | np.ndarray)
         }
-        return replace(self, **parts)
+        # Not all that was made by one run: it must not count as its result.
+        return replace(self, **parts, about=replace(self.about, fingerprint=""))
 
     def table(self, keypoints_of: CuboidModel | None = None) -> dict[str, Array]:
         """Return columns (n,) with the names of the CSV file: numbers (NaN if missing) and texts.
