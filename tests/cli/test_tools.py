@@ -116,14 +116,14 @@ def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
     found = table[[f"filtered_keypoint{i}_{axis}_m" for i in range(8) for axis in "xyz"]]
     np.testing.assert_allclose(found.to_numpy().reshape(-1, 8, 3), expected, atol=1e-15)
     assert poses.to_dataframe(model)["measured_keypoint7_z_m"].notna().sum() == poses.measured.has_pose.sum()
-    (tmp_path / "mine.toml").write_text(to_toml(replace(model, size=model.size / 2)))
-    other = ["--keypoints", "--object", "mine.toml"]
-    well(run_here("export", "poses.h5", "--csv", "b.csv", *other, folder=tmp_path))
-    assert (tmp_path / "a.csv").read_bytes() != (tmp_path / "b.csv").read_bytes()
     mine = replace(poses, about=replace(poses.about, object_name="mine"))
     write_poses(tmp_path / "own.h5", mine)
     result = run_here("export", "own.h5", "--csv", "c.csv", "--keypoints", folder=tmp_path)
     assert_one_line_error(result, "--object", "TOML file of 'mine'", "own.h5")
+    (tmp_path / "mine.toml").write_text(to_toml(replace(model, name="mine", size=model.size / 2)))
+    other = ["--keypoints", "--object", "mine.toml"]
+    well(run_here("export", "own.h5", "--csv", "b.csv", *other, folder=tmp_path))
+    assert (tmp_path / "a.csv").read_bytes() != (tmp_path / "b.csv").read_bytes()
     with pytest.raises(LogError, match="keypoints: found 'cube_v2', expected CuboidModel"):
         poses.table("cube_v2")
 

@@ -96,6 +96,16 @@ def test_names_in_any_script_are_read_as_written(mine):
     assert (read.name, read.colors) == (named.name, str(mine.with_name("🎲.npz")))
 
 
+@pytest.mark.parametrize("change", [{"size": [0.0645] * 3}, {"face_labels": [2, 1, 3, 4, 5, 6]}])
+def test_another_object_may_not_have_the_name_of_one_in_the_package(change, mine):
+    shipped = load_object("cube_v2")
+    mine.write_text(to_toml(dataclasses.replace(shipped, rim=1e-4)))
+    assert load_object(mine).rim == 1e-4
+    mine.write_text(to_toml(dataclasses.replace(shipped, **change)))
+    with pytest.raises(ObjectModelError, match="name: found cube_v2, an object of another size"):
+        load_object(mine)
+
+
 def test_the_format_in_the_docstring_is_valid(mine):
     lines = model.__doc__.splitlines()
     mine.write_text("\n".join(line[4:] for line in lines if line.startswith("    ")))

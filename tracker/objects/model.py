@@ -112,7 +112,7 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
 
     Raises:
         ObjectModelError: the name is unknown (the message lists the known ones), or the file is
-            missing or malformed.
+            missing, malformed, or gives an object that differs the name of one of the platform's.
     """
     path = found_by(name_or_path, _DATA, "object", ObjectModelError)
     data = read_toml(path, ObjectModelError, _KEYS, "object")
@@ -124,7 +124,13 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
         colors = str(path.parent / colors)
     rim = {key: data[key] for key in ("rim", "rim_std") if key in data}
     with naming(path, ObjectModelError):
-        return CuboidModel(data["name"], data["size"], face_labels_of(data["faces"]), colors, **rim)
+        model = CuboidModel(data["name"], data["size"], face_labels_of(data["faces"]), colors, **rim)
+    if path.parent != _DATA and model.name in object_names():
+        other = load_object(model.name)  # files of poses hold the name alone
+        if (model.size != other.size).any() or (model.face_labels != other.face_labels).any():
+            found = f"found {model.name}, an object of another size or other faces in the package"
+            raise ObjectModelError(f"{path}: name: {found}, expected a new name")
+    return model
 
 
 def to_toml(model: CuboidModel) -> str:
