@@ -142,6 +142,8 @@ REFUSED = {
         ("job --poses poses.h5", "poses of another recording"),
         ("job --poses poses.h5 --object cuboid_2x2x8_v2", "poses of cube_v2"),
         ("job --poses poses.h5 --goal dice.json", "a goal of dice"),
+        ("job --poses poses.h5 --resize-calibration", "the calibration is in this file of poses"),
+        ("job --poses poses.h5 --every 7", "--every 7: only for a goal of dice"),
         ("job", "--object"),
     ],
     "track --object cube_v2": [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +51,8 @@ def score(
             raise click.UsageError("--poses, --object: not for a goal of dice, which are found in the images")
         seconds, rewards, seen = _of_dice(job, goal, cameras, every, quiet)
     else:
+        if every != 1:
+            raise click.UsageError(f"--every {every}: only for a goal of dice")
         seconds, rewards, seen = _of_object(job, goal, cameras, poses_path, object_name, quiet)
     listed = [value if known else None for value, known in zip(rewards.tolist(), seen.tolist(), strict=True)]
     scored = len(listed) - listed.count(None)
@@ -77,6 +80,8 @@ def _of_object(
     from tracker.summaries.summary import best, held, seconds_since_beginning
 
     if poses_path is not None:
+        if any(astuple(cameras)):
+            raise click.UsageError(f"{poses_path}: the calibration is in this file of poses, expected none")
         poses, model = poses_of(poses_path, object_name)
         _refuse_others(poses_path, poses, job)
     elif object_name is None:
