@@ -171,7 +171,7 @@ def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
     result = well(run_here(*base, "--quiet", "--recover", folder=tmp_path))
     assert result.stdout == ""
     assert result.stderr.startswith("tracker: warning: second/camera_data.dat")
-    assert "tracked 1 of 1 frames, the last one is 0" in result.stderr
+    assert "tracked 1 of 3 frames, the last one is 0" in result.stderr
 
 
 def test_what_is_whole_is_neither_tracked_again_nor_overwritten_by_another_recording(tmp_path, run_here):

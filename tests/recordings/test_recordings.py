@@ -1,4 +1,5 @@
 import dataclasses
+import gzip
 import os
 import struct
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 import tracker
 from tests.helpers import contents
 from tests.helpers.full_disk import no_file_longer_than
-from tests.helpers.log_writers import make_content, write_native
+from tests.helpers.log_writers import make_content, native_bytes, write_native
 from tests.helpers.pose_logs import assert_same, random_poses
 from tests.helpers.reading import frames_of, peak_memory
 from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, write_log
@@ -88,6 +89,25 @@ def test_what_is_not_whole_or_of_another_job_is_tracked_again(damage, log, expec
         run(make_job(log, job.output, model=tracker.load_object("cube_v1")))
     assert run(job).new == FRAMES
     assert job.output.read_bytes() == whole
+
+
+def test_a_part_of_the_poses_is_not_what_a_run_made(log, expected, tmp_path):
+    job, whole = make_job(log, tmp_path / "poses.h5"), read_poses(expected)
+    for part in (whole[5:8], whole[whole.filtered.has_pose]):
+        write_poses(job.output, part)
+        assert run(job).new == FRAMES
+        assert job.output.read_bytes() == expected.read_bytes()
+
+
+@pytest.mark.parametrize(("stop", "count"), [(None, 4), (2, 2), (9, 4)])
+@pytest.mark.parametrize("packed", [False, True])
+def test_the_frames_that_a_truncated_recording_lacks_are_expected(packed, stop, count, tmp_path):
+    log, data = tmp_path / "camera_data.dat", native_bytes(make_content(4))
+    log.write_bytes(gzip.compress(data[:-700]) if packed else data[:-700])
+    job = make_job(log, tmp_path / "poses.h5", stop=stop, recover=True)
+    for _ in range(2):  # tracked, then read
+        result = run(job)
+        assert (result.expected, len(result.poses)) == (count, min(count, 3))
 
 
 def test_the_poses_can_be_had_without_a_file(tmp_path):

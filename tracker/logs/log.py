@@ -63,6 +63,8 @@ class Source(ABC):
     """(width, height) [px] of each camera's images; empty if there is no frame."""
     count: int
     """Number of frames that the file plausibly holds."""
+    missing: int = 0
+    """Number of further frames that the file states, but is too short to hold."""
     sequential: bool = False
     """Whether reading a frame requires reading all frames before it."""
     gaps: bool = False
@@ -160,6 +162,11 @@ class Log:
     def __len__(self) -> int:
         """Number of frames, including damaged ones, but not those that a truncated file lacks."""
         return len(self._indices)
+
+    @property
+    def missing(self) -> int:
+        """Number of frames that a truncated file lacks at its end, if that is known."""
+        return self._source.missing
 
     def __iter__(self) -> Iterator[LogFrame]:
         return with_stamps(self._frames())

@@ -85,6 +85,7 @@ class NativeSource(Source):
                 f"{fitting} records of {size} bytes and {left} bytes, expected {stated} records"
             )
         self.count = min(stated, fitting)
+        self.missing = stated - self.count
         self._end = self._start + self.count * size
 
     def read(self, index: int) -> LogFrame:

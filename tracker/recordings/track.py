@@ -276,6 +276,13 @@ def chosen(log: Log, job: Job) -> tuple[int, int]:
     return start, stop
 
 
+def _expected(log: Log, job: Job) -> int:
+    """Return the number of frames to track, had the recording all that it states."""
+    (start, _), stop = chosen(log, job), job.recipe.stop
+    whole = len(log) + log.missing
+    return (whole if stop is None else min(int(stop), whole)) - start
+
+
 def rig_for(job: Job, log: Log) -> CameraRig:
     """Return the cameras of a recording; see `fitted_to`."""
     correct, resize = job.recipe.correct_halved_principal_point, job.recipe.resize_calibration
@@ -291,8 +298,7 @@ def _kept(job: Job) -> Tracked | None:
     except LogError:
         return None
     with open_log(job.log, recover=job.recipe.recover) as log:
-        start, stop = chosen(log, job)
-    return Tracked(poses, stop - start, poses.about.fault or None, 0, 0.0)
+        return Tracked(poses, _expected(log, job), poses.about.fault or None, 0, 0.0)
 
 
 def _tracked(job: Job, progress: Progress | None) -> Tracked:
@@ -311,6 +317,7 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
                 if progress is not None:
                     progress(1)
             poses, seconds, fault = builder.build(), time.perf_counter() - began, log.fault
+            expected = _expected(log, job)
     except LogError as error:
         if fingerprint(job) != before:
             raise LogError(f"{changed} {error}") from error
@@ -320,7 +327,7 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
             raise LogError(changed)
         fault = changed
     about = dataclasses.replace(poses.about, fingerprint=before, fault=unicode_text(fault or ""))
-    return Tracked(dataclasses.replace(poses, about=about), stop - start, fault, len(poses), seconds)
+    return Tracked(dataclasses.replace(poses, about=about), expected, fault, len(poses), seconds)
 
 
 def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Observation]]:
