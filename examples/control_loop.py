@@ -11,8 +11,8 @@ with tracker.open_log("tracker-demo") as log:
     rig = log.rig or tracker.CameraRig.load("tracker-demo")
     follower = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
     for frame in log:  # in place of this: the newest image of each camera, None where it gave none
-        observation = follower.update(frame.images, frame.timestamp)
-        expected = follower.predict(frame.timestamp + DELAY)
+        observation = follower.update(frame.images, frame.stamps)
+        expected = follower.predict(frame.newest + DELAY)
         if expected is None:
             print(f"stop: {observation.status}")  # not seen for half a second
         elif expected.confidence < SURE:

@@ -21,5 +21,5 @@ with tracker.open_log("my_recording") as log:
             if image is not None and mask is not None:  # a finger behind the object does not hide it
                 shown = (tracker.segment(image, finder.colors) > 0).astype(np.uint8)
                 hidden[CAMERA] = mask & (cv2.dilate(shown, CROSS) == 0)
-            pose = finder.update(images, frame.timestamp, hidden).object_pose
+            pose = finder.update(images, frame.stamps, hidden).object_pose
             print(f"{frame.timestamp:.3f} s", "not found" if pose is None else pose.position)

@@ -12,7 +12,7 @@ rewards = []
 with tracker.open_log("my_recording") as log:
     follower = tracker.ObjectTracker(model, log.rig or tracker.CameraRig.load("tracker-demo"))
     for frame in log:
-        pose = follower.update(frame.images, frame.timestamp).filtered_object_pose
+        pose = follower.update(frame.images, frame.stamps).filtered_object_pose
         if pose is None:
             rewards.append(np.nan)  # unknown: an old pose does not replace it
             continue

@@ -7,7 +7,7 @@ with tracker.open_log("my_recording") as log:
         tracker.load_object("cube_v2"), log.rig or tracker.CameraRig.load("tracker-demo")
     )
     for frame in log:
-        observation = follower.update(frame.images, frame.timestamp)
+        observation = follower.update(frame.images, frame.stamps)
         pose = observation.filtered_object_pose
         if pose is None:
             print(f"{frame.timestamp:.3f} s  {observation.status}")

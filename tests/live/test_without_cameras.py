@@ -11,6 +11,7 @@ from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LiveError, LogError
 from tracker.live import Replay, SourceEnded
 from tracker.live.sources import Simulation, open_source
+from tracker.logs.frame import LogFrame
 from tracker.logs.log import Log
 
 IMAGE = np.zeros((2, 2, 3), np.uint8)
@@ -19,7 +20,7 @@ IMAGE = np.zeros((2, 2, 3), np.uint8)
 def frame(index, stamp, camera_stamps=None, images=None):
     stamps = np.array([stamp, stamp] if camera_stamps is None else camera_stamps, float)
     images = images or tuple(None if np.isnan(one) else IMAGE for one in stamps)
-    return SimpleNamespace(index=index, timestamp=stamp, camera_timestamps=stamps, images=images, raw=None)
+    return LogFrame(index, stamp, stamps, images, None, None)
 
 
 class Frames(Log):

@@ -50,7 +50,7 @@ def test_each_set_of_images_has_the_state_at_its_stamp(make, scale, packed, tmp_
         found = list(paired(log[1:], path))
     assert [one.frame.index for one in found] == list(range(1, 60))
     for frame, robot in found:
-        seconds = frame.timestamp - START
+        seconds = frame.newest - START
         if seconds > TIMES[-1] - START:
             assert np.isnan(robot.position).all()
             assert robot.gap == np.inf

@@ -3,6 +3,7 @@ import gzip
 import os
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,12 +22,13 @@ from tracker.calibration.files.platform import Calibrated, write_calibrated
 from tracker.errors import LogError, TrackerError
 from tracker.logs import open_log
 from tracker.logs.folder import write_folder
+from tracker.logs.frame import LogFrame
 from tracker.logs.hdf5_writer import write_hdf5
 from tracker.logs.opening import recording_files
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options, run, track
-from tracker.recordings.track import fingerprint
+from tracker.recordings.track import answers, fingerprint
 from tracker.summaries.summary import summary
 
 FRAMES = 50
@@ -48,12 +50,31 @@ def expected(log, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_frame_is_there_once_as_a_loop_of_ones_own_has_it(log, expected):
     poses, mine, frames = read_poses(expected), NoiseTracker(), frames_of(log)
     assert poses.index.tolist() == list(range(FRAMES))
-    assert poses.timestamp.tolist() == [frame.timestamp for frame in frames]
+    assert poses.timestamp.tolist() == [frame.newest for frame in frames]
     assert poses.recorded is not None
     assert poses.recorded.has_pose.tolist() == [frame.recorded_pose is not None for frame in frames]
     assert poses.about.source == "camera_data.dat"
-    loop = [mine.update(frame.images, frame.timestamp).filtered_object_pose.position for frame in frames]
+    loop = [mine.update(frame.images, frame.stamps).filtered_object_pose.position for frame in frames]
     assert (poses.filtered.position == np.array(loop)).all()
+
+
+class Frames(list):
+    episode_starts = (0,)
+
+
+def test_each_image_has_its_own_stamp_and_a_frame_that_of_its_newest(tmp_path):
+    # The frames' own stamps are 60 ms late. Images are missing: of all cameras, then of the one that leads.
+    nan, given = np.nan, []
+    stamps = [[0.0, 0.01, 0.02], [nan] * 3, [0.2, 0.21, 0.22], [0.3, 0.31, 0.45], [0.4, 0.41, nan]]
+    frames = Frames(
+        LogFrame(k, 0.1 * k + 0.08, np.array(row), tuple(None if np.isnan(t) else 0 for t in row), None, None)
+        for k, row in enumerate(stamps)
+    )
+    finder = SimpleNamespace(update=lambda images, timestamp: given.append(timestamp))
+    found = [frame.timestamp for frame, _ in answers(tmp_path, frames, finder)]
+    np.testing.assert_allclose(found, [0.02, 0.12, 0.22, 0.45, 0.45])
+    for found, row in zip(given, [stamps[0], 0.12, *stamps[2:4], 0.45], strict=True):
+        np.testing.assert_allclose(found, row)
 
 
 def test_a_log_that_has_to_be_read_through_gives_the_same(expected, tmp_path):

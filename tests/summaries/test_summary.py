@@ -82,9 +82,10 @@ def test_poses_of_another_recording_are_distinguished_from_its_own(packed, tmp_p
 
         refuse(own)
         refuse(own[:0])
-        # A folder's frame has the mean of its images' stamps, which are up to 2 ms later here.
-        refuse(dataclasses.replace(own, timestamp=own.timestamp + 0.0025))
-        for change in ({"timestamp": own.timestamp + 0.0035}, {"index": own.index + FRAMES}):
+        # Poses have the newest image's stamp; a folder's frame has the images' mean. Formats round them.
+        for shift in (-0.0025, 0.0005):
+            refuse(dataclasses.replace(own, timestamp=own.timestamp + shift))
+        for change in ({"timestamp": own.timestamp + 0.0015}, {"index": own.index + FRAMES}):
             other = dataclasses.replace(own, **change)
             with pytest.raises(LogError, match=r"poses\.h5: found poses of another recording \(camera_data"):
                 refuse(other)

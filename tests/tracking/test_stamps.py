@@ -9,7 +9,9 @@ from tests.helpers.pushed_cube import DT, bits, has_seen, image_of, near, new, o
 from tracker import Status, TrackerError
 from tracker.geometry import so3
 from tracker.inputs import check_stamps
+from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.pose.fit import Lag
+from tracker.recordings import track
 from tracker.tracking import follow
 from tracker.tracking.motion import KINDS, LIKELIEST_SHARE
 
@@ -41,6 +43,17 @@ def passing(rig):
 @pytest.fixture(scope="module")
 def reference(rig, passing):
     return play(new(rig), passing, dt=STEP)
+
+
+def test_a_recording_is_tracked_with_the_stamps_of_its_images(rig, tmp_path):
+    ages = np.array([0.03, 0.015, 0.0])
+    with Hdf5LogWriter(tmp_path / "log.h5", rig) as log:
+        for k in range(FRAMES):
+            log.append(taken(rig, STEP * k, ages, k), STEP * k + 0.09, STEP * k - ages)
+    poses = track(tmp_path / "log.h5", new(rig).model, rig=rig).poses
+    np.testing.assert_allclose(poses.timestamp, STEP * np.arange(FRAMES), atol=1e-9)
+    truth = np.array([pose_at(STEP * k)[0] for k in range(FRAMES)])
+    assert np.median(np.linalg.norm(poses.measured.position - truth, axis=1)) < 5e-4
 
 
 @pytest.fixture(scope="module")

@@ -51,7 +51,7 @@ def demo(
         first = log.frame(0).images
         picture = tracker.viz.overlay(first, log.rig, model, finder.detect(first))
         tracker.viz.write_image(folder / "overlay.png", picture)
-        answers = [finder.update(frame.images, frame.timestamp) for frame in log]
+        answers = [finder.update(frame.images, frame.stamps) for frame in log]
     pairs = zip(answers, truths["poses"], strict=True)
     errors = np.array([_error(answer.filtered_object_pose, truth) for answer, truth in pairs])
     millimetres, degrees = np.nanmedian(errors, axis=0)

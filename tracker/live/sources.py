@@ -94,14 +94,12 @@ class Replay:
         begin = now = 0.0  # first timestamp of this episode, and the time to which it is shifted
         try:
             for frame in self.log:
-                given = frame.camera_timestamps
-                last = frame.timestamp if np.isnan(given).all() else float(np.nanmax(given))
-                stamps = np.where(np.isnan(given), frame.timestamp, given)
+                last = frame.newest
                 fresh = due is None or frame.index in starts
                 if fresh:
                     begin, now = last, time.time() if due is None else due + _PAUSE
                 due = now + (last - begin) / self._speed
-                moved = now + (stamps - begin) / self._speed
+                moved = now + (frame.stamps - begin) / self._speed
                 faults = tuple("no image in the recording" if one is None else None for one in frame.images)
                 yield due, ImageSet(frame.images, tuple(moved.tolist()), faults, raw=frame.raw, fresh=fresh)
         except TrackerError as error:

@@ -75,6 +75,20 @@ class LogFrame:
     recorded_filtered_pose: RecordedPose | None
     raw: tuple[Image, ...] | None = field(default=None, repr=False)
 
+    @property
+    def stamps(self) -> FloatArray:
+        """(C,) timestamps for `ObjectTracker.update` [s]: the images', and the frame's for a missing one."""
+        return np.where(np.isnan(self.camera_timestamps), self.timestamp, self.camera_timestamps)
+
+    @property
+    def newest(self) -> float:
+        """Timestamp of the newest image [s], the time of a pose found in the frame; the frame's without any.
+
+        The platform's recorder stamps a frame when its own tracker is done, up to 0.1 s after its images.
+        """
+        given = self.camera_timestamps
+        return self.timestamp if np.isnan(given).all() else float(np.nanmax(given))
+
 
 def recorded_frame(
     index: int,

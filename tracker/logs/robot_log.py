@@ -114,14 +114,14 @@ class RobotLog:
 
 
 class Paired(NamedTuple):
-    """A set of images, and the robot's state at its timestamp."""
+    """A set of images, and the robot's state at the time of the newest."""
 
     frame: LogFrame
     robot: RobotState
 
 
 def paired(log: Log, robot_log: RobotLog | str | os.PathLike[str]) -> Iterator[Paired]:
-    """Yield each set of images of a recording with the robot's state at its timestamp.
+    """Yield each set of images of a recording with the robot's state at the time of the newest.
 
     Args:
         log: the recording from `open_log`, or a part of it.
@@ -131,7 +131,7 @@ def paired(log: Log, robot_log: RobotLog | str | os.PathLike[str]) -> Iterator[P
         LogError: one of them is malformed or damaged.
     """
     states = robot_log if isinstance(robot_log, RobotLog) else read_robot_log(robot_log)
-    return (Paired(frame, states.at(frame.timestamp)) for frame in log)
+    return (Paired(frame, states.at(frame.newest)) for frame in log)
 
 
 def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:

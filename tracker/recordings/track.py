@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
+import math
 import os
 import time
 from bisect import bisect_right
@@ -333,16 +334,23 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
 def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Observation]]:
     """Yield each frame with the tracker's result; LogError if it is damaged or does not fit the tracker.
 
-    The tracker is reset at the start of each episode.
+    The frame's timestamp is that of its newest image. The tracker is reset at the start of each episode.
     """
-    episode = -1
+    episode, last, behind = -1, -math.inf, 0.0
     for frame in log:
         before, episode = episode, bisect_right(log.episode_starts, frame.index)
         if before not in (-1, episode):
             tracker.reset()
+            last = -math.inf
+        shown = any(image is not None for image in frame.images)
+        behind = frame.timestamp - frame.newest if shown else behind
+        moment = frame.newest if shown else frame.timestamp - behind
+        # Without the image of a camera that leads by more than a period, the newest is older than the last.
+        skewed = shown and moment >= last and (frame.stamps != moment).any()
+        last = max(moment, last)
         with naming(f"{path}: frame {frame.index}", LogError, TrackerError):
-            answer = tracker.update(frame.images, frame.timestamp)
-        yield frame, answer
+            answer = tracker.update(frame.images, frame.stamps if skewed else last)
+        yield dataclasses.replace(frame, timestamp=last), answer
 
 
 def unicode_text(text: str) -> str:

@@ -145,7 +145,7 @@ def seconds_since_beginning(log: Path, poses: Poses) -> FloatArray:
         first = next(iter(opened), None)
     if first is None:
         raise LogError(f"{log}: found no frame that can be read, expected the first one")
-    return poses.timestamp - first.timestamp
+    return poses.timestamp - first.newest
 
 
 def goal_file(log: Path) -> Path:
