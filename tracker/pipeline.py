@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -69,7 +68,7 @@ class ObjectTracker:
         self.colors = colors_of(colors, self.model)
         load()
         self._estimator = PoseEstimator(Box.of(self.model), self.rig, self.colors, table_prior)
-        self._follow = Follower(self._estimator)
+        self._follow = Follower(self._estimator, self.rig.arena.table)
         self._memory = Memory.empty(len(self.rig), tracking)
         self._gate = Gate()
 
@@ -132,9 +131,8 @@ class ObjectTracker:
 
     def forecast(self) -> Callable[[float], Forecast | None]:
         """Return `predict` for the images so far: a function that later calls of `update` do not change."""
-        belief, box, table = self._memory.belief, self._estimator.box, self.rig.arena.table
-        ground = -math.inf if table is None else table
-        return lambda timestamp: belief.forecast(one_stamp(timestamp, "timestamp"), box, ground)
+        belief, body = self._memory.belief, self._follow.body
+        return lambda timestamp: belief.forecast(one_stamp(timestamp, "timestamp"), *body)
 
     def update(self, images: Images, timestamp: Stamp, hidden: Images | None = None) -> Observation:
         """Estimate the object's pose from the next set of images and the memory of the previous ones.

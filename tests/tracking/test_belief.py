@@ -4,16 +4,19 @@ import math
 import numpy as np
 import pytest
 
+import tracker
 from tests.helpers import random_rotations
 from tests.helpers.fits import HOME, made_fit
 from tracker import Status, TrackerError
 from tracker.geometry import so3
+from tracker.objects.box import Box
 from tracker.pose.judge import confidence
 from tracker.tracking.belief import Belief, TrackingOptions, measured
 
 DT = 0.1
 ELSEWHERE = np.array([-0.1, 0.05, 0.0325])
 X = np.array([1.0, 0.0, 0.0])
+BOX = Box.of(tracker.load_object("cube_v2"))
 
 
 class Track:
@@ -34,7 +37,7 @@ class Track:
         return status
 
     def estimate(self):
-        return self.belief.estimate()
+        return self.belief.estimate(BOX, -math.inf)
 
 
 def follow(track, fits, start=0.0, dt=DT):
@@ -213,6 +216,49 @@ def test_what_one_camera_sees_must_be_sure():
     assert follow(third, [sure, unsure, sure]) == [Status.FOUND, Status.COASTING, Status.TRACKING]
 
 
+def passing(steps, velocity, dt=0.04):
+    """An object that moved at a velocity [m/s] until it was no longer seen; estimates after each step [s]."""
+    one = Track()
+    follow(one, [made_fit(HOME + k * dt * np.array(velocity)) for k in range(-10, 1)], -10 * dt, dt)
+    estimates, now = [one.estimate()], 0.0
+    for step in steps:
+        now += step
+        one.see(None, now)
+        estimates.append(one.estimate())
+    return one, now, estimates
+
+
+def test_a_prediction_for_the_time_of_images_without_the_object_is_the_filtered_pose():
+    for steps in ([0.1], [0.04] * 3, [0.3, 0.1]):
+        one, now, (*_, estimate) = passing(steps, [0.3, 0.0, 0.0])
+        predicted = one.belief.forecast(now, BOX, -math.inf)
+        for name in ("position", "orientation", "covariance", "confidence", "velocity"):
+            np.testing.assert_allclose(getattr(predicted, name), getattr(estimate, name), atol=1e-12)
+        assert estimate.confidence < 0.95 * one.belief.trust
+
+
+def test_an_unseen_object_moves_on_ever_slower_as_its_velocity_says():
+    for steps in ([0.01] * 40, [0.35, 0.05]):
+        _, _, estimates = passing(steps, [0.3, 0.0, 0.0])
+        x = np.array([estimate.position[0] for estimate in estimates])
+        speed = np.array([estimate.velocity[0] for estimate in estimates])
+        assert (np.diff(x) > 0).all()
+        if len(steps) > 2:
+            mean = (speed[2:] + speed[1:-1]) / 2
+            np.testing.assert_allclose(np.diff(x)[1:] / 0.01, mean, rtol=0.3)
+            assert (np.diff(speed[1:]) < 0).all()
+
+
+def test_an_unseen_object_does_not_fall_through_the_table():
+    ground = HOME[2] - BOX.half[2] - 0.02
+    one, now, (seen, *estimates) = passing([0.04] * 8, [0.0, 0.0, -0.8])
+    assert min(estimate.position[2] for estimate in estimates) < HOME[2] - 0.05
+    found = one.belief.estimate(BOX, ground), one.belief.forecast(now, BOX, ground)
+    for pose in found:
+        assert BOX.lowest(pose.position, pose.rotation) == pytest.approx(ground, abs=1e-9)
+    assert one.belief.estimate(BOX, HOME[2]).position[2] == pytest.approx(seen.position[2], abs=1e-3)
+
+
 def test_last_pose_is_the_last_measurement(track):
     rotation = random_rotations(np.random.default_rng(1), 1)[0]
     track.see(made_fit(ELSEWHERE, rotation), 1.1)
@@ -253,6 +299,7 @@ def test_measured_pose_is_that_of_the_fit():
     ("name", "value"),
     [
         *[("coast_seconds", value) for value in (-1.0, math.nan, math.inf, "1", None, (1.0, 2.0), True)],
+        ("min_confidence", 40),
         *[("max_jump", value) for value in (0.04, (0.04,), (0.04, -1.0), (0.04, math.inf), "ab", None)],
         ("min_confidence", 1j),
     ],

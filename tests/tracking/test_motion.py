@@ -413,6 +413,6 @@ def test_forecasts_of_a_carried_object_are_as_uncertain_as_they_are_wrong(rng):
         noise = drawn(rng, (1 - CONSTANT) * precise)[:3]
         carried = carried.predicted(1 / fps).updated(place(k / fps) + noise, np.eye(3), precise)
         if k > 10:
-            found, _ = carried.forecast(ahead)
+            found = carried.forecast(ahead).likeliest()
             inside.append(nees(place(k / fps + ahead) - found.position, found.covariance[:3, :3]) < 7.81)
     assert np.mean(inside) > 0.5

@@ -22,6 +22,8 @@ ROUNDING = 5e-7
 """Error of a difference between timestamps since the epoch [s]."""
 
 
+UP = np.array([0.0, 0.0, 1.0])
+
 _ALONG_POSITION = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
@@ -30,7 +32,7 @@ class TrackingOptions:
     """Limits within which `update` accepts a measurement.
 
     Raises:
-        TrackerError: a value is not a finite number, or negative.
+        TrackerError: a value is not a finite number or negative, or a confidence that is none.
     """
 
     coast_seconds: float = 0.5
@@ -55,6 +57,9 @@ class TrackingOptions:
             if len(numbers) != 1 + pair or not all(is_number(number) and number >= 0 for number in numbers):
                 valid = "two finite numbers that are" if pair else "a finite number that is"
                 raise TrackerError(f"{field.name}: found {shown(value)}, expected {valid} not negative")
+        if self.min_confidence > 1.0:
+            valid = "a number that is not negative, and at most 1"
+            raise TrackerError(f"min_confidence: found {self.min_confidence:g}, expected {valid}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,20 +110,16 @@ class Belief(NamedTuple):
             )
         step = 0.0 if self.timestamp is None else timestamp - self.timestamp
         moved = self._replace(timestamp=timestamp, step=step)
-        motion = self._going_on(timestamp)
-        if motion is None:
+        if self.basis is None or (passed := self._seconds_since(timestamp)) is None:
             return moved._replace(seen=None, pending=None), None
-        assert self.seen is not None
-        motion = motion.predicted(timestamp - self.seen)
+        motion = self.basis.unseen(passed) if self._unseen else self.basis.predicted(passed)
         return moved._replace(motion=motion), motion.state
 
-    def _going_on(self, timestamp: float) -> MotionFilter | None:
-        """Return the motion at `seen`, to predict from for a later timestamp [s]; None if it is lost."""
-        if self.seen is None or self.basis is None:
+    def _seconds_since(self, timestamp: float) -> float | None:
+        """Return how long before a timestamp [s] the object was seen [s]; None if it is lost then."""
+        if self.seen is None or timestamp - self.seen > self.options.coast_seconds + ROUNDING:
             return None
-        if timestamp - self.seen > self.options.coast_seconds + ROUNDING:
-            return None
-        return self.basis.slowed(timestamp - self.seen) if self._unseen else self.basis
+        return timestamp - self.seen
 
     @property
     def _unseen(self) -> bool:
@@ -200,36 +201,49 @@ class Belief(NamedTuple):
                 f"timestamp: found {timestamp:.6f} s, before the last images at {self.timestamp:.6f} s; "
                 "expected no earlier one"
             )
-        motion = self._going_on(timestamp)
-        if motion is None or self.seen is None:
+        if self.basis is None or (passed := self._seconds_since(timestamp)) is None:
             return None
-        fused, kinds = motion.forecast(timestamp - self.seen)
-        if self.last_pose is not None:
-            rotation, position = self.last_pose
-            ground = min(ground, box.lowest(position, rotation))
-
-        def forecast_of(state: MotionState) -> dict[str, Any]:
-            raised = state.position.copy()
-            raised[2] += max(ground - box.lowest(state.position, state.rotation), 0.0)
-            return self._told(state) | {"position": raised, "size": 2 * box.half}
-
+        if self._unseen:
+            motion = self.basis.unseen(passed)
+            fused, near = motion.state, self._near(motion)
+        else:
+            motion = self.basis.forecast(passed)
+            fused, near = motion.likeliest(), None
         return Forecast(
-            **forecast_of(fused),
+            **self._told(self._raised(fused, box, ground), near),
+            size=2 * box.half,
             kinds=tuple(
-                MotionKind(**forecast_of(state), name=KINDS[k], probability=weight)
-                for k, weight, state in kinds
+                MotionKind(
+                    **self._told(self._raised(state, box, ground)),
+                    size=2 * box.half,
+                    name=KINDS[k],
+                    probability=weight,
+                )
+                for k, weight, state in motion.kinds()
             ),
         )
 
-    def estimate(self, size: FloatArray | None = None) -> MotionEstimate | None:
-        """Return the fused estimate of an object of this size (3,) [m]; None while it is lost."""
-        if self.seen is None or self.motion is None:
+    def estimate(self, box: Box, ground: float) -> MotionEstimate | None:
+        """Return the fused estimate; None while the object is lost. Arguments: as for `forecast`."""
+        if self.seen is None or self.motion is None or self.basis is None or self.timestamp is None:
             return None
         state, near = self.motion.state, None
         if self._unseen:
-            # It probably rests where it was, but may have moved far: no normal distribution.
-            near = sum(weight * nearness(spread, self.single) for weight, spread in self.motion.parts(state))
-        return MotionEstimate(**self._told(state, near), size=size)
+            motion = self.basis.unseen(self.timestamp - self.seen)
+            state, near = self._raised(motion.state, box, ground), self._near(motion)
+        return MotionEstimate(**self._told(state, near), size=2 * box.half)
+
+    def _near(self, motion: MotionFilter) -> float:
+        """Nearness of an unseen object: it probably rests where it was, but may have moved far."""
+        return sum(weight * nearness(spread, self.single) for weight, spread in motion.parts(motion.state))
+
+    def _raised(self, state: MotionState, box: Box, ground: float) -> MotionState:
+        """Return a state that is not below the ground [m], or where the object was last seen."""
+        if self.last_pose is not None:
+            rotation, position = self.last_pose
+            ground = min(ground, box.lowest(position, rotation))
+        height = max(ground - box.lowest(state.position, state.rotation), 0.0)
+        return state._replace(position=state.position + height * UP)
 
     def _told(self, state: MotionState, near: float | None = None) -> dict[str, Any]:
         """Return the fields of a MotionEstimate of a state; near: see `nearness`, None: by the covariance."""

@@ -87,10 +87,12 @@ class Follower:
 
     Args:
         estimator: finds and refines poses.
+        table: height of the table [m]; None: there is none.
     """
 
-    def __init__(self, estimator: PoseEstimator) -> None:
+    def __init__(self, estimator: PoseEstimator, table: float | None) -> None:
         self._estimator, self._size = estimator, 2 * estimator.box.half
+        self.body = estimator.box, -math.inf if table is None else table
 
     def __call__(
         self,
@@ -133,7 +135,7 @@ class Follower:
                 memory = memory._replace(agreement=agreement)
                 pose = measured(outcome, agreement.fitting, wide, self._size)
                 status = Status.INCONSISTENT_VIEWS if agreement.contradicts else status
-        filtered = belief.estimate(self._size)
+        filtered = belief.estimate(*self.body)
         if filtered is None:
             status = Status.LOST
         answer = Observation(pose, filtered, status, timing, reason, uses)

@@ -315,10 +315,13 @@ class MotionFilter(NamedTuple):
         predict(dt, MOTIONS, modes, True)
         return MotionFilter(modes, self.noise)
 
-    def slowed(self, dt: float) -> MotionFilter:
-        """Return the filter with the mean velocity over dt [s] of an object that slows down unseen."""
-        modes = self.modes.copy()
-        modes["velocity"] *= DECAY / dt * -math.expm1(-dt / DECAY) if dt > 0.0 else 1.0
+    def unseen(self, dt: float) -> MotionFilter:
+        """Return the filter after dt > 0 [s] in which the object was not seen, and slowed down."""
+        modes, passed = self.modes.copy(), dt / DECAY
+        mean = -math.expm1(-passed) / passed
+        modes["velocity"] *= mean
+        predict(dt, MOTIONS, modes, True)
+        modes["velocity"] *= math.exp(-passed) / mean
         return MotionFilter(modes, self.noise)
 
     def updated(self, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
@@ -327,27 +330,37 @@ class MotionFilter(NamedTuple):
         update(position, rotation, (1 - CONSTANT) * noise, modes)
         return MotionFilter(modes, noise)
 
-    def forecast(self, dt: float) -> tuple[MotionState, list[tuple[int, float, MotionState]]]:
-        """Return the fused state after dt [s] if the motion continues, and (kind, weight, state) of each.
+    def forecast(self, dt: float) -> MotionFilter:
+        """Return the filter after dt [s] if each kind of motion continues.
 
-        The fused state averages the likeliest kinds. Changes of the kind of motion are predicted between
-        images but not here: rare changes would hide what is nearly certain.
+        Changes of the kind are predicted between images but not here: rare changes would hide what is nearly
+        certain.
         """
-        weights, modes = self.modes["weight"], self.modes.copy()
+        modes = self.modes.copy()
         # Displaced by a dt²/2, the variance is that of white noise of this strength.
         push = np.sqrt(MOTIONS.push**2 + 0.75 * dt * ACCELERATION**2)
         predict(dt, MOTIONS._replace(push=push), modes, False)
+        return MotionFilter(modes, self.noise)
+
+    def kinds(self) -> list[tuple[int, float, MotionState]]:
+        """Return (kind, weight, state) of each kind of motion, the likeliest first."""
+        order = np.argsort(-self.modes["weight"], kind="stable").tolist()
+        alone = np.eye(len(order))
+        return [(k, float(self.modes["weight"][k]), self._weighted(alone[k]).state) for k in order]
+
+    def likeliest(self) -> MotionState:
+        """Return the fused state of the likeliest kinds."""
+        weights = self.modes["weight"]
         order = np.argsort(-weights, kind="stable")
         count = int(np.searchsorted(np.cumsum(weights[order]), LIKELIEST_SHARE)) + 1
         likely = np.zeros_like(weights)
         likely[order[:count]] = weights[order[:count]]
+        return self._weighted(likely / likely.sum()).state
 
-        def weighted(by: FloatArray) -> MotionState:
-            modes["weight"] = by
-            return MotionFilter(modes, self.noise).state
-
-        kinds = [(k, float(weights[k]), weighted(np.eye(len(order))[k])) for k in order.tolist()]
-        return weighted(likely / likely.sum()), kinds
+    def _weighted(self, weights: FloatArray) -> MotionFilter:
+        modes = self.modes.copy()
+        modes["weight"] = weights
+        return MotionFilter(modes, self.noise)
 
     def parts(self, state: MotionState) -> list[tuple[float, FloatArray]]:
         """Return weight and covariance (6, 6) of each kind's pose, about that of the fused state."""
