@@ -64,6 +64,17 @@ def test_another_object_is_refused(film):
         adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=0)
 
 
+def test_a_new_object_keeps_the_colours_of_names_that_nothing_improves(film):
+    start = dataclasses.replace(COLORS, name="names")
+    found = adapt(MODEL, [footage_of(film)], start, OPTIONS, name="mine", rounds=0, first=True)
+    assert found.colors.name == "mine"
+    np.testing.assert_array_equal(found.colors.label_table, COLORS.label_table)
+    grey = [np.full_like(image, 110) for image in film[0].images]
+    empty = [dataclasses.replace(shot, images=grey) for shot in film]
+    with pytest.raises(NotBetterError, match="found 0 of"):
+        adapt(MODEL, [footage_of(empty)], start, OPTIONS, name="mine", rounds=1, first=True)
+
+
 def test_the_nearest_shipped_model_explains_most(film):
     footage = footage_of(film)
     judged = [dataclasses.replace(footage, held_out=footage.learned)]

@@ -68,14 +68,22 @@ class Lesson:
             raise ColorModelError(f"recordings: found {found} frames with images, {least}")
         return result
 
-    def learn(self, model: tracker.CuboidModel, footage: list[Frames], start: tracker.ColorModel) -> None:
-        """Learn colours from the frames and write the model; print one line per round."""
+    def learn(
+        self,
+        model: tracker.CuboidModel,
+        footage: list[Frames],
+        start: tracker.ColorModel,
+        first: bool = False,
+    ) -> None:
+        """Learn colours from the frames and write the model; print one line per round. first: see `adapt`."""
         from tracker.color_learning.adapt import adapt as learn_colors
         from tracker.color_learning.fit import FitOptions
 
         say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
         draws, name = FitOptions(seed=self.seed), self.output.stem
-        learned = learn_colors(model, footage, start, draws, name=name, rounds=self.rounds, say=say)
+        learned = learn_colors(
+            model, footage, start, draws, name=name, rounds=self.rounds, first=first, say=say
+        )
         learned.colors.save(self.output)
         if not self.quiet:
             click.echo(_learned(learned, self.output))
@@ -117,8 +125,8 @@ def new(
     """Fit a colour model to RECORDINGs of a new object.
 
     Needs the object's size and the names of its colours. Starts with the hues of the names, then
-    continues like `adapt`. Also writes the object's TOML file, unless --object gives one. Use its path
-    wherever an object's name goes.
+    continues like `adapt`, but keeps the start if nothing is gained. Also writes the object's TOML file,
+    unless --object gives one. Use its path wherever an object's name goes.
     """
     from tracker.color_learning.adapt import from_names
     from tracker.objects.model import to_toml
@@ -129,7 +137,7 @@ def new(
     if known is None and description.exists():
         raise click.UsageError(f"{description}: exists; expected --object to use it, or another -o")
     model = described(lesson.output, size, faces) if known is None else tracker.load_object(known)
-    lesson.learn(model, lesson.footage(), from_names(lesson.seed))
+    lesson.learn(model, lesson.footage(), from_names(lesson.seed), first=True)
     if known is None:
         write_whole(description, to_toml(model))
         if not lesson.quiet:
@@ -159,6 +167,8 @@ def _learned(learned: Adapted, output: Path) -> str:
     pixels, before = learned.pixels, learned.before
     kinds = table([["pixels that taught", *pixels], ["", *map(str, pixels.values())]])
     kept = [f"{color} was hardly seen and stays as it was" for color, count in pixels.items() if not count]
+    if learned.after is before:
+        kept = ["no round was better: the colours stay those of the names"]
     judged = ["before", f"{before} of {before.frames} held-out frames"], ["after", str(learned.after)]
     return "\n".join(["", kinds, *kept, "", listing([*judged, ["colours", str(output)]])])
 

@@ -63,11 +63,13 @@ def adapt(
     *,
     name: str,
     rounds: int = 8,
+    first: bool = False,
     say: Callable[[str], None] = lambda _: None,
 ) -> Adapted:
     """Learn an object's colours from recordings in up to `rounds` rounds.
 
     start: the initial model; its `normalise` is ignored: images are always read in neutral light.
+    first: whether the object has no model yet, so that the initial one is kept if nothing is gained.
     say: receives a line about each round.
 
     ColorModelError if the colours of the initial model are misnamed; NotBetterError, which says why, if
@@ -109,11 +111,11 @@ def adapt(
         few = [one.held_out[k] for k in evenly(len(one.held_out), SAMPLE)]
         if another := another_shown(ObjectTracker(model, one.rig, best.colors), few):
             raise NotBetterError(f"{start.name}: refused: {another}")
-    if best.after is before:
+    if best.after is before and (fault or not first):
         instead = f"{start.name} (see --colors): {before}"
         fault = fault or f"held-out frames are explained no better than by {instead}"
         raise NotBetterError(f"{start.name}: refused: {fault}")
-    return best
+    return dataclasses.replace(best, colors=dataclasses.replace(best.colors, name=name))
 
 
 def _lessons(
