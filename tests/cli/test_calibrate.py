@@ -16,13 +16,13 @@ from tests.helpers.filmed import RIG, write_recording
 from tests.helpers.kept_stills import bare
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.table import moved
-from tracker.calibration.files.platform import read_calibrated
+from tracker.calibration.files.platform import Calibrated, read_calibrated, write_calibrated
 from tracker.cli.calibrate import save_object
 from tracker.geometry import so3
 
 CUBE = ("--object", "cube_v2")
 BOARD = ("--squares", "5x7", "--square", "0.04", "--marker", "0.03")
-NAMES = ("camera60", "camera180", "camera300")
+NAMES = ("camera60", "camera180", "top")
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_a_fault_of_a_lens_and_of_photos_is_named(arguments, first, words, photo
     [
         ([], "nowhere", ["nowhere", "no such folder"]),
         ([], "lenses", ["found no photo of camera60", "camera60.png"]),
-        (["camera60"], "one", ["camera180, camera300", "found no photo of the board in its given place"]),
+        (["camera60"], "one", ["camera180, top", "found no photo of the board in its given place"]),
         (["camera60", "camera60b"], "two", ["camera60.png, camera60b.png", "one photo of camera60"]),
         (["camera60", "camera90"], "other", ["camera90.png: named after camera90", ", ".join(NAMES)]),
         ([], "0 -o lenses", ["lenses: in use, expected a new or an empty folder"]),
@@ -216,10 +216,11 @@ def wrong(tmp_path_factory):
 
 def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_path, run_here):
     target = tmp_path / "mended"
+    tracker.load_colors("cube_v2").save(tmp_path / "own.npz")
     arguments = (moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target)
-    result = well(run_here("refine", *arguments))
+    result = well(run_here("refine", *arguments, "--colors", tmp_path / "own.npz"))
     mine = tracker.load_object(target / "object.toml")
-    assert (mine.name, mine.colors) == ("cube_v2", "cube_v2")
+    assert (mine.name, mine.colors) == ("cube_v2", str(tmp_path / "own.npz"))
     assert f"{1e3 * mine.rim:.2f} ± {1e3 * mine.rim_std:.2f} mm" in result.stdout
     assert abs(mine.rim) < 3 * mine.rim_std < 1e-3  # drawn boxes are sharp
     for words in ("camera60", "against the mean", "in held-out frames", "x, y and yaw", "focal"):
@@ -251,7 +252,9 @@ def resting(tmp_path_factory):
     folder = write_recording(tmp_path_factory.mktemp("rests") / "recording", list(rests()))
     high = np.eye(4)
     high[2, 3] = -0.004
-    moved(RIG, high).save(folder)
+    for camera in moved(RIG, high):
+        known = Calibrated(camera, np.full((3, 3), 0.3), np.full(5, 1e-3))
+        write_calibrated(known, folder / f"{camera.name}.yml")
     return folder
 
 
@@ -266,6 +269,9 @@ def test_a_calibration_on_the_table_is_written_and_summarised(resting, tmp_path,
     assert rig.arena.table_std != RIG.arena.table_std
     for one, true in zip(rig, RIG, strict=True):
         np.testing.assert_allclose(one.position, true.position, atol=1e-3)
+        kept, before = (read_calibrated(folder / f"{one.name}.yml") for folder in (target, resting))
+        np.testing.assert_array_equal(kept.matrix_std, before.matrix_std)
+        np.testing.assert_array_equal(kept.distortion_std, before.distortion_std)
 
 
 def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.calibration.files.platform import Calibrated, read_all_calibrated, write_calibrated
+from tracker.calibration.files.platform import Calibrated, file_name, read_all_calibrated, write_calibrated
 from tracker.checks import naming, of_kind, path_of
 from tracker.errors import CalibrationError, shown
 from tracker.files import told_as, write_whole
@@ -173,15 +173,15 @@ class CameraRig:
         Raises:
             CalibrationError: a file cannot be written, or two would have the same name (left, camera_left).
         """
-        stems = [name if "camera" in name else f"camera_{name}" for name in self.names]
-        for stem in stems:
-            if stems.count(stem) > 1:
-                raise CalibrationError(f"camera rig: found two cameras for {stem}.yml, expected other names")
+        files = list(map(file_name, self.names))
+        for file in files:
+            if files.count(file) > 1:
+                raise CalibrationError(f"camera rig: found two cameras for {file}, expected other names")
         with told_as(CalibrationError, folder):
             root = Path(folder)
             root.mkdir(parents=True, exist_ok=True)
-        for camera, stem in zip(self.cameras, stems, strict=True):
-            write_calibrated(Calibrated(camera), root / f"{stem}.yml")
+        for camera, file in zip(self.cameras, files, strict=True):
+            write_calibrated(Calibrated(camera), root / file)
         write_arena(self.arena, root)
 
     def resized(self, width: int, height: int) -> CameraRig:

@@ -279,7 +279,7 @@ def extrinsics(
     import numpy as np
 
     from tracker.calibration.board.extrinsics import place_cameras
-    from tracker.calibration.files.platform import read_all_calibrated
+    from tracker.calibration.files.platform import file_name, read_all_calibrated
 
     lenses = read_all_calibrated(intrinsics, pattern)
     names = [lens.camera.name for lens in lenses]
@@ -293,7 +293,7 @@ def extrinsics(
     world_from_board = so3.transform(so3.exp([0, 0, np.deg2rad(yaw)]), (*center, height))
     with _naming(faults):
         placed = place_cameras(lenses, sightings, world_from_board)
-    files = smaller.write((one, output / f"{one.camera.name}.yml") for one in placed.cameras)
+    files = smaller.write((one, output / file_name(one.camera.name)) for one in placed.cameras)
     for number, path in enumerate(plots):
         own = {at: missed for at, missed in placed.residuals.items() if at[0] == number}
         photos = [(placed.sightings[at].pixels, own[at], at not in placed.faults) for at in own]

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tracker.calibration.by_object.refine import Refined
     from tracker.calibration.by_object.sightings import Footage
     from tracker.calibration.by_object.table import FoundTable
+    from tracker.calibration.files.platform import Calibrated
 
     Opened = tuple[
         tracker.CuboidModel, list[Footage], tracker.CameraRig, tracker.ColorModel, Callable[[int], None]
@@ -93,6 +94,41 @@ class Filmed:
             progress = stack.enter_context(bar("frames", frames, self.quiet))
             yield model, footage, rig, colors, progress
 
+    def files(self, rig: tracker.CameraRig) -> dict[Path, Calibrated]:
+        """Return the files that the cameras of an opened rig were read from, and what they hold."""
+        import numpy as np
+
+        from tracker.calibration.files import platform
+        from tracker.logs.opening import calibration_files
+
+        paths = [Path(path) for path in self.cameras.calibration]
+        if len(paths) == 1 and paths[0].is_dir():
+            paths = platform.calibration_files(paths[0], self.cameras.pattern)
+        for recording in () if paths else self.inputs:
+            with suppress(OSError):  # opening it reports what cannot be read
+                paths += calibration_files(Path(recording))
+        found, places = {}, {camera.name: camera.camera_from_world for camera in rig}
+        for path in paths:
+            with suppress(TrackerError):
+                one = platform.read_calibrated(path)
+                # Files of other cameras may lie in the folder above.
+                place = places.get(one.camera.name)
+                if place is not None and np.array_equal(one.camera.camera_from_world, place):
+                    found[path] = one
+                    del places[one.camera.name]
+        return found
+
+    def save(self, moved: tracker.CameraRig, rig: tracker.CameraRig, folder: Path) -> None:
+        """Write the cameras of an opened rig, moved, with what their files state of their lenses."""
+        from tracker.calibration.files.platform import file_name, write_calibrated
+
+        moved.save(folder)
+        places = dict(zip(moved.names, moved, strict=True))
+        for one in self.files(rig).values():
+            camera = places[one.camera.name]
+            sized = one.resized(camera.width, camera.height)
+            write_calibrated(replace(sized, camera=camera), folder / file_name(camera.name))
+
 
 _output = option("DIR", "Folder for the new calibration; new or empty.", OutFolder(new=True), required=True)
 
@@ -131,11 +167,15 @@ def check(
     The exit code is 1 if the calibration does not fit.
     """
     from tracker.calibration.by_object.check import check as look
+    from tracker.calibration.files.platform import focal_deviations, halved_by_rows
 
     with filmed.opened() as (model, footage, rig, colors, progress):
-        focal_std, halved = _stated(filmed.inputs, filmed.cameras, rig)
-        found = look(model, footage, rig, colors, progress, focal_std)
-    warnings = [*found.warnings, *halved]
+        files = filmed.files(rig)
+        found = look(model, footage, rig, colors, progress, focal_deviations(files.values()))
+    fault = "its principal point was halved to c/2, expected c/2 - 0.25 px"
+    remedy = "--correct-halved-principal-point mends it while it is read"
+    halved = filter(halved_by_rows, () if filmed.cameras.correct_halved_principal_point else files)
+    warnings = [*found.warnings, *(f"{path}: {fault}: {remedy}" for path in halved)]
     if plot is not None:
         from tracker.viz.calibration import check_picture
         from tracker.viz.image_files import write_image
@@ -147,36 +187,6 @@ def check(
         click.echo(_checked(found, warnings))
     if not found.fits:
         raise click.exceptions.Exit(1)
-
-
-def _stated(
-    inputs: Sequence[str], cameras: options.Cameras, rig: tracker.CameraRig
-) -> tuple[dict[str, float], list[str]]:
-    """Return the stated standard deviations of the rig's focal lengths, and warnings if it was halved."""
-    import numpy as np
-
-    from tracker.calibration.files import platform
-    from tracker.logs.opening import calibration_files
-
-    paths = [Path(path) for path in cameras.calibration]
-    if len(paths) == 1 and paths[0].is_dir():
-        paths = platform.calibration_files(paths[0], cameras.pattern)
-    for recording in () if paths else inputs:
-        with suppress(OSError):  # opening it reports what cannot be read
-            paths += calibration_files(Path(recording))
-    found, places = {}, {camera.name: camera.camera_from_world for camera in rig}
-    for path in paths:
-        with suppress(TrackerError):
-            one = platform.read_calibrated(path)
-            # Files of other cameras may lie in the folder above.
-            place = places.get(one.camera.name)
-            if place is not None and np.array_equal(one.camera.camera_from_world, place):
-                found[path] = one
-                del places[one.camera.name]
-    fault = "its principal point was halved to c/2, expected c/2 - 0.25 px"
-    remedy = "--correct-halved-principal-point mends it while it is read"
-    halved = filter(platform.halved_by_rows, () if cameras.correct_halved_principal_point else found)
-    return platform.focal_deviations(found.values()), [f"{path}: {fault}: {remedy}" for path in halved]
 
 
 def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
@@ -289,7 +299,11 @@ def refine(
 
     with filmed.opened() as (model, footage, rig, colors, progress):
         found = refine_cameras(model, footage, rig, colors, focal=focal, most=frames, progress=progress)
-    found.rig.save(output)
+    if focal:
+        found.rig.save(output)
+    else:
+        filmed.save(found.rig, rig, output)
+    model = replace(model, colors=filmed.subject.colors or model.colors)
     save_object(model, found.rim, output / "object.toml")
     if not filmed.quiet:
         click.echo(_refined(found, focal, output))
@@ -347,7 +361,7 @@ def table_command(filmed: Filmed, output: Path = _output) -> None:
 
     with filmed.opened() as given:
         found = find_table(*given)
-    found.rig.save(output)
+    filmed.save(found.rig, given[2], output)
     if not filmed.quiet:
         click.echo(_table_found(found, output))
 

@@ -221,6 +221,11 @@ def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Cali
     return Calibrated(camera, matrix, distortion, placed)
 
 
+def file_name(camera: str) -> str:
+    """Return the name of a camera's file, which is read with its folder: `camera` is in it."""
+    return f"{camera}.yml" if "camera" in camera else f"camera_{camera}.yml"
+
+
 def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> None:
     """Write the file atomically; `read_calibrated` returns bit-identical values."""
     camera, bent = calibrated.camera, calibrated.distortion_std
