@@ -22,4 +22,4 @@ with tracker.open_log("my_recording") as log:
                 shown = (tracker.segment(image, finder.colors) > 0).astype(np.uint8)
                 hidden[CAMERA] = mask & (cv2.dilate(shown, CROSS) == 0)
             pose = finder.update(images, frame.stamps, hidden).object_pose
-            print(f"{frame.timestamp:.3f} s", "not found" if pose is None else pose.position)
+            print(f"{frame.newest:.3f} s", "not found" if pose is None else pose.position)

@@ -10,6 +10,6 @@ with tracker.open_log("my_recording") as log:
         observation = follower.update(frame.images, frame.stamps)
         pose = observation.filtered_object_pose
         if pose is None:
-            print(f"{frame.timestamp:.3f} s  {observation.status}")
+            print(f"{frame.newest:.3f} s  {observation.status}")
         else:
-            print(f"{frame.timestamp:.3f} s  {observation.status}", pose.position, pose.velocity[:3])
+            print(f"{frame.newest:.3f} s  {observation.status}", pose.position, pose.velocity[:3])

@@ -239,6 +239,7 @@ REFUSED = {
         (f"--size 0.1,0.1 --faces {FACES}", "--size|3 numbers"),
         (f"--size 0.1,0.1,nan --faces {FACES}", "--size|nan"),
         (f"--size 65,65,65 --faces {FACES}", "65|0.5"),
+        (f"-o cube_v2.npz --size 0.1,0.1,0.1 --faces {FACES}", "an object in the package"),
         (f"--size .1,.1,.1 --faces {FACES.replace('cyan', 'pink')}", "pink|cyan"),
         (f"--size .1,.1,.1 --faces {FACES.replace('cyan', 'red')}", "red|twice"),
         ("--size .1,.1,.1 --faces +x=red", "+x|-z"),

@@ -202,6 +202,14 @@ def test_a_recorded_pose_is_one_of_length_1_or_none_or_an_error(tmp_path, row, m
     np.testing.assert_allclose(poses[2].orientation, POSE[3:7], atol=1e-12)
 
 
+def test_a_damaged_number_of_records_is_not_believed(tmp_path):
+    data = bytearray(native_bytes(make_content(3)))
+    struct.pack_into("<Q", data, 4, 2**63 + 3)
+    (tmp_path / "log").write_bytes(data)
+    with tracker.open_log(tmp_path / "log", recover=True) as log:
+        assert (len(log), log.missing) == (3, 10_000_000 - 3)
+
+
 @pytest.mark.parametrize("cut", [1, 9, 700, 5000])
 def test_a_truncated_log_gives_the_frames_before(tmp_path, cut):
     data = native_bytes(make_content(5), poses=2)

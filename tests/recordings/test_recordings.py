@@ -22,7 +22,7 @@ from tracker.calibration.files.platform import Calibrated, write_calibrated
 from tracker.errors import LogError, TrackerError
 from tracker.logs import open_log
 from tracker.logs.folder import write_folder
-from tracker.logs.frame import LogFrame
+from tracker.logs.frame import LogFrame, with_stamps
 from tracker.logs.hdf5_writer import write_hdf5
 from tracker.logs.opening import recording_files
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
@@ -63,17 +63,23 @@ class Frames(list):
 
 
 def test_each_image_has_its_own_stamp_and_a_frame_that_of_its_newest(tmp_path):
-    # The frames' own stamps are 60 ms late. Images are missing: of all cameras, then of the one that leads.
+    # The frames' own stamps are 60 ms late. Images are missing: of all cameras, then of the one that leads;
+    # then two clocks differ by seconds.
     nan, given = np.nan, []
-    stamps = [[0.0, 0.01, 0.02], [nan] * 3, [0.2, 0.21, 0.22], [0.3, 0.31, 0.45], [0.4, 0.41, nan]]
-    frames = Frames(
-        LogFrame(k, 0.1 * k + 0.08, np.array(row), tuple(None if np.isnan(t) else 0 for t in row), None, None)
-        for k, row in enumerate(stamps)
+    stamps = [
+        [nan] * 3, [0.0, 0.01, 0.02], [nan] * 3, [0.2, 0.21, 0.22], [0.3, 0.31, 0.45], [0.4, 0.41, nan],
+        [3.6, 0.6, 0.6],
+    ]  # fmt: skip
+    frames = (
+        LogFrame(k, time, np.array(row), tuple(None if np.isnan(t) else 0 for t in row), None, None)
+        for k, (time, row) in enumerate(zip([nan, *np.arange(0.08, 0.6, 0.1)], stamps, strict=True))
     )
+    frames = Frames(with_stamps(frames))
     finder = SimpleNamespace(update=lambda images, timestamp: given.append(timestamp))
     found = [frame.timestamp for frame, _ in answers(tmp_path, frames, finder)]
-    np.testing.assert_allclose(found, [0.02, 0.12, 0.22, 0.45, 0.45])
-    for found, row in zip(given, [stamps[0], 0.12, *stamps[2:4], 0.45], strict=True):
+    np.testing.assert_allclose(found, [0.019, 0.02, 0.12, 0.22, 0.45, 0.45, 0.58])
+    assert (np.diff(found) > 0).all()
+    for found, row in zip(given, [0.019, stamps[1], 0.12, *stamps[3:5], 0.45, 0.58], strict=True):
         np.testing.assert_allclose(found, row)
 
 

@@ -1,4 +1,5 @@
 import copy
+import dataclasses
 import itertools
 
 import numpy as np
@@ -54,6 +55,27 @@ def test_a_recording_is_tracked_with_the_stamps_of_its_images(rig, tmp_path):
     np.testing.assert_allclose(poses.timestamp, STEP * np.arange(FRAMES), atol=1e-9)
     truth = np.array([pose_at(STEP * k)[0] for k in range(FRAMES)])
     assert np.median(np.linalg.norm(poses.measured.position - truth, axis=1)) < 5e-4
+
+
+def test_a_wrong_calibration_is_doubted_although_cameras_are_read_one_after_another(rig):
+    turn = so3.transform(so3.exp([0.0, 0.02, 0.0]), np.zeros(3))
+    moved = dataclasses.replace(rig[1], camera_from_world=turn @ rig[1].camera_from_world)
+    wrong = dataclasses.replace(rig, cameras=(rig[0], moved, rig[2]))
+    images = [image_of(rig, c, pose_at(0.0), 3) for c in range(3)]
+    for stamps in (0.0, [0.0, 0.001, 0.002], [0.0, 0.005, 0.01]):
+        pose = new(wrong).update(images, stamps).object_pose
+        assert pose is None or pose.confidence < 0.5
+
+
+def test_a_frozen_camera_counts_as_missing_however_old_its_image_is(rig, passing):
+    one, other = new(rig), new(rig)
+    for k, images in enumerate(passing):
+        now = STEP * k
+        frozen = [*images[:2], passing[min(k, 4)][2]], [now - 0.01, now, STEP * min(k, 4)]
+        missing = [*images[:2], images[2] if k < 5 else None], [now - 0.01, now, now]
+        found = [tracker.update(*given).object_pose for tracker, given in ((one, frozen), (other, missing))]
+        np.testing.assert_allclose(found[0].position, found[1].position, atol=1e-9)
+        np.testing.assert_allclose(found[0].covariance, found[1].covariance, rtol=1e-6, atol=1e-15)
 
 
 @pytest.fixture(scope="module")

@@ -107,15 +107,18 @@ class Filmed:
         for recording in () if paths else self.inputs:
             with suppress(OSError):  # opening it reports what cannot be read
                 paths += calibration_files(Path(recording))
-        found, places = {}, {camera.name: camera.camera_from_world for camera in rig}
+        found, cameras = {}, {camera.name: camera for camera in rig}
         for path in paths:
             with suppress(TrackerError):
                 one = platform.read_calibrated(path)
-                # Files of other cameras may lie in the folder above.
-                place = places.get(one.camera.name)
-                if place is not None and np.array_equal(one.camera.camera_from_world, place):
+                # Files of other cameras, or of other parts of the images, may lie beside them.
+                camera = cameras.get(one.camera.name)
+                if camera is None or (one.camera.camera_from_world != camera.camera_from_world).any():
+                    continue
+                its = one.resized(camera.width, camera.height).camera
+                if np.allclose(its.matrix, camera.matrix, atol=0.5):
                     found[path] = one
-                    del places[one.camera.name]
+                    del cameras[one.camera.name]
         return found
 
     def save(self, moved: tracker.CameraRig, rig: tracker.CameraRig, folder: Path) -> None:

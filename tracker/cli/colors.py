@@ -150,10 +150,12 @@ def described(
     """Return the object given by --size and --faces; its name and colours are those of the output."""
     import numpy as np
 
-    from tracker.objects.model import face_labels_of
+    from tracker.objects.model import face_labels_of, object_names
 
     if size is None or faces is None:
         raise click.UsageError("expected --size and --faces, or --object")
+    if output.stem in object_names():
+        raise click.UsageError(f"-o {output}: that is an object in the package, expected another name")
     colors: dict[str, str] = {}
     for part in faces.split(","):
         face, _, color = part.strip().partition("=")

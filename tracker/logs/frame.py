@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +25,12 @@ MAX_GAP = 3600.0
 EARLIEST = -MAX_GAP
 """Smallest valid timestamp [s]: a simulated clock may start below zero, but a time since the epoch with a
 damaged sign is far below."""
+
+UNKNOWN: FloatArray = np.empty(0)
+"""Stamps that follow from the images' timestamps."""
+
+CLOCKS = 1.0
+"""Cameras whose timestamps differ by more [s] have different clocks."""
 
 _APART = 1e-3  # [s] between frames without a timestamp at the beginning of a recording
 _ZERO_NORM = 1e-6  # shorter quaternions were never set: their memory held about zero
@@ -65,6 +72,8 @@ class LogFrame:
         recorded_filtered_pose: the same after its filter, or None.
         raw: (H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns; None if the recording
             has colour images.
+        stamps: (C,) timestamps for `ObjectTracker.update` [s]: the images', or the frame's for a missing one,
+            or for all if the cameras' clocks differ. As you iterate over a recording, they never go back.
     """
 
     index: int
@@ -74,11 +83,15 @@ class LogFrame:
     recorded_pose: RecordedPose | None
     recorded_filtered_pose: RecordedPose | None
     raw: tuple[Image, ...] | None = field(default=None, repr=False)
+    stamps: FloatArray = field(default_factory=lambda: UNKNOWN, repr=False)
 
-    @property
-    def stamps(self) -> FloatArray:
-        """(C,) timestamps for `ObjectTracker.update` [s]: the images', and the frame's for a missing one."""
-        return np.where(np.isnan(self.camera_timestamps), self.timestamp, self.camera_timestamps)
+    def __post_init__(self) -> None:
+        if self.stamps is UNKNOWN:
+            given = np.asarray(self.camera_timestamps)
+            known = ~np.isnan(given)
+            if known.any() and np.ptp(given[known]) > CLOCKS:
+                known[:] = False
+            freeze(self, "stamps", np.where(known, given, self.timestamp))
 
     @property
     def newest(self) -> float:
@@ -86,8 +99,8 @@ class LogFrame:
 
         The platform's recorder stamps a frame when its own tracker is done, up to 0.1 s after its images.
         """
-        given = self.camera_timestamps
-        return self.timestamp if np.isnan(given).all() else float(np.nanmax(given))
+        shown = [stamp for stamp, image in zip(self.stamps, self.images, strict=True) if image is not None]
+        return float(max(shown, default=self.stamps.max()))
 
 
 def recorded_frame(
@@ -187,7 +200,29 @@ class StampOrder:
         return self._last[1:] if self._last.ndim else self._last
 
 
-def with_stamps(frames: Iterable[LogFrame]) -> Iterator[LogFrame]:
+def with_stamps(frames: Iterable[LogFrame], starts: Container[int] = ()) -> Iterator[LogFrame]:
+    """Yield the frames, with interpolated timestamps for those that have none, and with stamps in order.
+
+    starts: numbers of the frames that start an episode, where timestamps may go back.
+    """
+    last, behind = -math.inf, 0.0
+    for frame in _interpolated(frames):
+        last = -math.inf if frame.index in starts else last
+        shown = any(image is not None for image in frame.images)
+        moment = frame.newest
+        if shown:
+            behind = frame.timestamp - moment
+        else:
+            moment -= behind
+        if not shown or moment < last:
+            # If a camera that leads by more than a period misses an image, the newest is older than the last.
+            moment = max(moment, math.nextafter(last, math.inf) if shown else last)
+            frame = dataclasses.replace(frame, stamps=np.full(len(frame.images), moment))
+        last = moment
+        yield frame
+
+
+def _interpolated(frames: Iterable[LogFrame]) -> Iterator[LogFrame]:
     """Yield the frames, with interpolated timestamps for those that have none."""
     waiting: list[LogFrame] = []
     last: float | None = None
@@ -196,7 +231,9 @@ def with_stamps(frames: Iterable[LogFrame]) -> Iterator[LogFrame]:
         if np.isnan(frame.timestamp):
             waiting.append(frame)
             continue
-        yield from _between(waiting, last, frame.timestamp, usual)
+        # The first images may be older than their frame says.
+        after = min(frame.timestamp, frame.newest) if last is None else frame.timestamp
+        yield from _between(waiting, last, after, usual)
         if last is not None and not waiting and frame.timestamp > last:
             usual = frame.timestamp - last
         waiting, last = [], frame.timestamp
@@ -212,4 +249,4 @@ def _between(
         before = 0.0 if after is None else after - count * usual
     step = usual if after is None else (after - before) / count
     for number, frame in enumerate(frames, start=1):
-        yield dataclasses.replace(frame, timestamp=before + number * step)
+        yield dataclasses.replace(frame, timestamp=before + number * step, stamps=UNKNOWN)

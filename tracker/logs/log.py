@@ -169,7 +169,7 @@ class Log:
         return self._source.missing
 
     def __iter__(self) -> Iterator[LogFrame]:
-        return with_stamps(self._frames())
+        return with_stamps(self._frames(), frozenset(self._source.episode_starts))
 
     def _frames(self) -> Iterator[LogFrame]:
         order, starts = StampOrder(gaps=self._source.gaps), frozenset(self._source.episode_starts)

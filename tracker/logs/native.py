@@ -30,6 +30,7 @@ from tracker.logs.pictures import from_bayer
 _CAMERAS = 3
 _EMPTY = (b"", struct.pack("<IQ", 1, 0), struct.pack("<Q", 0))
 _GZIP_MAGIC = b"\x1f\x8b"
+_MOST_RECORDS = 10_000_000  # a larger stated number is damaged
 _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 
 _HEADER = struct.Struct("<iiiB")  # of a camera: rows, columns, type, continuous
@@ -85,7 +86,7 @@ class NativeSource(Source):
                 f"{fitting} records of {size} bytes and {left} bytes, expected {stated} records"
             )
         self.count = min(stated, fitting)
-        self.missing = stated - self.count
+        self.missing = max(min(stated, _MOST_RECORDS) - self.count, 0)
         self._end = self._start + self.count * size
 
     def read(self, index: int) -> LogFrame:

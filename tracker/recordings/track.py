@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
-import math
 import os
 import time
 from bisect import bisect_right
@@ -336,21 +335,15 @@ def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Obse
 
     The frame's timestamp is that of its newest image. The tracker is reset at the start of each episode.
     """
-    episode, last, behind = -1, -math.inf, 0.0
+    episode = -1
     for frame in log:
         before, episode = episode, bisect_right(log.episode_starts, frame.index)
         if before not in (-1, episode):
             tracker.reset()
-            last = -math.inf
-        shown = any(image is not None for image in frame.images)
-        behind = frame.timestamp - frame.newest if shown else behind
-        moment = frame.newest if shown else frame.timestamp - behind
-        # Without the image of a camera that leads by more than a period, the newest is older than the last.
-        skewed = shown and moment >= last and (frame.stamps != moment).any()
-        last = max(moment, last)
+        given = frame.newest if (frame.stamps == frame.newest).all() else frame.stamps
         with naming(f"{path}: frame {frame.index}", LogError, TrackerError):
-            answer = tracker.update(frame.images, frame.stamps if skewed else last)
-        yield dataclasses.replace(frame, timestamp=last), answer
+            answer = tracker.update(frame.images, given)
+        yield dataclasses.replace(frame, timestamp=frame.newest), answer
 
 
 def unicode_text(text: str) -> str:

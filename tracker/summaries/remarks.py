@@ -108,9 +108,9 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
     if lit and not any(np.ptp(image, axis=2).any() for image in lit):
         return GREY
     remark, own = swapped(tracker, images, answer), answer.object_pose
-    if remark is not None or own is None or own.confidence < TRUSTED:
-        return remark or mistaken(tracker, images)
-    return DOUBTFUL if CameraUse.CONTRADICTING in answer.cameras else None
+    sure = own is not None and own.confidence >= TRUSTED
+    moved = DOUBTFUL if sure and CameraUse.CONTRADICTING in answer.cameras else None
+    return remark or moved or mistaken(tracker, images)
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:

@@ -123,6 +123,8 @@ def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
         if number < len(log):
             frame = log.frame(number)
             # A frame of a folder has the mean of its images' timestamps.
+            if all(image is None for image in frame.images):
+                continue  # its poses have a time between its neighbours'
             stamps = np.array([frame.timestamp, *frame.camera_timestamps])
         stamps = stamps[~np.isnan(stamps)]
         if len(stamps) and not stamps.min() - SAME <= poses.timestamp[row] <= stamps.max() + SAME:

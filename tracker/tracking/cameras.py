@@ -51,6 +51,11 @@ RESTS = 0.9
 the velocity is not known yet, they show the motion instead."""
 
 
+READ = 0.012
+"""Cameras that are read within this time [s], as the platform's are, are checked as if they were read at the
+same time: an object hardly moves meanwhile."""
+
+
 class CameraMemory(NamedTuple):
     """The state of one camera between frames."""
 
@@ -138,7 +143,7 @@ class Agreement(NamedTuple):
     def after(self, fit: Fit, expected: MotionState | None, *, lagging: bool = False) -> Agreement:
         """Return the estimate after a fit, given the predicted state; moving objects do not count.
 
-        lagging: whether the images were taken one after another.
+        lagging: whether the images were taken one after another, more than READ apart.
         """
         if fit.disagreement is None:
             return self._replace(age=self.age + 1)

@@ -9,6 +9,8 @@ import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TrackerError
 from tracker.pose.agreement import spread
@@ -20,7 +22,7 @@ from tracker.pose.result import Observation, Status
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.views import Hidden
 from tracker.tracking.belief import Belief, TrackingOptions, measured
-from tracker.tracking.cameras import EVERY, Agreement, CameraMemory, after, looked_at, usable
+from tracker.tracking.cameras import EVERY, READ, Agreement, CameraMemory, after, looked_at, usable
 from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
@@ -112,6 +114,7 @@ class Follower:
         belief, expected = memory.belief.advance(timestamp)
         cameras, given, uses = usable(memory.cameras, images)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
+        delays = np.where([image is not None for image in given], delays, 0.0)
         if any(delays.tolist()):
             velocity, covariance = unknown_velocity()
             if expected is not None and belief.motion is not None:
@@ -125,7 +128,7 @@ class Follower:
         if isinstance(outcome, Status):
             reason = outcome
         else:
-            agreement = memory.agreement.after(outcome, expected, lagging=lag is not None)
+            agreement = memory.agreement.after(outcome, expected, lagging=float(delays.max()) > READ)
             wide = spread(agreement.size, supporters(outcome)) if self._estimator.stated else 0.0
             belief, status = belief.see(outcome, expected, agreement.fitting, wide)
             uses = after(uses, outcome)
