@@ -52,6 +52,12 @@ def test_the_import_alone_is_quick_and_packages_are_there_by_their_names():
     assert printed.splitlines() == ["set()", version(), "1.0 tracker.viz False", "25 4 Frontend"]
 
 
+@pytest.mark.parametrize("before", ["tracker.load_object('cube_v2')", "tracker.Arena()", "tracker.Camera"])
+def test_rotations_are_there_by_name_whatever_ran_before(before):
+    code = f"import tracker; {before}; print(tracker.geometry.so3.exp([0, 0, 0])[0, 0])"
+    assert run_python(["-c", code], check=True).stdout == "1.0\n"
+
+
 def test_every_public_name_is_the_one_that_type_checkers_see():
     homes, packages = {}, []
     for node in ast.walk(ast.parse(Path(tracker.__file__).read_text(encoding="utf-8"))):
