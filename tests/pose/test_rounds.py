@@ -1,8 +1,12 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 import tracker
+from tests.helpers.kept_stills import bare
 from tests.helpers.pushed_cube import MODEL, pose_at, shot
+from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.pose.estimate import REFINED, PoseEstimator
 from tracker.pose.hypotheses import EVERYWHERE, LIKELIEST, NEARBY, TURNS, Search
@@ -79,3 +83,14 @@ def test_few_poses_are_refined_whatever_the_pictures_show(estimator, images, rig
     monkeypatch.setattr(PoseEstimator, "_fitted", noted)
     estimator.candidates(estimator.reader(shown))
     assert sum(one is not FIRST for one in schedules) <= REFINED
+
+
+def test_a_plate_turned_about_the_face_that_all_cameras_see_competes(rig):
+    """Its sides are so narrow that their colours hardly count beside those of the face."""
+    plate = dataclasses.replace(MODEL, size=np.array([0.14, 0.14, 0.005]), rim=0.0, rim_std=1e-4)
+    finder = tracker.ObjectTracker(plate, rig)
+    still = bare(plate, rig.cameras, 3)  # lies flat
+    fit = finder.fit(still.images)
+    others = finder._estimator._alike(finder._estimator.reader(still.images), fit, None)
+    assert others
+    assert all(so3.angle_between(one.rotation, fit.rotation) > 1.0 for one in others)

@@ -241,12 +241,11 @@ class PoseEstimator:
         return other if better else fit
 
     def _alike(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
-        """Return fits of other poses that look like a fit: shifted or, to a single camera, turned."""
+        """Return fits of other poses that look like a fit: shifted, or turned about the face in view."""
         rotation, position, half = fit.rotation, fit.position, self.box.half
         poses = [(rotation, other) for other in shifted_along(fit, self.box)]
-        if alone(fit):
-            camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
-            poses += [(other, position) for other in turned_about_face(rotation, position, half, camera)]
+        camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
+        poses += [(other, position) for other in turned_about_face(rotation, position, half, camera)]
         if not poses:
             return []
         least = ALIKE * explanation_score(self.search.counted(sight, rotation, position))
