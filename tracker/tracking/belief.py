@@ -205,7 +205,8 @@ class Belief(NamedTuple):
             return None
         if self._unseen:
             motion = self.basis.unseen(passed)
-            fused, near = motion.state, self._near(motion)
+            fused = motion.state
+            near = self._near(motion, fused)
         else:
             motion = self.basis.forecast(passed)
             fused, near = motion.likeliest(), None
@@ -227,15 +228,17 @@ class Belief(NamedTuple):
         """Return the fused estimate; None while the object is lost. Arguments: as for `forecast`."""
         if self.seen is None or self.motion is None or self.basis is None or self.timestamp is None:
             return None
-        state, near = self.motion.state, None
         if self._unseen:
             motion = self.basis.unseen(self.timestamp - self.seen)
-            state, near = self._raised(motion.state, box, ground), self._near(motion)
+            fused = motion.state
+            state, near = self._raised(fused, box, ground), self._near(motion, fused)
+        else:
+            state, near = self.motion.state, None
         return MotionEstimate(**self._told(state, near), size=2 * box.half)
 
-    def _near(self, motion: MotionFilter) -> float:
+    def _near(self, motion: MotionFilter, fused: MotionState) -> float:
         """Nearness of an unseen object: it probably rests where it was, but may have moved far."""
-        return sum(weight * nearness(spread, self.single) for weight, spread in motion.parts(motion.state))
+        return sum(weight * nearness(spread, self.single) for weight, spread in motion.parts(fused))
 
     def _raised(self, state: MotionState, box: Box, ground: float) -> MotionState:
         """Return a state that is not below the ground [m], or where the object was last seen."""

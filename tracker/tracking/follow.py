@@ -114,7 +114,9 @@ class Follower:
         belief, expected = memory.belief.advance(timestamp)
         cameras, given, uses = usable(memory.cameras, images)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
-        delays = np.where([image is not None for image in given], delays, 0.0)
+        missing = [image is None for image in given]
+        if any(missing):  # what is not used makes nothing uncertain, however old it is
+            delays = np.where(missing, 0.0, delays)
         if any(delays.tolist()):
             velocity, covariance = unknown_velocity()
             if expected is not None and belief.motion is not None:
