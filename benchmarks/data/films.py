@@ -55,8 +55,13 @@ JUMP = 0.1
 class FilmFrame(Moment):
     """A moment of a film."""
 
-    timestamp: float
-    """[s]"""
+    stamps: FloatArray
+    """(cameras,) timestamp of each image [s]."""
+
+    @property
+    def timestamp(self) -> float:
+        """That of the newest image, for which the pose is given [s]."""
+        return float(self.stamps.max())
 
 
 def vanishing_frames(length: int) -> list[int]:
@@ -118,7 +123,7 @@ def _maker(object_name: str, style: Style, seed: int, length: int) -> Maker[Film
         whole, emptied = ({first + frame for empty, frame in places if empty == part} for part in (0, 1))
         for frame in maker(style.kinds[film % len(style.kinds)]).chunk(film, whole, emptied):
             number = first + frame.index + length * (not frame.objects)
-            yield number, FilmFrame(**vars(moment_of(frame)), timestamp=frame.timestamp)
+            yield number, FilmFrame(**vars(moment_of(frame)), stamps=frame.stamps)
 
     return make
 
@@ -139,4 +144,4 @@ def vanishing_film(store: FilmStore, film: int, start: int, positions: FloatArra
     shift = None
     for frame in store.frames(film, range(first, min(first + AROUND, store.length))):
         shift = stamp + 1.0 / RATE - frame.timestamp if shift is None else shift
-        yield dataclasses.replace(frame, timestamp=frame.timestamp + shift)
+        yield dataclasses.replace(frame, stamps=frame.stamps + shift)

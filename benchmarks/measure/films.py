@@ -126,7 +126,8 @@ def _played(
     played = []
     for frame in film:
         images = [image if camera in (None, k) else None for k, image in enumerate(frame.images)]
-        played.append(in_turn(functools.partial(own.update, images, frame.timestamp), images))
+        stamps = frame.stamps if camera is None else frame.timestamp
+        played.append(in_turn(functools.partial(own.update, images, stamps), images))
     return played
 
 

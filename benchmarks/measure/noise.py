@@ -127,7 +127,7 @@ def played(own: tracker.ObjectTracker, frames: Iterable[FilmFrame]) -> tuple[Flo
         assert frame.position is not None
         assert frame.rotation is not None
         start = time.process_time()
-        pose = own.update(frame.images, frame.timestamp).object_pose
+        pose = own.update(frame.images, frame.stamps).object_pose
         spent.append(time.process_time() - start)
         error = np.full(7, np.nan)
         if pose is not None:

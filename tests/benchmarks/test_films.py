@@ -17,7 +17,7 @@ from tests.helpers.synthetic_needs import skip_without_platform
 def frame_of(number, position=(0.0, 0.0, 0.0), rotation=None) -> FilmFrame:
     image = np.full((4, 4, 3), number, np.uint8)
     turn = np.eye(3) if rotation is None else rotation
-    return FilmFrame((image,) * 3, np.ones(3), np.array(position), turn, timestamp=number / 10)
+    return FilmFrame((image,) * 3, np.ones(3), np.array(position), turn, stamps=np.full(3, number / 10))
 
 
 def test_a_frame_survives_the_disk(rng):

@@ -51,7 +51,7 @@ def test_rates_of_misses_are_found_again():
 def test_covers_hide_the_share_that_they_say(rng):
     image = np.full((270, 270, 3), 255, np.uint8)
     pose = np.array([0.0, 0.0, 0.0325]), np.eye(3)
-    one = FilmFrame((image,) * 3, np.ones(3), *pose, timestamp=0.0)
+    one = FilmFrame((image,) * 3, np.ones(3), *pose, stamps=np.zeros(3))
     frames = covered([one] * 40, rig(), np.full(3, 0.065), rng)
     shares = np.array([1.0 - frame.visible_fraction for frame in frames])
     painted = np.array([[(i < 255).any() for i in frame.images] for frame in frames])
