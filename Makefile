@@ -6,7 +6,8 @@ CODE := tracker synthetic benchmarks examples scripts tests
 PROSE := README.md CHANGELOG.md CONTRIBUTING.md docs $(CODE)
 REAL ?= ../shared/real
 SCENES ?= 200
-WORKERS ?= $(shell nproc 2>/dev/null || echo 1)
+# One more than there are processors: tests wait a quarter of their time, for processes and sleeping sources.
+WORKERS ?= $(shell echo $$(($$(nproc 2>/dev/null || echo 1) + 1)))
 LOWEST := build/lowest
 OLDEST_PYTHON ?= python3.10
 
