@@ -4,6 +4,7 @@ import zipfile
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.helpers import exposed
 from tests.helpers.stated_sizes import KINDS, encoded, of_size
@@ -259,7 +260,10 @@ def test_an_image_of_any_format_is_read_whole_or_named(kind, tmp_path, rng):
     plain = read_image(path)
     assert plain.shape == image.shape
     if kind == "jpg":
-        path.write_bytes(whole + bytes(5000))  # as telephones append a film
+        tag = Image.Exif()
+        tag[0x112] = 3  # upside down, which fixed cameras are not
+        app1 = b"\xff\xe1" + (len(tag.tobytes()) + 2).to_bytes(2, "big") + tag.tobytes()
+        path.write_bytes(whole[:2] + app1 + whole[2:] + bytes(5000))  # as telephones append a film
     np.testing.assert_array_equal(read_image(path), plain if kind == "jpg" else image)
     for share in (0.3, 0.7):
         path.write_bytes(whole[: int(share * len(whole))])

@@ -53,7 +53,8 @@ def read_image(path: Path) -> Image:
         if width * height > MAX_PIXELS:
             raise LogError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
         check_whole(picture, content, appended=True)
-        image = decoded(content, cv2.IMREAD_COLOR)
+        # As in recordings: orientation tags do not apply to fixed cameras.
+        image = decoded(content, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise ImageError(f"image {path}: not an image that can be read, or truncated")
     return np.asarray(image, dtype=np.uint8)
