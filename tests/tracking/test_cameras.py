@@ -45,6 +45,15 @@ def test_watch_sees_change_in_buffers_that_are_used_again(rng):
         assert watch.given([frozen, buffers[1]]) == [False, True]
 
 
+def test_an_image_that_repeats_blocks_of_the_last_is_not_frozen(rng):
+    first = rng.integers(0, 256, (270, 40, 3)).astype(np.uint8)
+    for row in range(0, 262, 7):
+        image, watch = first.copy(), Watch(2)
+        image[row : row + 8, 30:38] = 255 - image[row : row + 8, 30:38]
+        watch.usable([first, noise(rng)])
+        assert watch.given([image, noise(rng)]) == [True, True]
+
+
 def test_watch_remembers_a_camera_beyond_images_it_did_not_give(rng):
     watch, frozen = Watch(2), noise(rng)
     watch.usable([frozen, noise(rng)])

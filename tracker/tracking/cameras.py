@@ -19,8 +19,9 @@ from tracker.tracking.motion import MotionState
 EVERY = 5
 """Number of frames between two measurements of a camera's light, and between two checks of agreement."""
 
-COMPARED_ROWS = 12
-"""Rows of pixels that are compared to detect whether an image has changed."""
+COMPARED = 8
+"""Step between the rows of pixels that are compared to detect whether an image has changed: decoders of films
+repeat blocks of 4 to 16 rows."""
 
 SPARSE = 311
 """Step between the bytes of these rows that are looked at first for a bright one; prime, to reach all colours
@@ -75,8 +76,7 @@ def usable(
     for c, image in enumerate(images):
         if image is None:
             continue
-        step = max(image.shape[0] // COMPARED_ROWS, 1)
-        rows = image[step // 2 :: step]
+        rows = image[len(image) % COMPARED // 2 :: COMPARED]
         sample, before = rows.tobytes(), memories[c].sample
         remembered[c] = CameraMemory(sample, memories[c].age)
         # Most images show a bright pixel at once.
