@@ -17,7 +17,7 @@ from tracker.cli.demo import DATA as DEMO
 from tracker.errors import LogError
 from tracker.geometry import so3
 from tracker.objects.model import load_object
-from tracker.pose.result import CameraUse, PoseEstimate
+from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.poses import Poses
 from tracker.recordings import Tracked, run
 from tracker.recordings.track import Job, Options, Recipe
@@ -205,6 +205,31 @@ def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
     one = tracker.ObjectTracker("cube_v2", tracker.CameraRig(cameras))
     for order in ((1, 2, 0), (1, 0, 2)):
         assert remarks.swapped(one, [images[k] for k in order]) is None
+
+
+@pytest.mark.parametrize(
+    ("confidences", "expected"),
+    [
+        ({"cube_v1, RGB": 0.8, "cube_v2": 0.97}, "the images show cube_v2 rather than cube_v1"),
+        ({"cube_v1, RGB": 0.99, "cube_v2": 0.97}, "cube_v1 is found if red and blue are swapped"),
+        ({"cube_v1, RGB": 0.5, "cube_v2": 0.5}, ""),
+    ],
+)
+def test_what_fits_better_is_named_of_another_object_and_swapped_channels(rig, confidences, expected):
+    class Scripted:
+        """A tracker of given confidences; BGR images are red."""
+
+        def __init__(self, name, rig):
+            self.model, self.rig = load_object(name), rig
+
+        def detect(self, images):
+            name = self.model.name + (", RGB" if images[0][0, 0, 0] else "")
+            pose = dataclasses.replace(resting(0.0), confidence=confidences.get(name, 0.1))
+            return Observation(pose, None, Status.FOUND, {}, None, (CameraUse.USED,))
+
+    red = np.zeros((9, 9, 3), np.uint8)
+    red[..., 2] = 255
+    assert (remarks.mistaken(Scripted("cube_v1", rig), [red]) or "").partition(":")[0] == expected
 
 
 RING = (

@@ -78,12 +78,14 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | No
     turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
     # Accept a contradicting camera, unlike `_confidence`: the object may be hidden from it.
     pose = tracker.detect(turned).object_pose
-    if pose is not None and pose.confidence >= UNSURE:
-        return f"{tracker.model.name} is found if red and blue are swapped: images must be BGR"
+    rgb = 0.0 if pose is None else pose.confidence
     others = [name for name in object_names() if name != tracker.model.name]
-    answers = {name: type(tracker)(name, tracker.rig).detect(images) for name in others}
-    fitting = [name for name, answer in answers.items() if _confidence(answer) >= SURE]
-    return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
+    answers = {name: _confidence(type(tracker)(name, tracker.rig).detect(images)) for name in others}
+    fitting = [name for name, confidence in answers.items() if confidence >= max(SURE, rgb)]
+    if fitting:
+        return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}"
+    name = tracker.model.name
+    return f"{name} is found if red and blue are swapped: images must be BGR" if rgb >= UNSURE else None
 
 
 def in_view(rig: CameraRig) -> bool:
