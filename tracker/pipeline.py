@@ -118,8 +118,9 @@ class ObjectTracker:
 
         Images arrive late: predict the pose for the time at which you act. `kinds` lists the possible motions
         (at rest, carried or pushed, thrown) with their poses and probabilities. Pose and covariance are those
-        of the mixture of the likely ones (95 %). Predictions never put the object inside the table. The
-        result is None if the object is lost, or unseen for more than `TrackingOptions.coast_seconds` by then.
+        of the mixture of the likely ones (95 %), of all while the object is unseen. Predictions never sink
+        deeper into the table than the last pose did. The result is None if the object is lost, or unseen for
+        more than `TrackingOptions.coast_seconds` by then.
 
         Args:
             timestamp: on the clock of `update`'s timestamps [s], not earlier than the last one.

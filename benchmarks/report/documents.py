@@ -101,8 +101,8 @@ def _counted(judged: Judged) -> list[str]:
         return []
     counts = {verdict: sum(row["verdict"] == verdict for row in judged) for verdict in VERDICTS}
     return [
-        f"Targets: {counts['met']} met, {counts['missed']} missed, {counts['undecided']} undecided. Their "
-        "95 % interval lies within the target, outside it, or on both sides."
+        f"Targets: {counts['met']} met, {counts['missed']} missed, {counts['undecided']} undecided: the "
+        "95 % interval is within the target, outside it, or on both sides."
     ]
 
 
@@ -166,7 +166,7 @@ def brief(published: Mapping[str, Any]) -> str:
         line("median error", "accuracy", "{median_mm:.2f} mm, {median_deg:.1f}°"),
         line("90th percentile", "accuracy", "{p90_mm:.2f} mm, {p90_deg:.1f}°"),
         line("within 5 mm and 5°", "accuracy", "{within_5:.1f} %"),
-        line("wrong but confident", "accuracy", "{wrong_and_sure:.1f} %"),
+        line("wrong and sure", "accuracy", "{wrong_and_sure:.1f} %"),
         line("inside the 95 % ellipsoid", "trust", "{inside_95:.0f} %"),
         line("`detect`, median", "detect", "{median_ms:.1f} ms"),
         line("`update`, median", "update", "{median_ms:.1f} ms", films=True),

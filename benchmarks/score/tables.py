@@ -119,8 +119,8 @@ TABLES: tuple[Table, ...] = (
         "accuracy",
         "Covariance and confidence",
         "NEES is dᵀ Σ⁻¹ d of the six errors d in the stated covariance Σ: if Σ is right, its median is "
-        "5.35 and 95 % lie inside the ellipsoid. Stated − right: mean confidence of the poses given against "
-        "the share of them within 5 mm and 5°. The Brier score is the mean square of this difference.",
+        "5.35 and 95 % lie inside the ellipsoid. Stated − right, without sign: mean confidence of the poses "
+        "given, share of them within 5 mm and 5°. Brier score: mean of (confidence − 1 if right, else − 0)².",
         TRUST,
         without=NOT_THE_OBJECT,
         heads=("object", "workload", ""),

@@ -30,20 +30,20 @@ class Status(Word):
     TOO_FEW_PIXELS = "too_few_pixels"
     """Face colours are in view, but too few pixels to determine a pose."""
     INCONSISTENT_VIEWS = "inconsistent_views"
-    """Face colours are in view, but no pose above the table explains them in all cameras. With a pose, over
-    time: the cameras keep contradicting each other, so do not trust the calibration."""
+    """Face colours are in view, but no pose above the table explains them in all cameras. With a
+    pose: the cameras contradict each other, so do not trust the calibration."""
     POOR_FIT = "poor_fit"
     """A pose explains the colours, but not the edges."""
     OTHER_OBJECT = "other_object"
     """Something with other colours or another shape is there: another object, or RGB instead of BGR."""
     AMBIGUOUS = "ambiguous"
-    """Two different poses explain the images about equally well."""
+    """Two different poses explain the images about equally well, or the pose is too uncertain."""
     TRACKING = "tracking"
     """Over time: the object was seen where it was expected."""
     REFOUND = "refound"
     """Over time: the object was found again, or in an unexpected place."""
     COASTING = "coasting"
-    """Over time: the object is not visible now; the filtered pose is a prediction."""
+    """Over time: the object is not seen, or not accepted yet; the filtered pose is a prediction."""
     LOST = "lost"
     """Over time: the object has not been seen for too long, or never."""
 
@@ -220,9 +220,9 @@ class Observation:
             memory, or if lost.
         status: why there is a pose, or why not.
         timing_ms: wall-clock time of each stage [ms].
-        reason: from `update`, if nothing was measured: why these images alone gave no pose. From `detect`,
-            with a pose: INCONSISTENT_VIEWS if the cameras contradict each other, which makes their
-            calibration doubtful.
+        reason: from `update`, without `object_pose`: why none was measured; AMBIGUOUS: or not accepted yet.
+            From `detect`, with a pose: INCONSISTENT_VIEWS if the cameras contradict each other, which makes
+            their calibration doubtful.
         cameras: how each camera's image was used, in the order of the rig.
     """
 
