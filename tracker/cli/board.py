@@ -257,14 +257,17 @@ def extrinsics(
     ),
     pattern: str | None = option("GLOB", "Which files of the folder to take, e.g. '*_full.yml'."),
     center: tuple[float, float] = option(
-        "X,Y", "The board's centre [m].  [0,0]", callback=numbers(2), default="0,0"
+        "X,Y", "The board's centre [m].", callback=numbers(2), default="0,0", show_default=True
     ),
-    height: float = option("Z", "Height of the board's print [m].  [0]", Range(-10, 10), default=0.0),
+    height: float = option(
+        "Z", "Height of the board's print [m].", Range(-10, 10), default=0.0, show_default=True
+    ),
     yaw: float = option(
         "DEG",
-        "Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
+        "Angle from the world's x axis to the board's rows, left to right [degrees].",
         Range(-360, 360),
         default=0.0,
+        show_default=True,
     ),
     output: Path = option("DIR", "For the calibration; new or empty.", OutFolder(new=True), required=True),
     smaller: Smaller,
