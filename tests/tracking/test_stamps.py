@@ -1,6 +1,7 @@
 import copy
 import dataclasses
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -382,11 +383,20 @@ def test_a_moment_that_is_past_or_none_is_not_predicted(rig, short):
             asked.predict(given)
 
 
+def test_a_thread_that_was_interrupted_between_two_calls_may_call_again():
+    gate = follow.Gate()
+    gate.__enter__()  # Ctrl-C comes before the block begins, or before its end is noted
+    with gate, ThreadPoolExecutor(1) as other, pytest.raises(TrackerError, match="another call"):
+        other.submit(gate.__enter__).result()
+    with ThreadPoolExecutor(1) as other:
+        other.submit(gate.__enter__).result()
+
+
 def test_a_thread_of_one_process_does_not_keep_a_fork_of_it_from_updating(monkeypatch):
     gate = follow.Gate()
-    with gate:
-        with pytest.raises(TrackerError, match="another call"), gate:
-            pass
+    with gate, ThreadPoolExecutor(1) as other:
+        with pytest.raises(TrackerError, match="another call"):
+            other.submit(gate.__enter__).result()
         with monkeypatch.context() as fork:
             fork.setattr(follow.os, "getpid", lambda: -1)
             with gate:

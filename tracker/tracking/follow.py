@@ -66,22 +66,20 @@ class Gate:
     """A context that only one thread may enter; a second one gets an error at once instead of waiting."""
 
     def __init__(self) -> None:
-        self._locks = dict[int, threading.Lock]()
-
-    @property
-    def _lock(self) -> threading.Lock:
-        # In a forked process, no thread would release the lock that one held.
-        return self._locks.setdefault(os.getpid(), threading.Lock())
+        # By process: in a forked one, no thread would take its entry out again.
+        self._inside = dict[int, int]()
 
     def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
+        # The same thread is let in again: Ctrl-C may have kept it from going out.
+        thread = threading.get_ident()
+        if self._inside.setdefault(os.getpid(), thread) != thread:
             raise TrackerError(
                 "update: found another call of update or reset in progress on this tracker, expected one at "
                 "a time: use one tracker for each recording (detect may be called from many threads)"
             )
 
     def __exit__(self, *_: object) -> None:
-        self._lock.release()
+        self._inside.pop(os.getpid(), None)
 
 
 class Follower:
