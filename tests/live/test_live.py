@@ -1,4 +1,6 @@
 import re
+import subprocess
+import sys
 import threading
 import time
 from types import SimpleNamespace
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_rig
+from tests.helpers import ROOT, make_rig
 from tests.helpers.filmed import RIG, shots
 from tests.helpers.log_writers import make_content, write_native
 from tracker.errors import LiveError
@@ -145,7 +147,7 @@ def test_of_sets_that_wait_only_the_newest_counts():
 )
 def test_stamps_that_jump_are_reported_and_those_that_go_back_start_again(stamps, jump, forgotten):
     live, mean, moments = received(*(shot(1, stamp) for stamp in stamps))
-    assert mean.resets == forgotten
+    assert mean.resets == 1 + forgotten  # the first for the first set
     assert [one.timestamp for one in moments] == list(stamps)
     assert [one.jump is None for one in moments] == [True, True, False, True]
     assert [one.jump_count for one in moments] == [0, 0, 1, 1]
@@ -167,6 +169,35 @@ def test_a_picture_that_cannot_be_used_is_reported_with_its_camera():
     taken = ImageSet((images(0)[0], None, images(0)[0]), (1.0,) * 3, (None, "the buffer failed", None))
     faults = camera_faults(("a", "b", "c"), taken, uses)
     assert faults == {"a": "frozen", "b": "the buffer failed"}
+
+
+def test_what_a_tracker_saw_before_is_forgotten_at_the_first_set():
+    mean = MeanTracker()
+    mean.update(images(1), (1000.0,))
+    with Live(Given(shot(2, 0.0)), mean) as live:
+        drain(live)
+    assert live.error is None
+    assert mean.seen == [(1, 1, 1), (2, 2, 2)]
+
+
+LEFT_OPEN = """
+from tests.live.test_live import Given, Live, MeanTracker, shot
+
+class Endless(Given):
+    def next(self, timeout):
+        return shot(1, 0.0)
+
+    def close(self):
+        print("closed")
+
+Live(Endless(), MeanTracker()).wait(after=-1)
+"""
+
+
+def test_what_is_left_open_is_closed_when_python_ends():
+    command = [sys.executable, "-c", LEFT_OPEN]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "closed\n", "")
 
 
 def test_an_episode_that_begins_is_no_fault():

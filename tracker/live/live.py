@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import threading
 import time
@@ -89,6 +90,8 @@ class Live:
         self._last: float | None = None  # timestamp of the last set [s], which came at `_begun`
         self._begun = 0.0
         self._thread = threading.Thread(target=self._run, name="tracker.live", daemon=True)
+        # Python would end the thread within a library at exit, which may hang or abort.
+        atexit.register(self.close)
         self._thread.start()
 
     def __enter__(self) -> Live:
@@ -183,7 +186,7 @@ class Live:
         if self._thread is threading.current_thread():
             return
         until = time.monotonic() + CLOSING
-        while self._running and (self._working or time.monotonic() < until):
+        while self._running and self._thread.is_alive() and (self._working or time.monotonic() < until):
             self._thread.join(PATIENCE)
         if self._running:
             self._note(f"the source does not return: not closed after {CLOSING:g} s")
@@ -210,6 +213,7 @@ class Live:
             self._end()
 
     def _end(self) -> None:
+        atexit.unregister(self.close)
         with self._changed:
             self._running = False
             self._changed.notify_all()
@@ -220,7 +224,7 @@ class Live:
         if taken.timestamp == self._last and not taken.fresh:
             return  # the same set again
         jump = self._jump(taken, start)
-        restarts = taken.fresh or (self._last is not None and taken.timestamp < self._last)
+        restarts = taken.fresh or self._last is None or taken.timestamp < self._last
         if restarts:
             self._tracker.reset()
         observation = self._tracker.update(taken.images, taken.stamps)
