@@ -89,9 +89,7 @@ def _checked(image: object, camera: Camera) -> Image:
             f"image of {camera.name}: {width}×{height} px, but its calibration is for "
             f"{camera.width}×{camera.height}; CameraRig.resized makes one for another size"
         )
-    # Numba would compile its functions once more for read-only arrays and for subclasses.
-    plain = type(checked) is np.ndarray and checked.flags.carray
-    return checked if plain else np.array(checked, order="C")
+    return checked
 
 
 def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | None:

@@ -17,6 +17,7 @@ from tracker.segmentation.light import (
     find_light,
 )
 from tracker.segmentation.sensor import LOUD, NO_MOSAIC, calmed, find_mosaic, noise_level
+from tracker.tasks.rearrange_dice.segment import read_levels, segment_dice
 
 SIZE = 135
 
@@ -246,3 +247,15 @@ def test_flat_noisy_and_tiny_images_are_none():
     noise = np.random.default_rng(0).integers(0, 256, (90, 90, 3), dtype=np.uint8)
     for image in (np.zeros((90, 90, 3), np.uint8), np.full((90, 90, 3), 130, np.uint8), noise, noise[:4, :4]):
         assert find_mosaic(np.ascontiguousarray(image)) == NO_MOSAIC
+
+
+def test_images_in_any_memory_give_the_same_labels_and_nothing_is_compiled_again():
+    image, colors = grey_scene(3).clip(0, 255).astype(np.uint8), tracker.load_colors("cube_v2")
+    expected = tracker.segment(image, colors), segment_dice(image)
+    known = len(look_up.signatures), len(read_levels.signatures)
+    read_only, wider = image.copy(), np.pad(image, ((0, 0), (0, 9), (0, 0)))
+    read_only.flags.writeable = False
+    for same in (read_only, np.asfortranarray(image), wider[:, :270], image.view(np.recarray)):
+        np.testing.assert_array_equal(tracker.segment(same, colors), expected[0])
+        np.testing.assert_array_equal(segment_dice(same), expected[1])
+    assert (len(look_up.signatures), len(read_levels.signatures)) == known

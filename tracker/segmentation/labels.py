@@ -67,7 +67,7 @@ def look_up(image, channels, table, gains, out):  # type: ignore[no-untyped-def]
 
 
 def check_image(image: object, who: str = "image") -> Image:
-    """Return the image if it is (H, W, 3) uint8; else raise ImageError."""
+    """Return the image, contiguous and writeable, if it is (H, W, 3) uint8; else raise ImageError."""
     if not isinstance(image, np.ndarray):
         raise ImageError(
             f"{who}: found {type(image).__name__}, expected a NumPy array (H, W, 3) of uint8, BGR"
@@ -79,7 +79,9 @@ def check_image(image: object, who: str = "image") -> Image:
         raise ImageError(f"{who}: found shape {image.shape}, expected (height, width, 3), BGR")
     if min(image.shape[:2]) < 16:
         raise ImageError(f"{who}: found {image.shape[1]}×{image.shape[0]} px, expected at least 16×16")
-    return image
+    # Numba would compile its functions once more for read-only arrays and for subclasses.
+    plain = type(image) is np.ndarray and image.flags.carray
+    return image if plain else np.array(image, order="C")
 
 
 def segment(image: Array, colors: ColorModel) -> Image:

@@ -125,12 +125,13 @@ def _images_of(rig: CameraRig, images: Sequence[Array | None]) -> Sequence[Array
     check_sequence(images, "images", TaskError)
     if len(images) != len(rig):
         raise ImageError(f"images: found {len(images)}, expected one of each of {', '.join(rig.names)}")
+    given = []
     for camera, image in zip(rig, images, strict=True):
-        size = (camera.height, camera.width)
-        if image is not None and check_image(image, f"image of {camera.name}").shape[:2] != size:
+        given.append(None if image is None else check_image(image, f"image of {camera.name}"))
+        if image is not None and image.shape[:2] != (camera.height, camera.width):
             found, valid = f"{image.shape[1]}×{image.shape[0]}", f"{camera.width}×{camera.height}"
             raise ImageError(f"image of {camera.name}: found {found} px, expected {valid} px")
-    return images
+    return given
 
 
 PROBABILITY = {True: (-4.21, 1.571), False: (-2.62, 1.140)}
