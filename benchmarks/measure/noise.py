@@ -31,7 +31,7 @@ from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
 from tracker.noise import NoiseModel
 
-FILMS, LENGTH, CALIBRATIONS = 12, 60, 24
+FILMS, LENGTH, CALIBRATIONS = 24, 60, 12
 """Number of films per object, frames per film, and calibrations per film."""
 
 REFINED = 0.16e-3, np.radians(0.02)
