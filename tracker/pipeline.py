@@ -110,7 +110,7 @@ class ObjectTracker:
         Raises:
             TrackerError: `update` is running in another thread.
         """
-        with self._gate:
+        with self._gate.lock():
             self._memory = Memory.empty(len(self.rig), self._memory.belief.options)
 
     def predict(self, timestamp: float) -> Forecast | None:
@@ -158,7 +158,7 @@ class ObjectTracker:
             TrackerError: wrong number of timestamps, one not in seconds, all earlier than the last ones, or
                 `update` or `reset` is running in another thread. A call that raises changes nothing.
         """
-        with self._gate:
+        with self._gate.lock():
             start, before = time.perf_counter(), self._memory
             checked, masks = check_images(images, self.rig, least=0), check_hidden(hidden, self.rig)
             seen = [image is not None for image in checked]

@@ -1,7 +1,7 @@
 import copy
 import dataclasses
 import itertools
-from concurrent.futures import ThreadPoolExecutor
+import signal
 
 import numpy as np
 import pytest
@@ -383,21 +383,36 @@ def test_a_moment_that_is_past_or_none_is_not_predicted(rig, short):
             asked.predict(given)
 
 
-def test_a_thread_that_was_interrupted_between_two_calls_may_call_again():
-    gate = follow.Gate()
-    gate.__enter__()  # Ctrl-C comes before the block begins, or before its end is noted
-    with gate, ThreadPoolExecutor(1) as other, pytest.raises(TrackerError, match="another call"):
-        other.submit(gate.__enter__).result()
-    with ThreadPoolExecutor(1) as other:
-        other.submit(gate.__enter__).result()
+def test_an_interrupted_call_leaves_no_lock():
+    gate, interrupted = follow.Gate(), 0
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGVTALRM, interrupt)
+    try:
+        for _ in range(20):
+            try:
+                signal.setitimer(signal.ITIMER_VIRTUAL, 1e-4)
+                while True:
+                    with gate.lock():
+                        pass
+            except KeyboardInterrupt:
+                interrupted += 1
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, before)
+    assert interrupted == 20
+    with gate.lock(), pytest.raises(TrackerError, match="another call"):
+        gate.lock()
 
 
 def test_a_thread_of_one_process_does_not_keep_a_fork_of_it_from_updating(monkeypatch):
     gate = follow.Gate()
-    with gate, ThreadPoolExecutor(1) as other:
+    with gate.lock():
         with pytest.raises(TrackerError, match="another call"):
-            other.submit(gate.__enter__).result()
+            gate.lock()
         with monkeypatch.context() as fork:
             fork.setattr(follow.os, "getpid", lambda: -1)
-            with gate:
+            with gate.lock():
                 pass

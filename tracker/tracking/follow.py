@@ -63,23 +63,25 @@ class Memory(NamedTuple):
 
 
 class Gate:
-    """A context that only one thread may enter; a second one gets an error at once instead of waiting."""
+    """Lets one thread in; a second one gets an error at once instead of waiting."""
 
     def __init__(self) -> None:
-        # By process: in a forked one, no thread would take its entry out again.
-        self._inside = dict[int, int]()
+        self._locks = dict[int, threading.Lock]()
 
-    def __enter__(self) -> None:
-        # The same thread is let in again: Ctrl-C may have kept it from going out.
-        thread = threading.get_ident()
-        if self._inside.setdefault(os.getpid(), thread) != thread:
+    def lock(self) -> threading.Lock:
+        """Return the lock to enter with, whose own with-statement Ctrl-C cannot leave locked.
+
+        Raises:
+            TrackerError: it is locked.
+        """
+        # In a forked process, no thread would release the lock that one held.
+        lock = self._locks.setdefault(os.getpid(), threading.Lock())
+        if lock.locked():
             raise TrackerError(
                 "update: found another call of update or reset in progress on this tracker, expected one at "
                 "a time: use one tracker for each recording (detect may be called from many threads)"
             )
-
-    def __exit__(self, *_: object) -> None:
-        self._inside.pop(os.getpid(), None)
+        return lock
 
 
 class Follower:
