@@ -1,8 +1,10 @@
+import gc
 import re
 import subprocess
 import sys
 import threading
 import time
+import weakref
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -177,20 +179,32 @@ def test_what_a_tracker_saw_before_is_forgotten_at_the_first_set():
     with Live(Given(shot(2, 0.0)), mean) as live:
         drain(live)
     assert live.error is None
+    closed = weakref.ref(live)
+    del live
+    gc.collect()
+    assert closed() is None  # nothing keeps it and its images until Python ends
     assert mean.seen == [(1, 1, 1), (2, 2, 2)]
 
 
 LEFT_OPEN = """
+import itertools
+import queue
+import tracker
 from tests.live.test_live import Given, Live, MeanTracker, shot
 
 class Endless(Given):
+    stamps = itertools.count()
+
     def next(self, timeout):
-        return shot(1, 0.0)
+        return shot(1, float(next(self.stamps)))
 
     def close(self):
         print("closed")
 
-Live(Endless(), MeanTracker()).wait(after=-1)
+tracker.live.live.CLOSING = 0.2
+taken = queue.Queue(1)
+live = Live(Endless(), MeanTracker(), listeners=[taken.put])  # which waits for others for ever
+taken.get()
 """
 
 

@@ -188,7 +188,7 @@ class Live:
         until = time.monotonic() + CLOSING
         while self._running and self._thread.is_alive() and (self._working or time.monotonic() < until):
             self._thread.join(PATIENCE)
-        if self._running:
+        if self._running and self._thread.is_alive():  # else in a fork, where nobody frees a lock
             self._note(f"the source does not return: not closed after {CLOSING:g} s")
             self._end()
 
@@ -249,6 +249,7 @@ class Live:
             self._moments.append((moment, self._tracker.forecast()))
             self._count += 1
             self._changed.notify_all()
+        self._working = False  # `close` waits for a listener no longer than for a source
         for listener in tuple(self._listeners):
             try:
                 listener(moment)
