@@ -1,4 +1,5 @@
 import dataclasses
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -17,13 +18,21 @@ from tests.helpers.synthetic_needs import skip_without_platform
 def frame_of(number, position=(0.0, 0.0, 0.0), rotation=None) -> FilmFrame:
     image = np.full((4, 4, 3), number, np.uint8)
     turn = np.eye(3) if rotation is None else rotation
-    return FilmFrame((image,) * 3, np.ones(3), np.array(position), turn, stamps=np.full(3, number / 10))
+    stamps = number / 10 - np.array([0.004, 0.0, 0.002])
+    return FilmFrame((image,) * 3, np.ones(3), np.array(position), turn, stamps=stamps)
 
 
 def test_a_frame_survives_the_disk(rng):
     frame = frame_of(3, rng.normal(size=3), random_rotations(rng, 1)[0])
     for one in (frame, dataclasses.replace(frame, position=None, rotation=None)):
         assert_survives(one)
+
+
+def test_update_is_given_the_stamp_of_each_image():
+    own, frame = Mock(), frame_of(3)
+    for camera, stamps in ((None, [0.296, 0.3, 0.298]), (1, 0.3)):
+        films._played(own, [frame], camera)
+        np.testing.assert_allclose(own.update.call_args.args[1], stamps)
 
 
 @pytest.mark.parametrize("length", [40, 600])
