@@ -151,7 +151,7 @@ def test_what_a_copy_sees_does_not_change_the_tracker(rig, short, reference, cop
 @copies
 def test_a_copy_made_during_an_update_is_free(rig, short, reference, copied):
     one = has_seen(rig, short[:1])
-    with one._gate:
+    with one._gate.lock():
         other = copied(one)
         found = bits(other.update(short[1], DT))
         assert found == bits(reference[1]) != bits(new(rig).update(short[1], DT))
