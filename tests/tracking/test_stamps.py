@@ -1,7 +1,6 @@
 import copy
 import dataclasses
 import itertools
-import signal
 
 import numpy as np
 import pytest
@@ -381,38 +380,3 @@ def test_a_moment_that_is_past_or_none_is_not_predicted(rig, short):
     for asked, given in (*itertools.product((one, unused), NO_MOMENTS), *past):
         with pytest.raises(TrackerError, match=r"^timestamp: found [^\n]*$"):
             asked.predict(given)
-
-
-def test_an_interrupted_call_leaves_no_lock():
-    gate, interrupted = follow.Gate(), 0
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGVTALRM, interrupt)
-    try:
-        for _ in range(20):
-            try:
-                signal.setitimer(signal.ITIMER_VIRTUAL, 1e-4)
-                while True:
-                    with gate.lock():
-                        pass
-            except KeyboardInterrupt:
-                interrupted += 1
-    finally:
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
-        signal.signal(signal.SIGVTALRM, before)
-    assert interrupted == 20
-    with gate.lock(), pytest.raises(TrackerError, match="another call"):
-        gate.lock()
-
-
-def test_a_thread_of_one_process_does_not_keep_a_fork_of_it_from_updating(monkeypatch):
-    gate = follow.Gate()
-    with gate.lock():
-        with pytest.raises(TrackerError, match="another call"):
-            gate.lock()
-        with monkeypatch.context() as fork:
-            fork.setattr(follow.os, "getpid", lambda: -1)
-            with gate.lock():
-                pass

@@ -1,6 +1,7 @@
 import contextlib
 import copy
 import pickle
+import signal
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -8,6 +9,7 @@ import pytest
 
 from tests.helpers.pushed_cube import DT, bits, has_seen, new, play, shot
 from tracker.errors import ImageError, TrackerError
+from tracker.tracking import follow
 
 THREADS = 4
 CALLS = 25
@@ -157,3 +159,38 @@ def test_a_copy_made_during_an_update_is_free(rig, short, reference, copied):
         assert found == bits(reference[1]) != bits(new(rig).update(short[1], DT))
         with pytest.raises(TrackerError, match="another call"):
             one.update(short[1], DT)
+
+
+def test_an_interrupted_call_leaves_no_lock():
+    gate, interrupted = follow.Gate(), 0
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGVTALRM, interrupt)
+    try:
+        for _ in range(20):
+            try:
+                signal.setitimer(signal.ITIMER_VIRTUAL, 1e-4)
+                while True:
+                    with gate.lock():
+                        pass
+            except KeyboardInterrupt:
+                interrupted += 1
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, before)
+    assert interrupted == 20
+    with gate.lock(), pytest.raises(TrackerError, match="another call"):
+        gate.lock()
+
+
+def test_a_thread_of_one_process_does_not_keep_a_fork_of_it_from_updating(monkeypatch):
+    gate = follow.Gate()
+    with gate.lock():
+        with pytest.raises(TrackerError, match="another call"):
+            gate.lock()
+        with monkeypatch.context() as fork:
+            fork.setattr(follow.os, "getpid", lambda: -1)
+            with gate.lock():
+                pass

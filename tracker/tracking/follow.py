@@ -63,7 +63,7 @@ class Memory(NamedTuple):
 
 
 class Gate:
-    """Lets one thread in; a second one gets an error at once instead of waiting."""
+    """Lets one thread in; others get an error, unless they come in the same instant, and wait."""
 
     def __init__(self) -> None:
         self._locks = dict[int, threading.Lock]()
