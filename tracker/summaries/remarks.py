@@ -78,13 +78,11 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | No
     turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
     # Accept a contradicting camera, unlike `_confidence`: the object may be hidden from it.
     pose = tracker.detect(turned).object_pose
-    rgb = 0.0 if pose is None else pose.confidence
-    others = [name for name in object_names() if name != tracker.model.name]
-    answers = {name: _confidence(type(tracker)(name, tracker.rig).detect(images)) for name in others}
-    fitting = [name for name, confidence in answers.items() if confidence >= max(SURE, rgb)]
+    rgb, name = 0.0 if pose is None else pose.confidence, tracker.model.name
+    others = {other: type(tracker)(other, tracker.rig) for other in object_names() if other != name}
+    fitting = [other for other, one in others.items() if _confidence(one.detect(images)) >= max(SURE, rgb)]
     if fitting:
-        return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}"
-    name = tracker.model.name
+        return f"the images show {' or '.join(fitting)} rather than {name}"
     return f"{name} is found if red and blue are swapped: images must be BGR" if rgb >= UNSURE else None
 
 
