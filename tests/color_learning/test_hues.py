@@ -63,7 +63,7 @@ def test_dense_tables_are_those_of_scipys_linear_interpolation(name):
 
 @pytest.mark.parametrize("use", [tracker.segment, segment_dice])
 def test_a_name_in_place_of_a_colour_model_is_reported(use):
-    with pytest.raises(ColorModelError, match=r"found str, expected a ColorModel, as tracker\.load_colors"):
+    with pytest.raises(ColorModelError, match=r"^colors: found .*, expected ColorModel, as tracker"):
         use(np.zeros((270, 270, 3), np.uint8), "cube_v2")
 
 

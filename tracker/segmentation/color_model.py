@@ -160,15 +160,6 @@ def _shipped(name: str) -> ColorModel:
     return _read(_DATA / f"{name}.npz", name)
 
 
-def check_colors(colors: object) -> ColorModel:
-    """Return the argument if it is a colour model; else raise ColorModelError."""
-    if not isinstance(colors, ColorModel):
-        raise ColorModelError(
-            f"colors: found {type(colors).__name__}, expected a ColorModel, as tracker.load_colors returns"
-        )
-    return colors
-
-
 def load_colors(name_or_path: str | Path) -> ColorModel:
     """Load a colour model by its name, or from a file that `tracker colors` wrote.
 

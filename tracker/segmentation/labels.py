@@ -5,11 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from tracker.checks import in_8_bits
+from tracker.checks import in_8_bits, of_kind
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
-from tracker.errors import ImageError
-from tracker.segmentation.color_model import ColorModel, check_colors
+from tracker.errors import ColorModelError, ImageError
+from tracker.segmentation.color_model import ColorModel
 from tracker.segmentation.light import AS_IT_IS, CLIPPED, Light, evened, find_light
 
 REFERENCE_SIZE = 270
@@ -26,7 +26,6 @@ GAP = 3.0
 
 MIN_EVIDENCE = 0.25
 """Smallest evidence of an object that is kept, as a share of the strongest object's."""
-
 
 MAY_BE_GREY = 1.2
 """Largest ratio between the channels of a clipped pixel that counts as grey."""
@@ -94,7 +93,8 @@ def segment(image: Array, colors: ColorModel) -> Image:
         ImageError: the image is not an (H, W, 3) uint8 array.
         ColorModelError: `colors` is not a colour model.
     """
-    image, light, labels = labels_by_color(check_image(image), check_colors(colors))
+    of_kind(colors, ColorModel, "colors", ColorModelError, "tracker.load_colors")
+    image, light, labels = labels_by_color(check_image(image), colors)
     margin = np.empty(image.shape[:2], np.uint8)
     look_up(image, colors.channel_tables(light.gains), colors.margin_table, light.gains, margin)
     return keep_strongest(labels, np.minimum(margin, 64))

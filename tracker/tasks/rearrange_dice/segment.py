@@ -11,9 +11,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from tracker.checks import of_kind
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
-from tracker.segmentation.color_model import ColorModel, check_colors, load_colors
+from tracker.errors import ColorModelError
+from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import FINE_IMAGE, REFERENCE_SIZE, check_image
 from tracker.segmentation.light import TARGET_GREY, evened, find_light
 from tracker.segmentation.sensor import calmed
@@ -104,7 +106,8 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
         ColorModelError: `colors` is not a colour model.
     """
     image = check_image(image)
-    colors = load_colors("dice") if colors is None else check_colors(colors)
+    colors = load_colors("dice") if colors is None else colors
+    of_kind(colors, ColorModel, "colors", ColorModelError, "tracker.load_colors")
     scale = min(image.shape[:2]) / REFERENCE_SIZE
     # Demosaicing leaves single wrong pixels at the finer resolution.
     image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if scale > FINE_IMAGE else calmed(image)
