@@ -97,6 +97,7 @@ def random_strips(rng, parts, narrow):
     if narrow:
         strips["reach_in"][::2] = rng.uniform(1.5, 3.5, len(strips[::2]))
         strips["reach_out"][::3] = rng.uniform(1.5, 3.5, len(strips[::3]))
+        strips["outside"][::3] = 2  # only a neighbouring face may be narrow
     for strip in strips:
         for g in range(parts):
             count = int(rng.integers(12, 48))

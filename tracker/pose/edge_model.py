@@ -94,10 +94,7 @@ def narrow_model(strip, distance, first, last, shift, slopes, reach, blur, space
             if slopes:
                 columns[SLOPE_IN, q] -= share * (d + half)
         if strip.reach_out < seen:
-            share = _STEPS[_table_index((d - strip.reach_out) * scale)]
-            columns[BEYOND, q] = share
-            if slopes:
-                columns[SLOPE_OUT, q] = share * (d - half)
+            columns[BEYOND, q] = _STEPS[_table_index((d - strip.reach_out) * scale)]
 
 
 @compiled(fastmath=SUMS)
