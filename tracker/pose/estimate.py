@@ -86,15 +86,10 @@ TURNED = math.radians(12)
 """A camera's own pose that is rotated by more than this is a different optimum [rad]."""
 
 
-def _certain_place(fit: Fit) -> bool:
-    """Whether the position is certain and at most the rotation is in doubt."""
-    return unanimous(fit) and trust(fit) > CLEAR
-
-
 def _wider(wide: Round, best: Fit | None) -> Round:
     """The next round after one whose best fit is in doubt."""
-    if best is not None and _certain_place(best):
-        return TURNS
+    if best is not None and unanimous(best) and trust(best) > CLEAR:
+        return TURNS  # the position is certain, at most the rotation is in doubt
     # A single camera never settles it.
     return EVERYWHERE if wide is NEARBY or (best is not None and alone(best)) else NEARBY
 

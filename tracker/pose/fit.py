@@ -158,11 +158,9 @@ class Fit:
     """(S,) log likelihoods of how far the calibration is off (`agreement.SCALES`); None: not judged."""
 
     def changed(self, **fields: Any) -> Fit:
-        """Return a copy with some fields replaced; the cached `counts` remain unless `cameras` change."""
+        """Return a copy with some fields other than `cameras` replaced; the cached `counts` remain."""
         other = object.__new__(Fit)
         other.__dict__.update(self.__dict__, **fields)
-        if "cameras" in fields:
-            other.__dict__.pop("counts", None)
         return other
 
     @functools.cached_property

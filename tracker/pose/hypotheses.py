@@ -105,12 +105,10 @@ class Search:
         left, top, right, bottom = window(self.lenses, c, position, self._radius, WINDOW_RIM)
         return left, top, right, bottom
 
-    def counted(
-        self, sight: Sight, rotation: FloatArray, position: FloatArray, lags: FloatArray | None = None
-    ) -> Array:
-        """Count what the label maps show of a pose (3, 3), (3,) [m]: (C,) of SEEN. lags: see Fit."""
-        seen, lags = np.zeros(len(self._still), SEEN), self._still if lags is None else lags
-        count_labels(self.lenses, sight.labels, sight.pictures, self.faces, rotation, position, lags, seen)
+    def counted(self, sight: Sight, rotation: FloatArray, position: FloatArray) -> Array:
+        """Count what the label maps show of a pose (3, 3), (3,) [m]: (C,) of SEEN."""
+        seen, still = np.zeros(len(self._still), SEEN), self._still
+        count_labels(self.lenses, sight.labels, sight.pictures, self.faces, rotation, position, still, seen)
         return seen
 
     def resized(self, sight: Sight, fit: Fit) -> float:

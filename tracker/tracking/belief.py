@@ -155,9 +155,8 @@ class Belief(NamedTuple):
             pending = Pending(self.timestamp, fit.position, fit.rotation)
             return self._replace(pending=pending), Status.COASTING
         motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
-        return self._believed(
-            fit, motion, fitting, spread
-        ), Status.FOUND if self.last_pose is None else Status.REFOUND
+        status = Status.FOUND if self.last_pose is None else Status.REFOUND
+        return self._believed(fit, motion, fitting, spread), status
 
     @property
     def _seconds_unseen(self) -> float:
