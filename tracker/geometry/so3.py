@@ -121,11 +121,8 @@ def exp_into(vector, out):  # type: ignore[no-untyped-def]
     angle = math.sqrt(x * x + y * y + z * z)
     a = 1.0 - angle * angle / 6.0 if angle < 1e-4 else math.sin(angle) / angle
     b = 0.5 - angle * angle / 24.0 if angle < 1e-4 else (1.0 - math.cos(angle)) / (angle * angle)
-    out[0, 0], out[1, 1], out[2, 2] = (
-        1.0 - b * (y * y + z * z),
-        1.0 - b * (x * x + z * z),
-        1.0 - b * (x * x + y * y),
-    )
+    out[0, 0], out[1, 1] = 1.0 - b * (y * y + z * z), 1.0 - b * (x * x + z * z)
+    out[2, 2] = 1.0 - b * (x * x + y * y)
     out[0, 1], out[1, 0] = b * x * y - a * z, b * x * y + a * z
     out[0, 2], out[2, 0] = b * x * z + a * y, b * x * z - a * y
     out[1, 2], out[2, 1] = b * y * z - a * x, b * y * z + a * x

@@ -93,14 +93,9 @@ def _count_camera(lenses, c, labels, box, rotation, position, one):  # type: ign
     project_corners(lenses, c, half, rotation, position, pixels)
     face_heights(lenses, c, half, rotation, position, heights)
     reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + BORDER
-    left, right = (
-        clamped(u0 - reach, lenses[c].width),
-        min(lenses[c].width - 1, clamped(u0 + reach, lenses[c].width) + 1),
-    )
-    top, bottom = (
-        clamped(v0 - reach, lenses[c].height),
-        min(lenses[c].height - 1, clamped(v0 + reach, lenses[c].height) + 1),
-    )
+    width, height = lenses[c].width, lenses[c].height
+    left, right = clamped(u0 - reach, width), min(width - 1, clamped(u0 + reach, width) + 1)
+    top, bottom = clamped(v0 - reach, height), min(height - 1, clamped(v0 + reach, height) + 1)
     colored, counts = 0, np.empty(8, np.int64)
     for j in range(top, bottom + 1):
         for label in labels[j, left : right + 1]:
@@ -242,16 +237,10 @@ def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, 
 
     Without reaches (S,), they stay where they are.
     """
-    strips, seen, lags = (
-        np.empty(MAX_STRIPS, STRIP),
-        np.zeros(len(pictures), SEEN),
-        np.zeros((len(pictures), 6)),
-    )
+    strips, seen = np.empty(MAX_STRIPS, STRIP), np.zeros(len(pictures), SEEN)
+    lags = np.zeros((len(pictures), 6))
     for h in range(len(scores)):
-        if len(reaches) > 0 and not align(
-            lenses, labels, pictures, box, rotations[h], positions[h], reaches, strips
-        ):
-            scores[h] = IMPOSSIBLE
-            continue
-        count_labels(lenses, labels, judges, box, rotations[h], positions[h], lags, seen)
-        scores[h] = explanation_score(seen)
+        scores[h], rotation, position = IMPOSSIBLE, rotations[h], positions[h]
+        if len(reaches) == 0 or align(lenses, labels, pictures, box, rotation, position, reaches, strips) > 0:
+            count_labels(lenses, labels, judges, box, rotation, position, lags, seen)
+            scores[h] = explanation_score(seen)

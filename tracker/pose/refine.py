@@ -76,8 +76,8 @@ FINE_MOSAIC = 1.5
 pixels that interpolation errors average out (recorded images of 540×540 fit no better with it)."""
 
 PRIOR = 3.0, 10.0
-"""Information of a prior of 0.6 radii of the object and 0.3 rad around the initial pose, which constrains
-unobserved directions; positions in units of the radius."""
+"""Information of a prior of 0.6 radii of the object and 0.3 rad around the pose before each step, which
+constrains unobserved directions; positions in units of the radius."""
 
 
 @compiled
@@ -89,10 +89,8 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
     radius2 = model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2
     for i in range(6):
         solution.prior[i, i] = PRIOR[0] / radius2 if i < 3 else PRIOR[1]
-    solution.prior[EXPONENT, EXPONENT], solution.prior[RIM, RIM] = (
-        1.0 / EXPONENT_STD**2,
-        1.0 / start.rim_std**2,
-    )
+    solution.prior[EXPONENT, EXPONENT] = 1.0 / EXPONENT_STD**2
+    solution.prior[RIM, RIM] = 1.0 / start.rim_std**2
     solution.shared[EXPONENT], solution.shared[RIM] = start.exponent, start.rim
     solution.own, doubtful = EXPECTED_WEAR**2, False
     views, used = np.zeros(3), 0
@@ -135,10 +133,7 @@ def _lay_strips(model, pictures, solution, cameras, schedule, step, work):  # ty
         moved = np.empty(6)
         for i in range(6):
             moved[i] = camera.offset[i] + camera.lag[i]
-        for i in range(3):
-            position[i] = solution.position[i]
-            for k in range(3):
-                rotation[i, k] = solution.rotation[i, k]
+        copy_pose(solution.rotation, solution.position, rotation, position)
         apply_update(rotation, position, moved)
         camera.strips = edge_strips(
             model.lenses, c, model.half, model.face_labels, rotation, position, schedule.piece[step] * scale,
@@ -217,14 +212,10 @@ def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-un
         camera = cameras[c]
         if not camera.used:
             continue
-        weighing = (
-            min(limit * camera.scale, camera.reach),
-            (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2,
-            trust_of(camera),
-        )
-        accumulate(
-            work.strips[c], work.found[c], camera, camera.since, shown(solution, camera), weighing, seen[c]
-        )  # fmt: skip
+        floor = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2
+        weighing = min(limit * camera.scale, camera.reach), floor, trust_of(camera)
+        drawn = shown(solution, camera)
+        accumulate(work.strips[c], work.found[c], camera, camera.since, drawn, weighing, seen[c])
 
 
 @compiled

@@ -15,6 +15,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.lens import project_with_jacobian
+from tracker.geometry.linear import smallest
 from tracker.pose.strips import SUMS
 from tracker.pose.votes import gather
 
@@ -118,10 +119,7 @@ def likely_rotations(lenses, labels, pictures, box, position, grid, out):  # typ
     gather(lenses, labels, pictures, position, 1.1 * radius, stats)
     rank_rotations(lenses, pictures, box, position, stats, single, costs)
     for k in range(len(out)):
-        best = 0
-        for h in range(len(costs)):
-            if costs[h] < costs[best]:
-                best = h
+        best = smallest(costs)
         for i in range(9):
             out[k, i // 3, i % 3] = rotations[best, i // 3, i % 3]
         for h in near[best]:

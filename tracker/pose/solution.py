@@ -42,11 +42,7 @@ CAMERA = np.dtype(
         ("information", np.float64, (UNKNOWNS, UNKNOWNS)),  # normal equations, and …
         ("gradient", np.float64, (UNKNOWNS,)),  # … their right side
         ("lower", np.float64, (OWN, OWN)),  # Cholesky factor of its own block, inverse pivots on the diagonal
-        (
-            "reduced",
-            np.float64,
-            (OWN, UNKNOWNS),
-        ),  # cross block with the shared unknowns, forward substituted, …
+        ("reduced", np.float64, (OWN, UNKNOWNS)),  # cross block with the shared, forward substituted, …
         ("change", np.float64, (OWN,)),  # … and right side; after `own_changes` its update
     ]
 )

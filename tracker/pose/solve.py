@@ -14,7 +14,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.linear import factorise, median, substitute
-from tracker.pose.solution import EDGE, EXPONENT, KNOWN, OWN, PULL, RIM, ROW, UNKNOWNS
+from tracker.pose.solution import EXPONENT, KNOWN, OWN, PULL, RIM, ROW, UNKNOWNS
 
 FLOOR = 0.06
 """Standard deviation of an edge's position that noise does not explain [px]."""
@@ -91,13 +91,7 @@ def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ig
     """
     limit, floor, trust = weighing
     whole, force, edges, row = camera.whole, camera.force, camera.edges, np.empty(UNKNOWNS)
-    for i in range(UNKNOWNS):
-        force[i] = 0.0
-        for k in range(UNKNOWNS):
-            whole[i, k] = 0.0
-    for e in range(12):
-        for i in range(EDGE):
-            edges[e, i] = 0.0
+    whole[:, :], force[:], edges[:, :] = 0.0, 0.0, 0.0
     seen.inliers, seen.squares, seen.noise = 0.0, 0.0, 0.0
     for s in range(camera.strips):
         if not found[s].usable:

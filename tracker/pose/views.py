@@ -110,9 +110,7 @@ def look_at(image, normalise, fresh, pictures, c):  # type: ignore[no-untyped-de
     if not fresh:
         return
     picture.loud = noise_level(image) >= LOUD
-    picture.gains[0], picture.gains[1], picture.gains[2] = 1.0, 1.0, 1.0
-    for k in range(4):
-        picture.tilt[k // 2, k % 2] = 0.0
+    picture.gains[:], picture.tilt[:, :] = 1.0, 0.0
     if normalise:
         fill_light(image, picture.gains, picture.tilt)
     fill_channels(picture.gains, picture.channels)

@@ -176,12 +176,11 @@ def gather(lenses, labels, pictures, position, radius, stats):  # type: ignore[n
 @compiled
 def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
     """Move a position (3,) [m] in place so that it projects to the centroids of stats (C, 7, 3)."""
-    jacobian, matrix = np.empty((2, 3)), np.empty((3, 3))
+    jacobian, matrix = np.empty((2, 3)), np.zeros((3, 3))
     vector, step = np.zeros(3), np.empty(3)
     for i in range(3):
-        for k in range(3):
-            # A prior of 0.45 radii, against measurements of one pixel.
-            matrix[i, k] = 5.0 / radius**2 if i == k else 0.0
+        # A prior of 0.45 radii, against measurements of one pixel.
+        matrix[i, i] = 5.0 / radius**2
     for c in range(len(stats)):
         n, su, sv = 0.0, 0.0, 0.0
         for label in range(1, 7):

@@ -155,9 +155,7 @@ def predict(dt, motions, modes, mixed):  # type: ignore[no-untyped-def]
     if mixed:
         _mix(dt, motions, modes)
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
-    step, before = np.zeros((STATE, STATE)), np.empty((STATE, STATE))
-    for i in range(STATE):
-        step[i, i] = 1.0
+    step, before = np.eye(STATE), np.empty((STATE, STATE))
     for k in range(len(modes)):
         p, r, v, covariance = modes[k].position, modes[k].rotation, modes[k].velocity, modes[k].covariance
         if motions.still[k]:
