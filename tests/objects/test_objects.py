@@ -78,6 +78,9 @@ def test_a_file_of_ones_own_is_read_with_colors_named_like_the_object_unless_giv
         np.testing.assert_array_equal(model.face_labels, [1, 6, 2, 5, 3, 4])
     mine.write_text(VALID.replace('colors = "cube_v2"\n', ""))
     assert load_object(mine).colors == "mine"
+    longer = "x" * 300  # than the name of any file
+    mine.write_text(VALID.replace("cube_v2", longer))
+    assert load_object(mine).colors == longer
 
 
 def test_colors_beside_the_file_are_found_from_anywhere(mine, monkeypatch):

@@ -120,7 +120,7 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
         if key not in data:
             raise ObjectModelError(f"{path}: key {key!r} is missing; expected are {', '.join(_KEYS)}")
     colors = data.get("colors", data["name"])
-    if isinstance(colors, str) and (colors.endswith(".npz") or (path.parent / colors).is_file()):
+    if isinstance(colors, str) and (colors.endswith(".npz") or os.path.isfile(path.parent / colors)):
         colors = str(path.parent / colors)
     rim = {key: data[key] for key in ("rim", "rim_std") if key in data}
     with naming(path, ObjectModelError):
