@@ -5,20 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.geometry.linear import factorise, substitute
+from tracker.geometry.linear import solve_positive
 from tracker.pose.fit import SEEN
 from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
-from tracker.pose.solve import (
-    DEVIATION_STD,
-    FLOOR,
-    TUKEY,
-    accumulate,
-    residual,
-    robust_std,
-    shown,
-    trust_of,
-    with_edges,
-)
+from tracker.pose.solve import DEVIATION_STD, accumulate, residual, robust_std, shown, weighing_of, with_edges
 
 ALONE_ROUNDS = 5
 """Iterations for a single camera: the first uses everything within the strips."""
@@ -58,7 +48,7 @@ def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
         own: OwnViews, filled.
     """
     information, moved, inliers = own
-    matrix, lower, vector = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
+    matrix, vector = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
     step, since, hold = np.empty(UNKNOWNS), np.empty(6), np.empty(UNKNOWNS)
     counted = np.zeros(1, SEEN)
     for i in range(6):
@@ -80,11 +70,8 @@ def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
                     off = residual(work.strips[c, s], work.found[c, s], since, drawn[0], drawn[1])
                     work.residuals[total] = abs(off) / camera.scale
                     total += 1
-            scatter, limit = robust_std(work.residuals, total), camera.reach
-            if turn > 0:
-                limit = min(limit, max(ALONE_LIMIT, TUKEY * scatter) * camera.scale)
-            floor = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2
-            weighing = limit, floor, trust_of(camera)
+            least, scatter = ALONE_LIMIT if turn > 0 else np.inf, robust_std(work.residuals, total)
+            weighing = weighing_of(camera, least, scatter)
             accumulate(work.strips[c], work.found[c], camera, since, drawn, weighing, counted[0])
             with_edges(cameras[c : c + 1], solution.feet, solution.own, solution.foot)
             for i in range(UNKNOWNS):
@@ -92,10 +79,9 @@ def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
                 for k in range(UNKNOWNS):
                     matrix[i, k] = camera.information[i, k]
                 matrix[i, i] += hold[i]
-            solved = factorise(matrix, lower)
+            solved = solve_positive(matrix, vector, vector)
             if not solved:
                 break
-            substitute(lower, vector, vector)
             for i in range(UNKNOWNS):
                 step[i] += vector[i]
         if solved:

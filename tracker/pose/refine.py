@@ -16,8 +16,6 @@ from tracker.pose.scale import relative_size
 from tracker.pose.sizes import sizes
 from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
 from tracker.pose.solve import (
-    FLOOR,
-    TUKEY,
     accumulate,
     add_model_errors,
     finish,
@@ -28,7 +26,7 @@ from tracker.pose.solve import (
     robust_std,
     shown,
     solve,
-    trust_of,
+    weighing_of,
     with_edges,
 )
 from tracker.pose.strips import collect, edge_strips
@@ -207,15 +205,11 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
 @compiled
 def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-untyped-def]
     """Accumulate every camera's strips; least: smallest Tukey limit [px]; scatter: of the residuals [px]."""
-    limit = max(least, TUKEY * scatter)
     for c in range(len(cameras)):
         camera = cameras[c]
-        if not camera.used:
-            continue
-        floor = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2
-        weighing = min(limit * camera.scale, camera.reach), floor, trust_of(camera)
-        drawn = shown(solution, camera)
-        accumulate(work.strips[c], work.found[c], camera, camera.since, drawn, weighing, seen[c])
+        if camera.used:
+            drawn, weighing = shown(solution, camera), weighing_of(camera, least, scatter)
+            accumulate(work.strips[c], work.found[c], camera, camera.since, drawn, weighing, seen[c])
 
 
 @compiled

@@ -76,6 +76,13 @@ def trust_of(camera):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def weighing_of(camera, least, scatter):  # type: ignore[no-untyped-def]
+    """What `accumulate` needs to weigh pieces, from the least limit and the residuals' scatter [px]."""
+    limit = min(max(least, TUKEY * scatter) * camera.scale, camera.reach)
+    return limit, (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2, trust_of(camera)
+
+
+@compiled
 def shown(solution, camera):  # type: ignore[no-untyped-def]
     """Exponent and rim with which a camera shows the object."""
     return solution.shared[EXPONENT] + camera.offset[EXPONENT], solution.shared[RIM]
