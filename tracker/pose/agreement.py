@@ -59,8 +59,7 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
         radius: of the object [m].
     """
     information, moved, _ = views
-    lower, full = np.empty((6, 6)), np.empty((6, 6))
-    column, solved = np.empty(6), np.empty((6, 6))
+    lower, full, solved = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     joint, pull, update = np.empty((6, 6)), np.empty(6), np.empty(6)
     weights, out = np.empty((2, 3)), np.empty(len(SCALES))
     for s in range(len(SCALES)):
@@ -92,11 +91,7 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
             # N - N (N + W)⁻¹ N: the camera's information with its own error marginalised.
             for i in range(6):
                 total += 2.0 * math.log(lower[i, i])
-                for j in range(6):
-                    column[j] = known[j, i]
-                substitute(lower, column, column)
-                for j in range(6):
-                    solved[j, i] = column[j]
+                substitute(lower, known[:, i], solved[:, i])
             for i in range(6):
                 for j in range(6):
                     value = known[i, j]

@@ -237,9 +237,7 @@ def apply_table(table, half, solution):  # type: ignore[no-untyped-def]
         for i in range(6):
             column[i] = slope[row, i]
             value[row] += slope[row, i] * change[i]
-        substitute(solution.lower, column, column)
-        for i in range(n):
-            columns[i, row] = column[i]
+        substitute(solution.lower, column, columns[:, row])
     for row in range(ROWS):
         for other in range(ROWS):
             spread[row, other] = 0.0
