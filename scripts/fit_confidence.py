@@ -30,11 +30,12 @@ from benchmarks.score.errors import pose_errors, true_pose
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
+from tracker.geometry.probability import probability_within
 from tracker.objects.model import CuboidModel
 from tracker.pose.evidence import NUMBERS, Numbers, weighed
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.hypotheses import apart
-from tracker.pose.judge import SINGLE, alone, fits, probably_near
+from tracker.pose.judge import NEAR, SINGLE, alone, fits
 from tracker.pose.result import PoseEstimate
 from tracker.pose.rivals import reconcilable
 
@@ -66,7 +67,7 @@ class Cases:
         """Add all fits to one set of images."""
         first, radius = len(self.seen), 0.5 * float(np.linalg.norm(model.size))
         for one, good in zip(found, right, strict=True):
-            near = min(max(probably_near(one.covariance), 1e-6), 1 - 1e-6)
+            near = min(max(probability_within(one.covariance, *NEAR), 1e-6), 1 - 1e-6)
             self.seen.append(one.cameras)
             self.labels.append(model.face_labels)
             odds, holds = near / (1 - near), fits(one) * one.inside

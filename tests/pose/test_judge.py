@@ -8,6 +8,7 @@ import tracker
 from tests.helpers.fits import LABELS, made_fit, with_cameras
 from tracker import Status
 from tracker.geometry import so3
+from tracker.geometry.probability import probability_within
 from tracker.objects.box import Box
 from tracker.pose import judge, rivals
 from tracker.pose.evidence import NUMBERS, log_odds, weighed
@@ -150,7 +151,7 @@ def test_a_pose_that_is_stated_to_be_nearer_is_nearer(single):
 def test_odds_of_being_near_are_as_stated_and_greater_for_a_single_camera():
     covariance = np.diag(np.repeat(np.square([2e-3, 0.02]), 3))
     near, single = judge.nearness(covariance, False), judge.nearness(covariance, True)
-    assert near == pytest.approx(judge.probably_near(covariance))
+    assert near == pytest.approx(probability_within(covariance, *judge.NEAR))
     assert single / (1.0 - single) == pytest.approx(judge.SINGLE * near / (1.0 - near))
 
 

@@ -29,17 +29,7 @@ from tracker.pose.hypotheses import (
     Search,
     apart,
 )
-from tracker.pose.judge import (
-    EXPECTED,
-    alone,
-    confidence,
-    rank,
-    refusal,
-    settled,
-    supporters,
-    trust,
-    unanimous,
-)
+from tracker.pose.judge import EXPECTED, alone, confidence, rank, refusal, settled, supporters, well_placed
 from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
 from tracker.pose.rivals import lead, shifted_along, turned_about_face
@@ -60,9 +50,6 @@ CLOSE = 0.85
 PLAUSIBLE = 0.5
 """Explanation of the label maps per camera above which a hypothesis is refined before others are sought: 84 %
 of 970 that led to the object scored higher, 94 % of 234 others lower."""
-
-CLEAR = 0.5
-"""If a fit that all cameras see is the object with a higher probability, no other position is tried."""
 
 COMPETING, BEHIND = 4, 10.0
 """Maximum number of competing hypotheses, and how far one may rank behind the best after a step to stay."""
@@ -88,8 +75,8 @@ TURNED = math.radians(12)
 
 def _wider(wide: Round, best: Fit | None) -> Round:
     """The next round after one whose best fit is in doubt."""
-    if best is not None and unanimous(best) and trust(best) > CLEAR:
-        return TURNS  # the position is certain, at most the rotation is in doubt
+    if best is not None and well_placed(best):
+        return TURNS
     # A single camera never settles it.
     return EVERYWHERE if wide is NEARBY or (best is not None and alone(best)) else NEARBY
 
@@ -215,10 +202,8 @@ class PoseEstimator:
 
     def _fitted(self, sight: Sight, one: Hypothesis | Fit, schedule: Schedule, lag: Lag | None) -> Fit:
         """Fit a hypothesis, or go on with a fit, by a schedule."""
-        return self.refiner(
-            sight, one.rotation, one.position, schedule,
-            lag=lag, left_out=one.left_out, ask=schedule is not FIRST,
-        )  # fmt: skip
+        place, ask = (one.rotation, one.position), schedule is not FIRST
+        return self.refiner(sight, *place, schedule, lag=lag, left_out=one.left_out, ask=ask)
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """Refit without the camera that agrees least; return whichever fit is more certain."""

@@ -27,6 +27,9 @@ MIN_TRUST = 0.2
 SURE = 0.95
 """Probability that a fit is the object, above which no other hypothesis is tried."""
 
+CLEAR = 0.5
+"""If a fit that all cameras see is the object with a higher probability, no other position is tried."""
+
 MOST_ODDS = 500.0
 """Log odds are capped at this, since their exponential may overflow with many cameras."""
 
@@ -60,6 +63,11 @@ def supporters(fit: Fit) -> int:
 def unanimous(fit: Fit) -> bool:
     """Whether all cameras that should see the object see it at the fit."""
     return supporters(fit) == sum(one.predicted > 0 for one in fit.counts)
+
+
+def well_placed(fit: Fit) -> bool:
+    """Whether the position is certain, and at most the rotation is in doubt."""
+    return unanimous(fit) and trust(fit) > CLEAR
 
 
 @_once
@@ -116,7 +124,7 @@ def refusal(fit: Fit) -> Status | None:
         return _against(fit)
     # Markov's inequality shows most poses to be accurate enough.
     far = sum(variances[:3]) / VAGUE[0] ** 2 + sum(variances[3:]) / VAGUE[1] ** 2
-    if far < 1.0 - MIN_DEFINITE or probably_near(fit.covariance, VAGUE) >= MIN_DEFINITE:
+    if far < 1.0 - MIN_DEFINITE or probability_within(fit.covariance, *VAGUE) >= MIN_DEFINITE:
         return None
     return Status.AMBIGUOUS
 
@@ -133,17 +141,12 @@ def _against(fit: Fit) -> Status:
     return Status.POOR_FIT if supporters(fit) else Status.TOO_FEW_PIXELS
 
 
-def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) -> float:
-    """Probability that a pose with this covariance (6, 6) is within limits [m, rad] of the truth."""
-    return probability_within(covariance, *limits)
-
-
 def nearness(covariance: FloatArray, single: bool) -> float:
     """Probability that a pose is within 5 mm and 5° of the truth if it is the object's.
 
     single: whether it rests on one camera.
     """
-    near, factor = probably_near(covariance), SINGLE if single else 1.0
+    near, factor = probability_within(covariance, *NEAR), SINGLE if single else 1.0
     return factor * near / (factor * near + 1.0 - near)
 
 
