@@ -10,16 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import (
-    LATEST,
-    UNSTAMPED,
-    check_sequence,
-    described,
-    described_input,
-    in_range,
-    path_of,
-    seconds,
-)
+from tracker.checks import LATEST, UNSTAMPED, check_sequence, described_input, in_range, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry.camera import Camera
@@ -117,7 +108,7 @@ def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> li
     ones: Sequence[Any] = _by_camera(what, given, names, ImageError, "None") if by_name else given
     check_sequence(ones, what, ImageError, valid)
     if len(ones) != len(names):
-        found = described(given) if isinstance(given, np.ndarray) else len(ones)
+        found = described_input(given) if isinstance(given, np.ndarray) else len(ones)
         raise ImageError(f"{what}: found {found}, expected {valid}")
     return list(ones)
 

@@ -138,10 +138,8 @@ class PoseEstimate:
     def __repr__(self) -> str:
         std = np.sqrt(np.diag(self.covariance))
         place, off = (" ".join(f"{1e3 * value:.2f}" for value in part) for part in (self.position, std[:3]))
-        turn, turned = (
-            " ".join(f"{value:.{digits}f}" for value in part)
-            for part, digits in ((self.orientation, 4), (np.degrees(std[3:]), 2))
-        )
+        turn = " ".join(f"{value:.4f}" for value in self.orientation)
+        turned = " ".join(f"{value:.2f}" for value in np.degrees(std[3:]))
         return (
             f"{type(self).__name__}(position {place} ± {off} mm, orientation xyzw {turn} ± {turned}°, "
             f"{self._more()}confidence {self.confidence:.3f})"

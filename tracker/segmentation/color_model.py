@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.checks import float_array, of_kind, path_of
+from tracker.checks import described, float_array, of_kind, path_of
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ColorModelError, shown
@@ -28,6 +28,7 @@ from tracker.objects.labels import COLOR_NAMES
 CLASSES = len(COLOR_NAMES)
 NODES = 32
 CELLS = 64
+_SHAPE = (CLASSES, NODES, NODES, NODES)
 _LOG_STEP = 1 / 16
 _KEYS = ("format", "log_posterior", "normalise")
 _MAX_BYTES = 4 << 20
@@ -68,8 +69,8 @@ class ColorModel:
     """Whether to scale an image's channels so that its greys become grey; False for rendered images."""
 
     def __post_init__(self) -> None:
-        shape, what = (CLASSES, NODES, NODES, NODES), f"colour model {shown(self.name)}: log posteriors"
-        values = float_array(self.log_posterior, shape, what, ColorModelError)
+        what = f"colour model {shown(self.name)}: log posteriors"
+        values = float_array(self.log_posterior, _SHAPE, what, ColorModelError)
         if values.max() > 0:
             raise ColorModelError(f"{what}: found {values.max():g}, expected 0 for the best class, else less")
         of_kind(self.normalise, bool, f"colour model {shown(self.name)}: normalise", ColorModelError)
@@ -143,10 +144,9 @@ def _read(path: Path, name: str) -> ColorModel:
         raise ColorModelError(f"{what}: format {version!s}; this version reads format 1")
     if normalise.shape != () or normalise.dtype != np.bool_:
         raise ColorModelError(f"{what}: normalise: found {normalise!s}, expected one boolean")
-    shape = (CLASSES, NODES, NODES, NODES)
-    if codes.dtype != np.uint8 or codes.shape != shape:
-        found = f"{codes.dtype} {codes.shape}"
-        raise ColorModelError(f"{what}: log_posterior: found {found}, expected uint8 {shape}")
+    if (codes.dtype, codes.shape) != (np.uint8, _SHAPE):
+        found = described(codes)
+        raise ColorModelError(f"{what}: log_posterior: found {found}, expected uint8 of shape {_SHAPE}")
     return ColorModel(name, codes * -_LOG_STEP, bool(normalise))
 
 
