@@ -64,11 +64,12 @@ def test_made_up_fits_are_as_sure_as_they_are_to_be():
 
 
 @pytest.mark.parametrize("sure", [True, False])
-def test_first_is_found_then_tracked_and_after_a_loss_found_again(sure):
-    fit = made_fit(sure=sure)
-    statuses = follow(Track(), [fit, fit, fit, *[None] * 9, fit, fit])
+def test_first_is_found_then_tracked_and_after_a_loss_found_again_anywhere_however_unsure(sure):
+    one, fit, other = Track(), made_fit(sure=sure), made_fit(ELSEWHERE, sure=sure)
+    statuses = follow(one, [fit, fit, fit, *[None] * 9, other, other])
     assert statuses[:3] == [Status.FOUND, Status.TRACKING, Status.TRACKING]
     assert statuses[-2:] == [Status.REFOUND, Status.TRACKING]
+    np.testing.assert_allclose(one.estimate().position, ELSEWHERE, atol=1e-9)
 
 
 def test_stamps_that_go_backwards_are_refused_and_change_nothing(track):
@@ -189,12 +190,6 @@ def test_unbelieved_measurements_do_not_keep_a_track_alive(track):
         assert track.estimate() is not None
     assert track.advance(1.6) is None
     assert track.estimate() is None
-
-
-def test_a_lost_object_may_come_back_anywhere_however_unsure(track):
-    assert track.advance(2.0) is None
-    assert track.see(made_fit(ELSEWHERE, sure=False), 2.0) is Status.REFOUND
-    np.testing.assert_allclose(track.estimate().position, ELSEWHERE, atol=1e-9)
 
 
 def test_what_is_plausible_widens_with_time_and_narrows_for_one_camera(track):
