@@ -147,10 +147,8 @@ class Camera:
         self._require(last == [0, 0, 0, 1], key, f"last row {last}", "[0, 0, 0, 1]")
         away = np.abs(self.camera_from_world[:3, 3]).max()
         self._require(away <= FARTHEST, key, f"a translation by {away:g} m", f"at most {FARTHEST:g} m")
-        deviation = rotation_deviation(self.camera_from_world[:3, :3])
-        self._require(
-            deviation <= ROTATION_TOLERANCE, key, off_rotation(deviation), f"at most {ROTATION_TOLERANCE:g}"
-        )
+        what = f"{self.name}: {key}"
+        check_rotation(self.camera_from_world[:3, :3], ROTATION_TOLERANCE, what, CalibrationError)
 
     @property
     def world_from_camera(self) -> FloatArray:
@@ -252,18 +250,21 @@ class Camera:
         return points @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3]
 
 
-def rotation_deviation(matrix: Array) -> float:
-    """Return how far a matrix (3, 3) is from a rotation: max |M Mᵀ - I|, or infinity if det M ≤ 0."""
+def check_rotation(matrix: Array, most: float, what: str, fault: type[TrackerError]) -> float:
+    """Return how far a transform's 3×3 part M is from a rotation: max |M Mᵀ - I|, or infinity if det M ≤ 0.
+
+    Raise `fault`, which names `what`, if that is above `most`.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         deviation = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
-        mirrored = bool(np.dot(np.cross(matrix[0], matrix[1]), matrix[2]) <= 0)
-    return float("inf") if mirrored or not np.isfinite(deviation) else deviation
-
-
-def off_rotation(deviation: float) -> str:
-    """Say in an error how far a transform's 3×3 part is from a rotation, see `rotation_deviation`."""
-    why = "" if deviation < float("inf") else ", since its determinant is not positive: is an axis inverted?"
-    return f"a 3×3 part that deviates from a rotation by {deviation:.2g}{why}"
+        if np.dot(np.cross(matrix[0], matrix[1]), matrix[2]) <= 0 or not np.isfinite(deviation):
+            deviation = float("inf")
+    if deviation > most:
+        found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
+        if deviation == float("inf"):
+            found += ", since its determinant is not positive: is an axis inverted?"
+        raise fault(f"{what}: found {found}, expected at most {most:g}")
+    return deviation
 
 
 def all_coefficients(coefficients: FloatArray) -> FloatArray:

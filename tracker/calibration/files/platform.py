@@ -31,14 +31,7 @@ from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.files import read_bounded, told_as, told_of, write_whole
 from tracker.geometry import so3
-from tracker.geometry.camera import (
-    COUNTS,
-    MAX_SIZE,
-    ROTATION_TOLERANCE,
-    Camera,
-    off_rotation,
-    rotation_deviation,
-)
+from tracker.geometry.camera import COUNTS, MAX_SIZE, ROTATION_TOLERANCE, Camera, check_rotation
 
 MAX_FILE_SIZE = 100_000
 """Largest file that is parsed [bytes]; real files have 2 kB, and PyYAML takes seconds for a megabyte."""
@@ -169,10 +162,7 @@ def rotation_of(matrix: FloatArray, what: str, fault: type[TrackerError]) -> Flo
 
     The platform stores element-wise means of rotations. `fault`, naming `what`: it is far from a rotation.
     """
-    deviation = rotation_deviation(matrix)
-    if deviation > MAX_ROTATION_DEVIATION:
-        limit = f"expected at most {MAX_ROTATION_DEVIATION:g}"
-        raise fault(f"{what}: found {off_rotation(deviation)}, {limit}")
+    deviation = check_rotation(matrix, MAX_ROTATION_DEVIATION, what, fault)
     return matrix if deviation <= ROTATION_TOLERANCE else so3.nearest_rotation(matrix)
 
 
