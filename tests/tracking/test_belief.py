@@ -307,3 +307,8 @@ def test_options_that_are_no_sizes_are_refused(name, value):
 def test_options_cannot_be_changed():
     with pytest.raises(dataclasses.FrozenInstanceError):
         TrackingOptions().jump_confidence = 0.1
+    listed = list(TrackingOptions().max_jump)
+    options = TrackingOptions(max_jump=listed)
+    listed[0] = -1.0
+    assert options == TrackingOptions()
+    assert hash(options) == hash(TrackingOptions())

@@ -57,6 +57,7 @@ class TrackingOptions:
             if len(numbers) != 1 + pair or not all(is_number(number) and number >= 0 for number in numbers):
                 valid = "two finite numbers that are" if pair else "a finite number that is"
                 raise TrackerError(f"{field.name}: found {shown(value)}, expected {valid} not negative")
+            object.__setattr__(self, field.name, tuple(value) if pair else value)
         if self.min_confidence > 1.0:
             valid = "a number that is not negative, and at most 1"
             raise TrackerError(f"min_confidence: found {self.min_confidence:g}, expected {valid}")
