@@ -113,6 +113,14 @@ def test_a_colour_image_keeps_what_the_mosaic_measures(rng, tmp_path):
     assert frame.recorded_pose is None
 
 
+def test_frames_left_out_may_take_longer_than_two_frames_may_be_apart(tmp_path):
+    with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:
+        for k in range(3):
+            writer.append(make_content(1).images(0), 3000.0 * k)
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        assert [frame.timestamp for frame in log[::2]] == [0.0, 6000.0]
+
+
 def test_a_lagging_camera_that_misses_an_image_goes_on(tmp_path):
     image = np.full((24, 28, 3), 90, np.uint8)
     with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:

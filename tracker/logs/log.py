@@ -172,10 +172,11 @@ class Log:
         return with_stamps(self._frames(), frozenset(self._source.episode_starts))
 
     def _frames(self) -> Iterator[LogFrame]:
-        order, starts = StampOrder(gaps=self._source.gaps), frozenset(self._source.episode_starts)
+        gaps, starts = self._source.gaps or self._indices.step > 1, frozenset(self._source.episode_starts)
+        order = StampOrder(gaps=gaps)
         for index in self._indices:
             if index in starts:
-                order = StampOrder(gaps=self._source.gaps)
+                order = StampOrder(gaps=gaps)
             try:
                 self._refuse_closed()
                 frame = self._source.read(index)

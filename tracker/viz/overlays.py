@@ -145,7 +145,7 @@ def _numbers(values: Array, digits: int) -> list[str]:
 
 
 SAMPLES = 17
-"""Approximate number of pixels sampled; more do not change the result by a level."""
+"""Number of points on an edge that are projected, since the lens bends it."""
 
 HINT = 0.5  # confidence below which a pose is only a hint, drawn in amber
 
