@@ -331,7 +331,7 @@ def _looked_at(
 ) -> _Frames:
     """Yield frames with the tracker's results, images, and samples of rig health."""
     from tracker.calibration.by_object.health import sample
-    from tracker.calibration.by_object.sightings import slow
+    from tracker.tracking.cameras import slow
 
     for frame, answer in answered:
         motion = answer.filtered_object_pose

@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 
 from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, QUANTITIES, disagreement, sample
-from tracker.calibration.by_object.sightings import slow
 from tracker.checks import naming
 from tracker.errors import LiveError
 from tracker.live.camera_check import MOST_MISSING, MOST_SKEW
@@ -27,6 +26,7 @@ from tracker.live.listeners import WAITING, Listener
 from tracker.live.moment import Moment
 from tracker.pipeline import ObjectTracker
 from tracker.summaries.remarks import MOST_BLUR, PictureLook
+from tracker.tracking.cameras import slow
 from tracker.viz.overlays import overlay
 
 SPAN = 10.0

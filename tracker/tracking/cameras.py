@@ -43,8 +43,8 @@ or the object's first motion, for a camera that is far off, and must not outweig
 LOOKS = 5
 """Number of checks before a contradiction counts as lasting."""
 
-STILL = 0.005, math.radians(5)
-"""Speeds below which an object counts as still [m/s, rad/s]: cameras that are read one after the other see a
+SLOW = 0.005, math.radians(5)
+"""Speeds below which an object may be at rest [m/s, rad/s]: cameras that are read one after the other see a
 moving object in different places."""
 
 RESTS = 0.9
@@ -138,7 +138,7 @@ class Agreement(NamedTuple):
 
     def due(self, expected: MotionState) -> bool:
         """Whether to check the cameras again, given the predicted state of the object."""
-        return self.age + 1 >= EVERY and still(expected)
+        return self.age + 1 >= EVERY and slow(expected.velocity)
 
     def after(self, fit: Fit, expected: MotionState | None, *, lagging: bool = False) -> Agreement:
         """Return the estimate after a fit, given the predicted state; moving objects do not count.
@@ -147,7 +147,7 @@ class Agreement(NamedTuple):
         """
         if fit.disagreement is None:
             return self._replace(age=self.age + 1)
-        if expected is None or not still(expected) or (lagging and expected.at_rest < RESTS):
+        if expected is None or not slow(expected.velocity) or (lagging and expected.at_rest < RESTS):
             # In the first frame nothing better is known. With lagging images, motion looks like disagreement.
             if self.disagreement is None and not lagging:
                 return self._replace(fitting=fits(fit), size=size(fit.disagreement), age=self.age + 1)
@@ -163,9 +163,6 @@ class Agreement(NamedTuple):
         return self.looks >= LOOKS and self.size > CONTRADICTION
 
 
-def still(state: MotionState) -> bool:
-    """Whether an object is so slow that it does not matter if cameras are read at different times."""
-    return all(
-        math.hypot(*part) < limit
-        for part, limit in zip((state.velocity[:3], state.velocity[3:]), STILL, strict=True)
-    )
+def slow(velocity: FloatArray) -> bool:
+    """Whether an object with a velocity (6,) [m/s, rad/s] may be at rest."""
+    return math.hypot(*velocity[:3]) < SLOW[0] and math.hypot(*velocity[3:]) < SLOW[1]

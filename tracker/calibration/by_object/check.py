@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
-from tracker.calibration.by_object.sightings import UNSEEN, Footage, observed, require_two, slow
+from tracker.calibration.by_object.sightings import UNSEEN, Footage, observed, require_two
 from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -32,6 +32,7 @@ from tracker.pose.fit import Fit
 from tracker.pose.judge import ASTRAY, EXPECTED, apparent
 from tracker.pose.result import Status
 from tracker.segmentation.color_model import ColorModel
+from tracker.tracking.cameras import slow
 
 FOCAL = 295.0
 """Focal length of the reference images in whose pixels all cameras are compared [px]."""

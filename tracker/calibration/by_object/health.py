@@ -19,7 +19,6 @@ from tracker.calibration.by_object.check import (
     look_of,
 )
 from tracker.calibration.by_object.looks import CameraErrors, Look
-from tracker.calibration.by_object.sightings import slow
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
@@ -31,6 +30,7 @@ from tracker.pose.fit import Fit
 from tracker.pose.judge import alone, apparent
 from tracker.poses.poses import Poses
 from tracker.segmentation.light import CLIPPED, find_light
+from tracker.tracking.cameras import slow
 
 LEVELS = (30.0, 200.0)
 """Range of brightness of a good image; recordings of the platform have 80 to 125."""

@@ -15,6 +15,7 @@ from tracker.geometry.camera import Camera
 from tracker.logs.log import Log, evenly, picked
 from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
 from tracker.pose.result import Observation
+from tracker.tracking.cameras import slow
 
 Images = Sequence[Image | None]
 """Image (H, W, 3) BGR of each camera of a rig; None if it gave none."""
@@ -132,9 +133,6 @@ def all_sightings(
 LEVEL = np.radians(6.0)
 """Largest tilt of a face of an object at rest against z = 0, including the tilt of the world frame [rad]."""
 
-SLOW = 5e-3, np.radians(5.0)
-"""Velocities below which an object may be at rest [m/s, rad/s]."""
-
 FRAMES, SAME = 3, (3e-3, np.radians(2.0))
 """Consecutive frames in which an object must be at rest, and its largest motion during these [m, rad]."""
 
@@ -155,11 +153,6 @@ def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
         else:
             runs.append([one])
     return [run[len(run) // 2] for run in runs if run[0].velocity is None or len(run) >= FRAMES]
-
-
-def slow(velocity: FloatArray) -> bool:
-    """Return whether an object with a velocity (6,) [m/s, rad/s] may be at rest."""
-    return bool((np.linalg.norm(velocity.reshape(2, 3), axis=1) < SLOW).all())
 
 
 def _near(one: Sighting, other: Sighting, limits: tuple[float, float]) -> bool:
