@@ -129,7 +129,11 @@ class Belief(NamedTuple):
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement is close enough to the predicted state."""
-        jump, speed, seconds = self.options.max_jump, self.options.max_speed, self._seconds_unseen
+        assert self.timestamp is not None
+        assert self.seen is not None
+        # If a measurement is pending, the object was visible and cannot have gone far unseen.
+        seconds = self.step if self.pending is not None else self.timestamp - self.seen
+        jump, speed = self.options.max_jump, self.options.max_speed
         share = self.options.single_camera_share if alone(fit) else 1.0
         shift, turn = (share * (jump[k] + speed[k] * seconds) for k in range(2))
         return _close(fit, expected.rotation, expected.position, shift, turn)
@@ -158,14 +162,6 @@ class Belief(NamedTuple):
         motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
         status = Status.FOUND if self.last_pose is None else Status.REFOUND
         return self._believed(fit, motion, fitting, spread), status
-
-    @property
-    def _seconds_unseen(self) -> float:
-        """Time for which the object may have moved unseen [s]."""
-        assert self.timestamp is not None
-        assert self.seen is not None
-        # If a measurement is pending, the object was visible and cannot have gone far unseen.
-        return self.step if self.pending is not None else self.timestamp - self.seen
 
     def _believed(self, fit: Fit, motion: MotionFilter, fitting: float, spread: float) -> Belief:
         return self._replace(
@@ -210,19 +206,11 @@ class Belief(NamedTuple):
         else:
             motion = self.basis.forecast(passed)
             fused, near = motion.likeliest(), None
-        return Forecast(
-            **self._told(self._raised(fused, box, ground), near),
-            size=2 * box.half,
-            kinds=tuple(
-                MotionKind(
-                    **self._told(self._raised(state, box, ground)),
-                    size=2 * box.half,
-                    name=KINDS[k],
-                    probability=weight,
-                )
-                for k, weight, state in motion.kinds()
-            ),
+        kinds = tuple(
+            MotionKind(**self._told(self._raised(state, box, ground), box), name=KINDS[k], probability=weight)
+            for k, weight, state in motion.kinds()
         )
+        return Forecast(**self._told(self._raised(fused, box, ground), box, near), kinds=kinds)
 
     def estimate(self, box: Box, ground: float) -> MotionEstimate | None:
         """Return the fused estimate; None while the object is lost. Arguments: as for `forecast`."""
@@ -234,7 +222,7 @@ class Belief(NamedTuple):
             state, near = self._raised(fused, box, ground), self._near(motion, fused)
         else:
             state, near = self.motion.state, None
-        return MotionEstimate(**self._told(state, near), size=2 * box.half)
+        return MotionEstimate(**self._told(state, box, near))
 
     def _near(self, motion: MotionFilter, fused: MotionState) -> float:
         """Nearness of an unseen object: it probably rests where it was, but may have moved far."""
@@ -248,7 +236,7 @@ class Belief(NamedTuple):
         height = max(ground - box.lowest(state.position, state.rotation), 0.0)
         return state._replace(position=state.position + height * UP)
 
-    def _told(self, state: MotionState, near: float | None = None) -> dict[str, Any]:
+    def _told(self, state: MotionState, box: Box, near: float | None = None) -> dict[str, Any]:
         """Return the fields of a MotionEstimate of a state; near: see `nearness`, None: by the covariance."""
         pose = state.covariance[:6, :6]
         near = nearness(pose, self.single) if near is None else near
@@ -259,6 +247,7 @@ class Belief(NamedTuple):
             "confidence": self.trust * near,
             "velocity": state.velocity,
             "velocity_covariance": state.covariance[6:, 6:],
+            "size": 2 * box.half,
         }
 
 
