@@ -219,7 +219,7 @@ def test_the_dice_move_with_the_world(lift, yaw, scattered):
         (lambda m: [m[0], m[1][:100], m[2]], lambda i: None, r"camera180: found shape \(100, 270\)"),
         (lambda m: [m[0], m[1], m[2] // 255 * 7], lambda i: None, "camera300.*found the values 0, 7"),
         (lambda m: m, lambda i: i[:1], "images: found 1"),
-        (lambda m: m, lambda i: [i[0][:100], *i[1:]], "camera60: found 270×100 px, expected 270×270"),
+        (lambda m: m, lambda i: [i[0][:100], *i[1:]], "camera60: 270×100 px, but its .* 270×270"),
     ],
 )
 def test_what_does_not_belong_to_the_rig_is_refused(masks, images, message, scattered):

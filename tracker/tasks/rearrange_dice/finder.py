@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, freeze, is_whole
+from tracker.checks import freeze, is_whole
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import ImageError, TaskError, shown
+from tracker.errors import TaskError, shown
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
-from tracker.segmentation.labels import check_image
+from tracker.inputs import check_images
 from tracker.tasks.rearrange_dice import set_score
 from tracker.tasks.rearrange_dice.evidence import DICE, STYLES, UNKNOWN, Plan, evidence, tops
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, NUM_DICE
@@ -107,7 +107,7 @@ def locate(
     if not is_whole(most) or most < 0:
         raise TaskError(f"most: found {shown(most)}, expected a number of dice")
     seen = masks_of(rig, masks, "dice")
-    given = [None] * len(rig) if images is None else _images_of(rig, images)
+    given = [None] * len(rig) if images is None else check_images(images, rig, least=0)
     found, gains = Search(rig, seen, given).run()
     offset, slope = PROBABILITY[images is not None]
     dice = []
@@ -118,20 +118,6 @@ def locate(
             position = np.array([x, y, foot + DIE_WIDTH / 2])
             dice.append(Die(position, turned, probability, float(gain)))
     return tuple(dice)
-
-
-def _images_of(rig: CameraRig, images: Sequence[Array | None]) -> Sequence[Array | None]:
-    """Return the images if they fit the rig's cameras; else raise ImageError."""
-    check_sequence(images, "images", TaskError)
-    if len(images) != len(rig):
-        raise ImageError(f"images: found {len(images)}, expected one of each of {', '.join(rig.names)}")
-    given = []
-    for camera, image in zip(rig, images, strict=True):
-        given.append(None if image is None else check_image(image, f"image of {camera.name}"))
-        if image is not None and image.shape[:2] != (camera.height, camera.width):
-            found, valid = f"{image.shape[1]}×{image.shape[0]}", f"{camera.width}×{camera.height}"
-            raise ImageError(f"image of {camera.name}: found {found} px, expected {valid} px")
-    return given
 
 
 PROBABILITY = {True: (-4.21, 1.571), False: (-2.62, 1.140)}
