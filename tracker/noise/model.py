@@ -260,8 +260,7 @@ class NoiseState:
         way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * np.maximum(chord, 0.0))
         way[self._fresh] = 0.0
         seconds, travel = (np.maximum(self._of[key][:, 0], 1e-12) for key in ("seconds", "travel"))
-        kept: FloatArray = np.exp(-dt / seconds - way / travel)
-        return kept
+        return np.asarray(np.exp(-dt / seconds - way / travel))
 
     def _errors(self, keep: FloatArray, clear: FloatArray, gross: FloatArray) -> FloatArray:
         """Draw the errors (2, 3, N) [m, rad]."""
@@ -308,8 +307,7 @@ class NoiseState:
         # The equilibrium probability, and the share of the deviation from it that remains.
         rest = begins / np.maximum(begins + ends, 1e-300)
         stays = np.where(self._fresh, 0.0, np.exp(-dt * (begins + ends)))
-        result: FloatArray = rest + (on - rest) * stays
-        return result
+        return np.asarray(rest + (on - rest) * stays)
 
     def _confidence(self, error: FloatArray, keep: FloatArray, clear: FloatArray) -> FloatArray:
         own = self._values["confidence"]
@@ -319,8 +317,7 @@ class NoiseState:
         size = np.sqrt(np.einsum("kij,kij->kj", error, error))
         logit = np.log(own["clear"] / (1.0 - own["clear"])) + own["visible"] * np.log(clear)
         logit += own["spread"] * self._doubt - own["distance"] * size[0] - own["angle"] * size[1]
-        result: FloatArray = 1.0 / (1.0 + np.exp(np.minimum(-logit, _MOST)))
-        return result
+        return np.asarray(1.0 / (1.0 + np.exp(np.minimum(-logit, _MOST))))
 
 
 def _turned(turn: FloatArray, q: FloatArray) -> FloatArray:

@@ -124,8 +124,7 @@ class PoseEstimate:
         """
         lever = cuboid.keypoints(np.zeros(3), self.rotation, self._known_size())
         jacobian = np.concatenate([np.tile(np.eye(3), (8, 1, 1)), -so3.hat(lever)], axis=-1)
-        result: FloatArray = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
-        return result
+        return np.asarray(jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2))
 
     def _known_size(self) -> FloatArray:
         if self.size is None:

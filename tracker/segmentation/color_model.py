@@ -85,10 +85,9 @@ class ColorModel:
         # Like scipy.ndimage.zoom of order 1, whose import would take a fifth of the time to a first pose.
         cells = np.linspace(0, NODES - 1, CELLS)
         weights = np.stack([np.interp(cells, np.arange(NODES), node) for node in np.eye(NODES)], axis=1)
-        dense: FloatArray = np.einsum(
-            "ai,bj,ck,nijk->nabc", weights, weights, weights, self.log_posterior, optimize=True
+        return np.asarray(
+            np.einsum("ai,bj,ck,nijk->nabc", weights, weights, weights, self.log_posterior, optimize=True)
         )
-        return dense
 
     @functools.cached_property
     def label_table(self) -> Array:
