@@ -98,9 +98,7 @@ class Options(Reading):
 
     def plain(self) -> dict[str, Any]:
         """Return the options for JSON, without `make_tracker`."""
-        values = {**vars(self), "calibration": list(self.calibration)}
-        del values["make_tracker"]
-        return values
+        return {name: value for name, value in vars(self).items() if name != "make_tracker"}
 
     @classmethod
     def of_plain(cls, values: dict[str, Any]) -> Options:
