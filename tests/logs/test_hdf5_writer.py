@@ -128,10 +128,14 @@ def test_a_lagging_camera_that_misses_an_image_goes_on(tmp_path):
             there = k != 2
             stamps = [0.1 * k, 0.1 * k, 0.1 * k - 0.15 if there else np.nan]
             writer.append([image, image, image if there else None], 0.1 * k, stamps)
-    frames = frames_of(tmp_path / "log.h5")
-    found = [frame.camera_timestamps[2] for frame in frames]
-    assert found == pytest.approx([-0.15, -0.05, np.nan, 0.15], nan_ok=True)
-    assert [frame.images[2] is None for frame in frames] == [False, False, True, False]
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        write_hdf5(tmp_path / "copy.h5", log, log.rig, lambda count: None)
+    for name in ("log.h5", "copy.h5"):
+        frames = frames_of(tmp_path / name)
+        found = [frame.camera_timestamps[2] for frame in frames]
+        assert found == pytest.approx([-0.15, -0.05, np.nan, 0.15], nan_ok=True)
+        for images in (frame.images for frame in frames), (frame.raw for frame in frames):
+            assert [three[2] is None for three in images] == [False, False, True, False]
 
 
 ENDINGS = """

@@ -66,8 +66,7 @@ class FolderSource(Source):
         if self._raw:
             mosaics = [None if one is None else np.ascontiguousarray(one[:, :, 0]) for one in images]
             images = tuple(None if one is None else from_bayer(one) for one in mosaics)
-            raw = tuple(one for one in mosaics if one is not None)
-            raw = raw if len(raw) == len(images) else None
+            raw = tuple(mosaics)
         return LogFrame(index, stamp, stamps, images, None, None, raw)
 
     def rig(self) -> CameraRig | None:

@@ -70,8 +70,8 @@ class LogFrame:
         images: (H, W, 3) uint8 BGR image of each camera in order; None for a missing image.
         recorded_pose: the object's pose as the recorder's tracker measured it, or None.
         recorded_filtered_pose: the same after its filter, or None.
-        raw: (H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns; None if the recording
-            has colour images.
+        raw: (H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns, None for a missing
+            image; None if the recording has colour images.
         stamps: (C,) timestamps for `ObjectTracker.update` [s]: the images', or the frame's for a missing one,
             or for all if the cameras' clocks differ. As you iterate over a recording, they never go back.
     """
@@ -82,7 +82,7 @@ class LogFrame:
     images: tuple[Image | None, ...] = field(repr=False)
     recorded_pose: RecordedPose | None
     recorded_filtered_pose: RecordedPose | None
-    raw: tuple[Image, ...] | None = field(default=None, repr=False)
+    raw: tuple[Image | None, ...] | None = field(default=None, repr=False)
     stamps: FloatArray = field(default_factory=lambda: UNKNOWN, repr=False)
 
     def __post_init__(self) -> None:

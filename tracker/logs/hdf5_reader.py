@@ -204,9 +204,12 @@ class Hdf5Source(Source):
         missing = [same and not one.any() for same, one in zip(again, raw, strict=True)]
         if not any(missing):
             return frame
-        images = tuple(None if no else one for no, one in zip(missing, frame.images, strict=True))
+        images, pixels = (
+            tuple(None if no else one for no, one in zip(missing, every, strict=True))
+            for every in (frame.images, raw)
+        )
         known = np.where(missing, np.nan, frame.camera_timestamps)
-        return dataclasses.replace(frame, images=images, camera_timestamps=known)
+        return dataclasses.replace(frame, images=images, raw=pixels, camera_timestamps=known)
 
     def rig(self) -> CameraRig | None:
         """See Source."""
