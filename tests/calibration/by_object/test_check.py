@@ -138,13 +138,28 @@ def test_a_camera_that_is_hidden_is_not_asked_and_one_that_cannot_use_what_it_sh
     assert found.is_lost(found.cameras[2])
 
 
+@pytest.mark.parametrize(("count", "share"), [(1, 0.01), (3, 0.01), (20, 0.001)])
+def test_a_camera_that_sees_the_object_seldom_or_badly_is_not_accused(count, share, rng):
+    spread = np.sqrt(np.diag(KNOWN) * share)
+    for seed in range(4):
+        seen = looks(CAMERAS, CAMERAS, seed=seed)
+        for n, one in enumerate(seen):
+            one.information[2] *= share * (n < count)
+            one.moved[2] += rng.normal(size=6) / spread
+        assert not any(one.moved for one in check_calibration(seen, CAMERAS).cameras)
+
+
 def test_one_camera_or_no_look_of_two_is_refused():
     with pytest.raises(CalibrationError, match="camera60 alone"):
         check_calibration(looks(CAMERAS, CAMERAS), CAMERAS[:1])
     lone = [one._replace(information=np.zeros((3, 6, 6))) for one in looks(CAMERAS, CAMERAS, count=2)]
     lone[0].information[1] = KNOWN
     lone[0].lost[0] = True
-    for nothing in ([], lone):
+    # Each camera in turn sees the object alone, and another cannot use what it shows.
+    turns = [one._replace(information=np.zeros((3, 6, 6))) for one in looks(CAMERAS, CAMERAS, count=12)]
+    for n, one in enumerate(turns):
+        one.information[n % 3], one.lost[(n + 1) % 3] = KNOWN, True
+    for nothing in ([], lone, turns):
         with pytest.raises(CalibrationError, match="no set of images"):
             check_calibration(nothing, CAMERAS)
 

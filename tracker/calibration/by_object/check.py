@@ -157,7 +157,8 @@ def check_calibration(
     """
     require_two(cameras, "check")
     compared = any(np.count_nonzero(look.information[:, 0, 0]) > 1 for look in looks)
-    if not compared and sum(bool(look.lost.any()) for look in looks) < OFTEN:
+    lost = sum((look.lost for look in looks), np.zeros(len(cameras), int))
+    if not compared and lost.max() < max(OFTEN, LOST * len(looks)):
         raise CalibrationError(
             "check: found no set of images in which two cameras see the object still and in one place; "
             "expected one or more, preferably twenty; are object and calibration those of these images, "
@@ -178,7 +179,7 @@ def check_calibration(
             CameraCheck(
                 camera.name,
                 int(np.count_nonzero(asked)),
-                int(sum(bool(look.lost[c]) for look in looks)),
+                int(lost[c]),
                 _median(lengths[asked]),
                 c in free,
                 *_correction(camera, errors[c]),

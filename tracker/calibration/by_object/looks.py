@@ -113,26 +113,30 @@ class CameraErrors:
         volume = np.linalg.slogdet(matrix)[1] - sum(np.linalg.slogdet(p)[1] for p in prior)
         return errors, cost, cost + 0.5 * float(volume)
 
-    def evidence(self, free: Sequence[int]) -> float:
-        """Return the log evidence that exactly these cameras have moved, marginalised over SHARES."""
-        found = np.array([-self.solve(free, share)[2] for share in SHARES])
-        return float(found.max() + np.log(np.mean(np.exp(found - found.max()))))
+    def evidence(self, free: Sequence[int]) -> tuple[float, FloatArray]:
+        """Return the log evidence that exactly these cameras have moved, over all SHARES; and each's cost."""
+        _, costs, volumes = zip(*(self.solve(free, share) for share in SHARES), strict=True)
+        found = -np.array(volumes)
+        return float(found.max() + np.log(np.mean(np.exp(found - found.max())))), np.array(costs)
 
     def moved(self) -> list[int]:
         """Return the cameras that have moved, the one that explains most first; at most all but one."""
         free: list[int] = []
-        if len(self.known) < OFTEN:
-            return free
-        cost, evidence = self.solve(free)[1], self.evidence(free)
+        seen = self.known[:, :, 0, 0] > 0.0
+        compared = np.count_nonzero(seen & (seen.sum(axis=1, keepdims=True) > 1), axis=0)
+        evidence, costs = self.evidence(free)
         while len(free) < len(self.cameras) - 1:
-            left = [c for c in range(len(self.cameras)) if c not in free]
-            costs = [self.solve([*free, c])[1] for c in left]
-            best = int(np.argmin(costs))
-            after = self.evidence([*free, left[best]])
-            if cost - costs[best] < MOVED and after - evidence < EVIDENT:
+            left = [c for c in np.flatnonzero(compared >= OFTEN).tolist() if c not in free]
+            best = min(left, key=lambda c: self.solve([*free, c])[1], default=None)
+            if best is None:
                 break
-            free.append(left[best])
-            cost, evidence = costs[best], after
+            after, fewer = self.evidence([*free, best])
+            gains = costs - fewer
+            # A camera that sees little has hardly any evidence against it: its errors must also be large.
+            if gains[0] < MOVED and (after - evidence < EVIDENT or gains.max() < MOVED):
+                break
+            free.append(best)
+            evidence, costs = after, fewer
         return free
 
     def misses(self) -> FloatArray:
