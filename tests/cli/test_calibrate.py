@@ -105,15 +105,15 @@ def test_a_fault_of_a_lens_and_of_photos_is_named(arguments, first, words, photo
         ([], "nowhere", ["nowhere", "no such folder"]),
         ([], "lenses", ["found no photo of camera60", "camera60.png"]),
         (["camera60"], "one", ["camera180, top", "found no photo of the board in its given place"]),
-        (["camera60", "camera60b"], "two", ["camera60.png, camera60b.png", "one photo of camera60"]),
-        (["camera60", "camera90"], "other", ["camera90.png: named after camera90", ", ".join(NAMES)]),
+        (["camera60", "camera60b"], "two", ["camera60.tif, camera60b.tif", "one photo of camera60"]),
+        (["camera60", "camera90"], "other", ["camera90.tif: named after camera90", ", ".join(NAMES)]),
         ([], "0 -o lenses", ["lenses: in use, expected a new or an empty folder"]),
     ],
 )
 def test_a_fault_of_photos_of_the_arena_is_named(files, folder, words, triplets, run_here):
     for file in files:
         (triplets / folder).mkdir(exist_ok=True)
-        shutil.copy(triplets / "0" / "camera60.png", triplets / folder / f"{file}.png")
+        shutil.copy(triplets / "0" / "camera60.png", triplets / folder / f"{file}.tif")
     given = (*BOARD, "--intrinsics", "lenses", "-o", "rig", *folder.split())
     assert_refused(run_here, triplets, ["extrinsics", *given], *words)
 
@@ -164,7 +164,7 @@ def test_files_that_are_not_used_are_not_judged(pictures, rig, tmp_path, run_her
 
 def test_a_camera_that_never_sees_the_object_is_no_part_of_the_verdict(pictures, run_here):
     folder, files = pictures
-    blank = folder / "blank-camera300.png"
+    blank = folder / "blank-camera300.bmp"
     cv2.imwrite(str(blank), np.full_like(cv2.imread(str(files[0])), 110))
     given = [blank if k % 3 == 2 else file for k, file in enumerate(files)]
     result = well(run_here("check", *given, *CUBE, "--calibration", folder / "right"))

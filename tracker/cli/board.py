@@ -15,7 +15,7 @@ import click
 import tracker
 from tracker.cli.options import Range, command, file_option, flag, numbers, option, several
 from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording, refuse_overwriting
-from tracker.cli.stills import camera_in, silent_libraries
+from tracker.cli.stills import PICTURES, camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError
 
@@ -313,7 +313,7 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
         if not folder.is_dir():
             raise CalibrationError(f"{folder}: no such folder; expected one with a photo of each camera")
         found: dict[str, list[Path]] = {camera: [] for camera in cameras}
-        for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE):
+        for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES):
             named = camera_in(path.stem, cameras)
             if named not in (None, *cameras):
                 raise CalibrationError(f"{path}: named after {named}, expected {', '.join(cameras)} alone")
