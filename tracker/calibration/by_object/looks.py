@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from tracker.calibration.by_object.edges import seen_motion
 from tracker.calibration.deviations import calibration_covariance, is_stated
@@ -101,8 +102,7 @@ class CameraErrors:
         weights = np.full(self.known.shape[:2], 1.0)
         for _ in range(ROUNDS):
             matrix, vector = self._equations(weights)
-            for c in range(count):
-                matrix[6 * c : 6 * c + 6, 6 * c : 6 * c + 6] += prior[c]
+            matrix += block_diag(*prior)
             errors = np.asarray(np.linalg.solve(matrix, vector)).reshape(count, 6)
             seen = self.moved_by + np.einsum("fij,cj->fci", self.lever, errors)
             off = seen - self._poses(weights[..., None, None] * self.known, seen)[:, None]
@@ -125,16 +125,15 @@ class CameraErrors:
         seen = self.known[:, :, 0, 0] > 0.0
         compared = np.count_nonzero(seen & (seen.sum(axis=1, keepdims=True) > 1), axis=0)
         evidence, costs = self.evidence(free)
-        while len(free) < len(self.cameras) - 1:
-            left = [c for c in np.flatnonzero(compared >= OFTEN).tolist() if c not in free]
-            best = min(left, key=lambda c: self.solve([*free, c])[1], default=None)
-            if best is None:
-                break
+        left = np.flatnonzero(compared >= OFTEN).tolist()
+        while left and len(free) < len(self.cameras) - 1:
+            best = min(left, key=lambda c: self.solve([*free, c])[1])
             after, fewer = self.evidence([*free, best])
             gains = costs - fewer
             # A camera that sees little has hardly any evidence against it: its errors must also be large.
             if gains[0] < MOVED and (after - evidence < EVIDENT or gains.max() < MOVED):
                 break
+            left.remove(best)
             free.append(best)
             evidence, costs = after, fewer
         return free
@@ -172,17 +171,11 @@ class CameraErrors:
     def _equations(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the normal equations (6 C, 6 C), (6 C,) of the errors, without their prior."""
         known = self.share * weights[..., None, None] * self.known
-        count = len(self.cameras)
         joint = known.sum(axis=1) + np.diag(np.repeat([1.0, 1e-2], 3))
         pulled = np.einsum("fji,fcjk->fcik", self.lever, known)  # Gᵀ A
         reduced = np.linalg.solve(joint[:, None], known)  # S⁻¹ A
-        matrix = np.zeros((count, 6, count, 6))
-        for c in range(count):
-            for k in range(count):
-                part = -pulled[:, c] @ reduced[:, k] @ self.lever
-                if c == k:
-                    part += pulled[:, c] @ self.lever
-                matrix[c, :, k, :] = part.sum(axis=0)
+        blocks = -(pulled[:, :, None] @ reduced[:, None] @ self.lever[:, None, None]).sum(axis=0)
+        blocks[np.diag_indices(len(self.cameras))] += (pulled @ self.lever[:, None]).sum(axis=0)
         off = self.moved_by - self._poses(known, self.moved_by)[:, None]
         vector = -np.einsum("fcij,fcj->ci", pulled, off)
-        return matrix.reshape(6 * count, 6 * count), vector.reshape(-1)
+        return blocks.swapaxes(1, 2).reshape(vector.size, -1), vector.reshape(-1)
