@@ -26,10 +26,11 @@ from scipy.linalg import block_diag
 
 from tracker.calibration.by_object.edges import EXPONENT_STD, OWN, Contour, EdgeReader, Frame, seen_motion
 from tracker.calibration.by_object.sightings import (
+    LEAST,
+    UNSEEN,
     Footage,
     all_sightings,
     different,
-    require_each,
     require_two,
 )
 from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of
@@ -347,7 +348,10 @@ def refine_cameras(
     seen = all_sightings(tracker, footage, SURE, progress)
     frames = list(edges.sights(different(model.name, seen, most)))
     shown = [[one is not None for one in edges.fitted(frame)[1]] for frame in frames]
-    require_each(rig.names, np.sum(shown, axis=0).tolist(), f"of {len(frames)} frames show {model.name}")
+    for name, count in zip(rig.names, np.sum(shown, axis=0).tolist(), strict=True):
+        if count < LEAST // 3:
+            few = f"found that {count} of {len(frames)} frames show {model.name}"
+            raise CalibrationError(f"refine: {name}: {few}, expected {LEAST // 3} or more: {UNSEEN}")
     rim = model.rim, model.rim_std
     taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
     judges = frames[::JUDGED]

@@ -177,7 +177,9 @@ _FAR_OFF = "; cameras off by over a few mm or half a degree need a board first: 
 
 def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     """Return up to `most` sightings in different poses; CalibrationError if there are too few."""
-    sharp = [one for one in seen if _smear(one) < SMEARED]
+    sharp = [
+        one for one in seen if one.velocity is None or one.skew * np.linalg.norm(one.velocity[:3]) < SMEARED
+    ]
     if not sharp:
         more = f"; in {len(seen)} more it moved between the cameras' images" if seen else ""
         raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}{_FAR_OFF}")
@@ -196,17 +198,3 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
             f"arena{_FAR_OFF}"
         )
     return [chosen[k] for k in evenly(len(chosen), most)]
-
-
-def _smear(one: Sighting) -> float:
-    """Return how far the object moved between the first and the last image of a frame [m]."""
-    return 0.0 if one.velocity is None else one.skew * float(np.linalg.norm(one.velocity[:3]))
-
-
-def require_each(names: Sequence[str], shown: Sequence[int], what: str) -> None:
-    """Raise CalibrationError for a camera that shows the object in too few frames, of `what`."""
-    for name, count in zip(names, shown, strict=True):
-        if count < LEAST // 3:
-            raise CalibrationError(
-                f"refine: {name}: found that {count} {what}, expected {LEAST // 3} or more: {UNSEEN}"
-            )
