@@ -194,8 +194,6 @@ def test_deviations_are_read_as_written_and_a_lens_alone_is_no_camera_yet(calibr
     assert not read.placed
     assert not read_all_calibrated([tmp_path], "*.yml")[0].placed
     assert np.array_equal(read.camera.matrix, camera.matrix)
-    with pytest.raises(CalibrationError, match=r"tf_world_to_camera is missing.* calibrate extrinsics"):
-        read_camera(file)
 
 
 def test_a_calibration_is_resized_and_cropped_as_its_camera_is_and_deviations_with_it(calibrated):
@@ -242,7 +240,6 @@ def test_the_deviation_of_a_focal_length_is_that_of_the_file():
         ("distortion_coefficients", ..., None, "is missing"),
         ("tf_world_to_camera", ..., None, "tf_world_to_camera is missing; found camera_matrix"),
         ("camera_name", 60, None, "found 60, expected a name"),
-        ("camera_name", "", None, "found '', expected a name of up to 100 letters"),
         ("image_width", -270, None, "found -270, expected a whole number from 1"),
         ("image_width", True, None, "found True"),
         ("image_width", 270.5, None, "found 270.5"),
@@ -314,12 +311,3 @@ def test_what_is_no_calibration_is_refused_and_no_code_in_it_run(content, messag
         read_camera(file)
     assert str(file) in str(caught.value)
     assert list(tmp_path.iterdir()) == [file]
-
-
-def test_a_missing_file_and_a_folder_are_named(tmp_path):
-    with pytest.raises(CalibrationError, match=r"none\.yml: cannot be read: No such file"):
-        read_camera(tmp_path / "none.yml")
-    with pytest.raises(CalibrationError, match=r"cannot be read: Is a directory"):
-        read_camera(tmp_path)
-    with pytest.raises(CalibrationError, match="null byte"):
-        read_camera("a\0b")

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from tests.helpers import make_camera
-from tracker.calibration.files.platform import Calibrated, read_calibrated, write_calibrated
+from tracker.calibration.files.platform import Calibrated, write_calibrated
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 from tracker.geometry.arena import Arena
@@ -133,6 +133,7 @@ def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_
             for given in (5, None, [5], b"abc")
         ],
         (lambda: CameraRig.load("a" * 5000), "cannot be read"),
+        (lambda: CameraRig.load([".", "."]), "cannot be read: Is a directory"),
         (lambda: CameraRig.load("a\0b"), "found a null byte in it, expected cameras' files"),
         (lambda: CameraRig.load(".", pattern=5), "pattern: found 5, expected a text"),
     ],
@@ -169,9 +170,8 @@ def test_a_name_that_could_be_more_than_a_name_is_refused_where_it_is_read_and_w
     file = tmp_path / "camera60.yml"
     write_calibrated(Calibrated(make_camera()), file)
     file.write_text(yaml.safe_dump({**yaml.safe_load(file.read_text()), "camera_name": name}))
-    for read in (CameraRig.load, lambda _: read_calibrated(file)):
-        with pytest.raises(CalibrationError, match=message):
-            read(tmp_path)
+    with pytest.raises(CalibrationError, match=message):
+        CameraRig.load(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["camera60", "links ä", "0", "-", "a.b_c-d", "カメラ1"])

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tracker.checks import is_number, is_whole, naming, path_of
+from tracker.checks import is_number, is_whole, naming
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.files import read_bounded, told_as, told_of, write_whole
@@ -71,7 +71,7 @@ _Loader.add_implicit_resolver(
 
 def _read_mapping(path: Path) -> dict[Any, Any]:
     """Return the mapping in a calibration file; CalibrationError if it is not a mapping in plain YAML."""
-    with told_of(path_of(path, "calibration", CalibrationError), CalibrationError):
+    with told_of(path, CalibrationError):
         content = read_bounded(path, MAX_FILE_SIZE)
     try:
         # OpenCV's header is not valid YAML; the rest of the document is.
