@@ -89,7 +89,6 @@ def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
     ("arguments", "first", "words"),
     [
         ("--squares 7x5", 0, ["found in none of 10 photos", "do not lie as on a board of 7x5 squares"]),
-        ("--squares 5x9", 0, ["no more than 5x7 squares", "mirrored"]),
         ("--crop 300x300+0+0", 0, ["300x300+0+0", "360x270"]),
         ("", 5, ["found 3 photos", "at least 6", "08.png: the photo is blurred", "mirrored"]),
     ],
@@ -288,8 +287,6 @@ def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
         ("check {resting} {cube} --plot {one}/a.png", ["a folder of images"]),
         ("refine {resting} {cube} -o {used}/camera60.yml", ["found a file, expected a folder"]),
         ("board {board} --square 0.4 --marker 0.3 -o board.pdf", ["at most 1200 mm"]),
-        ("board {board} --marker 0.0399 -o board.pdf", ["markers of 0.0399 m", "0.008 to 0.038"]),
-        ("board {board} --square 0.0004 -o board.pdf", ["squares of 0.0004 m", "at least 0.002"]),
         ("extrinsics {board} --intrinsics {resting} --height nan -o new {one}", ["--height", "nan"]),
         ("extrinsics {board} --intrinsics {resting} --yaw inf -o new {one}", ["--yaw", "inf"]),
         ("check {one}/camera60.png {cube} --calibration {resting}/camera60.yml", ["alone"]),

@@ -34,10 +34,10 @@ def test_the_frame_is_centred_with_its_z_axis_out_of_the_print():
     ("values", "words"),
     [
         ((2, 7, 0.04, 0.03), ["2x7", "3 to"]),
-        ((5, 7, 0.0, 0.03), ["squares of 0 m"]),
+        ((5, 7, 0.0, 0.03), ["squares of 0 m", "at least 0.002"]),
         ((5, 7, 4.0, 3.0), ["squares of 4 m", "at most 1 m"]),
         ((5, 7, float("nan"), 0.03), ["squares of nan"]),
-        ((5, 7, 0.03, 0.03), ["markers of 0.03", "less than"]),
+        ((5, 7, 0.04, 0.039), ["markers of 0.039 m", "0.008 to 0.038, less than"]),
         ((5, 7, 0.04, 0.03, "DICT_5X7"), ["DICT_5X7", "DICT_APRILTAG_16h5"]),
         ((9, 9, 0.04, 0.03), ["9x9", "40 markers", "has 30"]),
     ],
@@ -60,13 +60,6 @@ def test_squares_are_printed_where_the_board_says_to_a_dot(board):
     for k in range(first, board.columns, 2):
         for edge in edges[k : k + 2]:
             assert np.abs(black + 1 - edge).min() <= 1.0
-
-
-@pytest.mark.parametrize("legacy", [False, True])
-def test_only_the_pattern_printed_is_found(legacy):
-    image = page_image(page_of(replace(EVEN, legacy=legacy)), 150)
-    assert len(find_board("", image, replace(EVEN, legacy=legacy)) or ()) == 35
-    assert find_board("", image, replace(EVEN, legacy=not legacy)) is None
 
 
 def test_corners_lie_on_the_printed_page_where_the_board_says():
@@ -148,7 +141,6 @@ def test_blur_is_given_in_pixels(blur, photos):
         (lambda image: cv2.GaussianBlur(image, (0, 0), 4), BOARD, "the photo is blurred"),
         (lambda image: cv2.blur(image, (21, 1)), BOARD, "the photo is blurred"),
         (np.zeros_like, BOARD, "no marker of DICT_APRILTAG_16h5 found"),
-        (lambda image: np.full_like(image, 200), BOARD, "no marker of DICT_APRILTAG_16h5 found"),
         (lambda image: image[:, :1].copy(), BOARD, "no marker of DICT_APRILTAG_16h5 found"),
         (lambda image: image[:1, :1].copy(), BOARD, "no marker of DICT_APRILTAG_16h5 found"),
         (np.copy, Board(5, 7, 0.04, 0.03, "DICT_5X5_100"), "no marker of DICT_5X5_100 found"),
@@ -173,12 +165,13 @@ def test_a_board_that_is_part_of_the_one_seen_is_refused(photos):
 
 
 @pytest.mark.parametrize("legacy", [False, True])
-@pytest.mark.parametrize("expected", [False, True])
-def test_the_pattern_is_that_of_the_photos(legacy, expected):
+def test_only_the_pattern_of_the_photos_is_found(legacy):
     rng = np.random.default_rng(73)
     board = Board(5, 6, 0.04, 0.03, legacy=legacy)
+    other = replace(board, legacy=not legacy)
     image = photo(pose_towards(rng), rng, board=board)
-    assert pattern_seen([image], replace(board, legacy=expected)) == board
+    assert find_board("", image, other) is None
+    assert pattern_seen([image], board) == pattern_seen([image], other) == board
 
 
 def test_what_is_shown_of_a_board_is_counted_in_squares(photos):
