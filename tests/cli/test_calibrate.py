@@ -243,7 +243,7 @@ def test_a_rim_below_nothing_is_written_as_none_and_colours_are_found_from_elsew
 
 def test_without_a_gain_nothing_is_written(moving, tmp_path, run_here):
     arguments = ("refine", moving, *CUBE, "--stills", "-o", tmp_path / "mended")
-    assert_refused(run_here, tmp_path, arguments, "refused", "frames held out", "px", code=1)
+    assert_refused(run_here, tmp_path, arguments, "refused: edges in 9 frames held out", "as good as", code=1)
 
 
 @pytest.fixture(scope="module")
