@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -279,8 +280,6 @@ def extrinsics(
     board lies face up, at --center, --height and --yaw. In the others, it may be anywhere. More places make
     the result more accurate.
     """
-    import numpy as np
-
     from tracker.calibration.board.extrinsics import place_cameras
     from tracker.calibration.files.platform import file_name, read_all_calibrated
 
@@ -293,7 +292,7 @@ def extrinsics(
     board, found, faults = _sightings_of(list(paths.values()), board)
     sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
     so3 = tracker.geometry.so3
-    world_from_board = so3.transform(so3.exp([0, 0, np.deg2rad(yaw)]), (*center, height))
+    world_from_board = so3.transform(so3.exp([0, 0, math.radians(yaw)]), (*center, height))
     with _naming(faults):
         placed = place_cameras(lenses, sightings, world_from_board)
     files = smaller.write((one, output / file_name(one.camera.name)) for one in placed.cameras)
@@ -332,8 +331,6 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
 
 def _placed_tables(placed: Placed, faults: dict[str, str]) -> list[str]:
     """Return a table of the photos and one of the cameras."""
-    import numpy as np
-
     from tracker.calibration.board.sighting import rms
 
     photos = [["photo", "corners", "blur [px]", "RMS [px]"]]
@@ -345,7 +342,7 @@ def _placed_tables(placed: Placed, faults: dict[str, str]) -> list[str]:
     for number, one in enumerate(placed.cameras):
         camera, std = one.camera, one.camera.camera_from_world_std
         assert std is not None
-        turned = float(np.rad2deg(np.linalg.norm(std[:3, :3]) / np.sqrt(2)))
+        turned = math.degrees(math.hypot(*std[:3, :3].ravel()) / math.sqrt(2))
         known = [f"{1000 * placed.spreads[number]:.2f}", f"{turned:.3f}", f"{placed.rms(number):.3f}"]
         cameras.append([camera.name, *(f"{1000 * value:.1f}" for value in camera.position), *known])
     return [_photo_table(photos, unused | faults), table(cameras)]

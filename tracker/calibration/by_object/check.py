@@ -221,7 +221,7 @@ def _median(values: FloatArray) -> float:
 def _corner_motion(camera: Camera, look: Look) -> FloatArray:
     """Return the Jacobian (2 N, 6) of a look's corners in an image by the object's pose [px at FOCAL]."""
     _, jacobian = camera.project_with_jacobian(look.corners)
-    swing = np.stack([-so3.hat(arm) for arm in look.corners - look.position])
+    swing = -so3.hat(look.corners - look.position)
     motion = np.concatenate([jacobian, jacobian @ swing], axis=2)
     motion *= FOCAL / camera.matrix[(0, 1), (0, 1)][:, None]
     return np.asarray(motion.reshape(-1, 6))
