@@ -183,11 +183,12 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     if not sharp:
         more = f"; in {len(seen)} more it moved between the cameras' images" if seen else ""
         raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}{_FAR_OFF}")
-    chosen: list[Sighting] = []
-    for one in sharp:
-        if not any(_near(one, other, APART) for other in chosen):
-            chosen.append(one)
-    places = np.array([one.position for one in chosen])
+    every, numbers = np.array([one.position for one in sharp]), list[int]()
+    for n, one in enumerate(sharp):
+        beside = np.linalg.norm(every[numbers] - one.position, axis=1) < APART[0]  # few, of thousands
+        if not any(_near(one, sharp[numbers[k]], APART) for k in np.flatnonzero(beside)):
+            numbers.append(n)
+    places, chosen = every[numbers], [sharp[n] for n in numbers]
     turn = max(so3.angle_between(one.rotation, chosen[0].rotation) for one in chosen)
     spread = float(np.sqrt(places.var(axis=0).sum()))
     if len(chosen) < LEAST or spread < SPREAD or turn < TURNED:
