@@ -32,7 +32,7 @@ def on_error(undo: Callable[[], object]) -> Iterator[None]:
 
 
 class OneAtATime:
-    """A context manager that lets one thread at a time use an open file, only in the process that opened it.
+    """Lets one thread at a time use an open file, only in the process that opened it.
 
     Forked processes share the position in the file, and would move it for each other.
     """
@@ -40,13 +40,11 @@ class OneAtATime:
     def __init__(self, path: Path) -> None:
         self._path, self._process, self._lock = path, os.getpid(), threading.Lock()
 
-    def __enter__(self) -> None:
+    def lock(self) -> threading.Lock:
+        """Return the lock to hold, whose with-statement Ctrl-C cannot leave locked; LogError if forked."""
         if os.getpid() != self._process:
             raise LogError(f"{self._path}: was opened in another process, expected to be opened in this one")
-        self._lock.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
+        return self._lock
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:

@@ -75,7 +75,7 @@ class LmdbFile:
     def get(self, key: str, largest: int) -> bytes | None:
         """Return the value of a key, or None if there is none; LogError if it exceeds `largest` bytes."""
         assert self._reader.stdin is not None
-        with self._alone:
+        with self._alone.lock():
             try:
                 self._reader.stdin.write(f"{key} {largest}\n".encode("ascii"))
                 self._reader.stdin.flush()

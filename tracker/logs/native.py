@@ -189,7 +189,7 @@ class NativeSource(Source):
                 while count := os.preadv(self._raw.fileno(), [data[done:]], offset + done):
                     done += count
             return done
-        with told_of(self.path), self._alone:
+        with told_of(self.path), self._alone.lock():
             try:
                 self._file.seek(offset)
                 return self._file.readinto(data)

@@ -206,7 +206,7 @@ class FilmFile:
         """Return the image (H, W, 3) BGR with this number; LogError if it is damaged."""
         sought, before = self._times[number], self._times[number - 1] if number else None
         where = f"{self.path}: image {number}: "
-        with self._alone:
+        with self._alone.lock():
             try:
                 if self._next is None or self._ahead != before:
                     self._film.seek(sought, stream=self._stream, backward=True)  # to a keyframe before it
