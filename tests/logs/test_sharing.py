@@ -1,6 +1,9 @@
+import _thread
+import contextlib
 import gzip
 import struct
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -52,6 +55,21 @@ def test_threads_share_a_log(write, tmp_path):
     for number, frame in zip(numbers, found, strict=True):
         assert frame.index == number
         np.testing.assert_array_equal(frame.images, expected[number])
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_a_log_is_read_on_after_ctrl_c(write, tmp_path, rng):
+    with tracker.open_log(write(tmp_path / "log")) as log:
+        expected = [frame.images for frame in log]
+        for wait in rng.uniform(0, 0.02, 50):
+            with contextlib.suppress(KeyboardInterrupt):
+                timer = threading.Timer(wait, _thread.interrupt_main)
+                timer.start()
+                for number in [*range(COUNT)] * 4:
+                    log.frame(number)
+                timer.join()
+            for number in rng.integers(COUNT, size=2):
+                np.testing.assert_array_equal(log.frame(number).images, expected[number])
 
 
 FORKED = """

@@ -54,8 +54,12 @@ class LmdbFile:
         self._path, self._alone = path, OneAtATime(path)
         with told_of(path), open_regular(path) as file:
             self.size = file.seek(0, 2)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start the reader process."""
         self._reader = subprocess.Popen(
-            python_command(_READER, os.fspath(path)),
+            python_command(_READER, os.fspath(self._path)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -65,7 +69,7 @@ class LmdbFile:
             expected, self.entries = struct.unpack("<QQ", self._received(16))
             if expected > self.size:
                 found = f"found {self.size} bytes, expected at least {expected}"
-                raise LogError(f"{path}: {found}: it is truncated")
+                raise LogError(f"{self._path}: {found}: it is truncated")
 
     def close(self) -> None:
         """End the reader process."""
@@ -79,12 +83,17 @@ class LmdbFile:
             try:
                 self._reader.stdin.write(f"{key} {largest}\n".encode("ascii"))
                 self._reader.stdin.flush()
+                (size,) = struct.unpack("<q", self._received(8))
+                content = self._received(size) if 0 <= size <= largest else None
             except BrokenPipeError as error:
                 raise self._damaged(f"no {key}") from error
-            (size,) = struct.unpack("<q", self._received(8))
-            if size > largest:
-                raise self._damaged(f"{size} bytes of {key}, expected at most {largest}")
-            return self._received(size) if size >= 0 else None
+            except KeyboardInterrupt:  # what is left of the answer would be taken for the next one
+                self.close()
+                self._begin()
+                raise
+        if size > largest:
+            raise self._damaged(f"{size} bytes of {key}, expected at most {largest}")
+        return content
 
     def _received(self, size: int) -> bytes:
         assert self._reader.stdout is not None

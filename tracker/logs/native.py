@@ -191,15 +191,15 @@ class NativeSource(Source):
             return done
         with told_of(self.path), self._alone.lock():
             try:
-                self._file.seek(offset)
-                return self._file.readinto(data)
+                with on_error(self._rewind):
+                    self._file.seek(offset)
+                    return self._file.readinto(data)
             except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-                self._rewind()
                 where = f"before byte {offset + len(data)} of the content: {' '.join(str(error).split())}"
                 raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
 
     def _rewind(self) -> None:
-        # Make a new gzip reader: the state of the old one after an error is undefined.
+        # Make a new gzip reader: the state of the old one after an error or Ctrl-C is undefined.
         self._raw.seek(0)
         self._file = gzip.GzipFile(fileobj=self._raw)
 

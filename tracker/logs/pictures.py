@@ -173,8 +173,8 @@ class FilmFile:
         first, unit = self._times[0], self._stream.time_base
         self.stamps: tuple[float, ...] = tuple(float((time - first) * unit) for time in self._times)
         """Presentation time of each image, relative to the first [s]."""
-        self._next: Any = None  # decoder, positioned after the last decoded image
-        self._ahead: int | None = None  # time of the last decoded image
+        self._next: Any = None  # decoder, positioned after the image of the time `_ahead`
+        self._ahead: int | None = None
 
     def _video(self) -> Any:
         if not self._film.streams.video:
@@ -207,21 +207,22 @@ class FilmFile:
         sought, before = self._times[number], self._times[number - 1] if number else None
         where = f"{self.path}: image {number}: "
         with self._alone.lock():
+            following, self._next = self._next, None  # an error or Ctrl-C leaves None
             try:
-                if self._next is None or self._ahead != before:
+                if following is None or self._ahead != before:
                     self._film.seek(sought, stream=self._stream, backward=True)  # to a keyframe before it
-                    self._next, self._ahead = self._film.decode(self._stream), None
-                for frame in self._next:
-                    self._ahead = frame.pts if frame.pts is not None else frame.dts
+                    following = self._film.decode(self._stream)
+                for frame in following:
+                    time = frame.pts if frame.pts is not None else frame.dts
                     check_same_size((frame.width, frame.height), self.size, where)
-                    if self._ahead == sought:
-                        return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
-                    if self._ahead is not None and self._ahead > sought:
+                    if time == sought:
+                        image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+                        self._next, self._ahead = following, time
+                        return image
+                    if time is not None and time > sought:
                         break
             except self._faults as error:
-                self._next = None
                 raise LogError(f"{where}{' '.join(str(error).split())}") from error
-            self._next = None
         raise LogError(f"{where}found none, the film is damaged")
 
     def close(self) -> None:
