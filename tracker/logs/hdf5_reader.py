@@ -77,7 +77,7 @@ class StoredImages:
             start = index - index % self._together
             frames = self._read(start, min(start + self._together, self.count))
             self._kept = start, frames
-        return np.asarray(frames[index - start])
+        return np.array(frames[index - start])  # a copy: callers may change its pixels
 
     def _read(self, start: int, stop: int) -> Image:
         """Read frames of the same blocks, checking each block: the library would fill in missing ones."""
