@@ -17,7 +17,7 @@ from tracker.batch.results import output_of
 from tracker.batch.run import Batch, agreed, only_run, read_batch, run_batch
 from tracker.batch.workers import engine
 from tracker.errors import LogError, TrackerError
-from tracker.files import claimed
+from tracker.files import claimed, whole_file
 from tracker.poses.file import read_poses
 from tracker.recordings import Job, Options, Recipe
 from tracker.recordings.track import fingerprint
@@ -189,6 +189,19 @@ def test_what_killed_runs_left_of_its_own_files_is_removed_and_nothing_else(tmp_
         assert there == {*others, "a/.d.poses.h5.lock", ".batch.json.lock"}
         with pytest.raises(BlockingIOError, match="another run"), only_run(one):
             pass
+
+
+def test_what_a_job_is_writing_is_not_removed_by_a_run_that_begins(recordings, monkeypatch):
+    one = batch_of(recordings)
+
+    def begun_meanwhile(path, content):
+        with whole_file(path) as temporary:
+            temporary.write_text(content)
+            run._remove_leftovers(one)
+
+    monkeypatch.setattr(run, "write_whole", begun_meanwhile)
+    assert run_batch(one.work(), engine(1), lambda _: None) == 0
+    assert tables.state(one).missing == 0
 
 
 def test_the_pace_is_that_of_the_last_minutes_and_takes_one_look_at_all_times():

@@ -79,7 +79,7 @@ def make_result(task: Task) -> dict[str, Any]:
         mark = tracked.poses.about.fingerprint
         line = {"fingerprint": mark, "bytes": output.stat().st_size, "goal": _goal_of(job.log)}
         line |= row(job, tracked, remark_on_recording(job, tracked.poses))
-        write_whole(results.summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
+        _write(results.summary_file(output), line)
         results.failure_file(output).unlink(missing_ok=True)
     except Exception as error:  # any error: the other recordings must still be done
         return _failed(task, error)
@@ -93,9 +93,14 @@ def _failed(task: Task, error: Exception) -> dict[str, Any]:
         with contextlib.suppress(OSError):  # for instance a full disk; the result returned has the reason
             output.parent.mkdir(parents=True, exist_ok=True)
             results.summary_file(output).unlink(missing_ok=True)
-            content = {"recording": task.name, "reason": why}
-            write_whole(results.failure_file(output), json.dumps(content, indent=1) + "\n")
+            _write(results.failure_file(output), {"recording": task.name, "reason": why})
     return {"recording": task.name, "frames": 0, "failure": why}
+
+
+def _write(path: Path, content: dict[str, Any]) -> None:
+    """Write a small file; it is claimed meanwhile, so that no other run removes the temporary one."""
+    with claimed(path):
+        write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 @functools.lru_cache(maxsize=2)
