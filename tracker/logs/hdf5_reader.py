@@ -231,7 +231,7 @@ class Hdf5Source(Source):
                     continue
                 if field.dtype != np.uint8 or field.ndim != 1 or field.size > _MAX_SETTINGS:
                     raise LogError(f"found {described(field)}, expected up to {_MAX_SETTINGS} bytes")
-                found[camera] = values = json.loads(field[:].tobytes())
+                found[camera] = values = json.loads(hdf5.values(field).tobytes())
                 if not isinstance(values, dict) or not all(
                     isinstance(value, str | bool) or is_number(value) for value in values.values()
                 ):

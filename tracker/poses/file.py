@@ -293,11 +293,11 @@ def _texts(file: Any, name: str, shape: tuple[int, ...]) -> Array:
 
 def _rig(file: Any) -> CameraRig:
     dataset = hdf5.dataset(file, "camera_names")
-    if dataset.ndim != 1 or dataset.dtype.kind != "S" or dataset.shape[0] > _MAX_CAMERAS:
+    if dataset.ndim != 1 or dataset.shape[0] > _MAX_CAMERAS:
         found = described(dataset)
         raise LogError(f"/camera_names: found {found}, expected up to {_MAX_CAMERAS} {hdf5.TYPES['S']}")
     cameras = []
-    for name in hdf5.decoded(np.asarray(dataset[()])):
+    for name in hdf5.decoded(hdf5.array(file, "camera_names", dataset.shape, "S")):
         path = f"camera_info/{name}"
         if not hdf5.has_group(file, path, "/"):
             raise LogError(f"/{path}: found none, expected a group for each of /camera_names")
