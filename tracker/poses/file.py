@@ -167,7 +167,9 @@ def is_poses_file(path: str | os.PathLike[str]) -> bool:
 
 
 def refuse_other_file(path: Path, what: str) -> None:
-    """Raise LogError, naming `what`, for a file without poses, unless it is empty or damaged."""
+    """Raise LogError, naming `what`, for a folder or a file without poses, unless it is empty or damaged."""
+    if path.is_dir():
+        raise LogError(f"{what}: found a folder, expected a file")
     if not path.is_file() or path.stat().st_size == 0 or is_poses_file(path):
         return
     with path.open("rb") as file:
