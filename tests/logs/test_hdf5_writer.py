@@ -53,6 +53,7 @@ def test_what_is_written_is_read(tmp_path, count):
         ({"frame_rate": 0.0}, "frame_rate: found 0.0"),
         ({"settings": [{}]}, f"settings: found 1, expected {len(rig)}"),
         ({"settings": {"camera60": {}}}, "settings: found a mapping of 1"),
+        *[({"settings": [{"Gain": one}] * 3}, "expected texts and numbers by name") for one in (None, [1])],
     ]:
         with pytest.raises(LogError, match=message):
             Hdf5LogWriter(tmp_path / "wrong.h5", rig, **wrong)
@@ -256,12 +257,12 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
 
 
 def test_a_converted_log_keeps_the_cameras_settings(tmp_path):
-    settings = [{"Gain": 1.5}, {}, {"ExposureAuto": "Off"}]
+    settings = [{"Gain": np.float32(1.5), "Gamma": np.nan}, {}, {"ExposureAuto": "Off"}]
     path = write(tmp_path / "log.h5", make_content(2), tiny_rig(), settings=settings)
     with tracker.open_log(path) as log:
         write_hdf5(tmp_path / "copy.h5", log, log.rig, lambda count: None)
     with tracker.open_log(tmp_path / "copy.h5") as log:
-        assert log.settings == {"camera60": settings[0], "camera300": settings[2]}
+        assert log.settings == {"camera60": {"Gain": 1.5}, "camera300": settings[2]}
     change(path, unpacking_to_more("camera_info/camera60/settings"))
     with tracker.open_log(path) as log, pytest.raises(LogError, match=r"settings: .*unpacks to"):
         assert log.settings

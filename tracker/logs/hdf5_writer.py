@@ -15,7 +15,16 @@ import numpy as np
 
 from tracker.calibration.camera_info import CAMERA_DATASETS, write_arena
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described_input, float_array, is_number, of_kind, path_of, seconds
+from tracker.checks import (
+    check_sequence,
+    described_input,
+    float_array,
+    is_number,
+    naming,
+    of_kind,
+    path_of,
+    seconds,
+)
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
@@ -75,6 +84,9 @@ class Hdf5LogWriter:
         check_sequence(settings, f"{self._path}: settings", LogError)
         if len(settings) not in (0, len(rig)):
             raise LogError(f"{self._path}: settings: found {len(settings)}, expected {len(rig)}")
+        what = f"{self._path}: settings: expected texts and numbers by name"
+        with naming(what, LogError, AttributeError, TypeError, ValueError):
+            texts = [_text_of(values) for values in settings]
         self._rig, self._flush_every = rig, flush_every
         self._count = 0
         self._order = StampOrder(gaps=False)
@@ -84,7 +96,7 @@ class Hdf5LogWriter:
             with told_as(LogError, self._path):
                 self._disk = undo.enter_context(Disk(path))
             self._file = undo.enter_context(h5py.File(self._disk, "w"))
-            self._begin(frame_rate, poses, settings or [{}] * len(rig))
+            self._begin(frame_rate, poses, texts or [b""] * len(rig))
             self._check_disk()
             undo.pop_all()
 
@@ -193,7 +205,7 @@ class Hdf5LogWriter:
             with told_as(LogError, self._path):
                 raise self._disk.fault
 
-    def _begin(self, frame_rate: float | None, poses: bool, settings: Sequence[Settings]) -> None:
+    def _begin(self, frame_rate: float | None, poses: bool, settings: Sequence[bytes]) -> None:
         file, count, (width, height) = self._file, len(self._rig), self._size
         # The same types as in the platform's C++ code.
         for name, value in (
@@ -215,16 +227,15 @@ class Hdf5LogWriter:
             for name, row_shape in POSE.items():
                 self._rows(f"object_pose/{name}", row_shape)
         file.create_dataset("camera_names", data=np.array([name.encode() for name in self._rig.names]))
-        for camera, values in zip(self._rig, settings, strict=True):
+        for camera, text in zip(self._rig, settings, strict=True):
             group = file.create_group(f"camera_info/{camera.name}")
             for key, (attribute, size) in CAMERA_DATASETS.items():
                 if (array := getattr(camera, attribute)) is not None:
                     group[key] = array.reshape(size)
             if frame_rate is not None:
                 group.attrs["frame_rate_fps"] = float(frame_rate)
-            known = {key: one for key, one in values.items() if isinstance(one, str) or math.isfinite(one)}
-            if known:
-                group["settings"] = np.frombuffer(json.dumps(known, allow_nan=False).encode(), np.uint8)
+            if text:
+                group["settings"] = np.frombuffer(text, np.uint8)
 
     def _rows(self, name: str, shape: tuple[int, ...] = (), dtype: Any = np.float64) -> None:
         self._file.create_dataset(
@@ -247,6 +258,12 @@ class Hdf5LogWriter:
                 raise LogError(f"{where}: {name}: found {found}, expected uint8 of {valid}")
             raw[c] = image if image.ndim == 2 else to_bayer(image)
         return raw
+
+
+def _text_of(settings: Settings) -> bytes:
+    """Return the settings as JSON without those that are not finite; empty if there are no others."""
+    known = {key: one for key, one in settings.items() if isinstance(one, str) or math.isfinite(one)}
+    return json.dumps(known, default=float).encode() if known else b""  # float: NumPy's numbers
 
 
 def _pose_rows(pose: Any, where: str) -> dict[str, Any]:
