@@ -77,6 +77,11 @@ def test_a_setting_that_is_not_taken_is_named(wrong, words):
         PylonCamera(SERIALS[1], wrong)
 
 
+def test_a_camera_may_round_whole_numbers_too():
+    with closing(PylonCamera(SERIALS[1], {"PixelFormat": "BayerRG8", "Gain": 1})) as one:
+        assert 1 < one.settings()["Gain"] < 1.001
+
+
 def test_a_camera_that_is_not_there_is_named():
     with pytest.raises(LiveError, match="pylon: 4711 cannot be opened"):
         PylonCamera("4711")

@@ -118,7 +118,7 @@ class PylonCamera:
             kind = LiveError if self._camera.IsCameraDeviceRemoved() else CameraUnfit
             raise self._fault(f"does not take {name} = {value!r}", error, kind) from error
         # Cameras round times and gains to their own steps.
-        near = isinstance(value, float) and abs(found - value) <= 0.02 * abs(value) + 1e-3
+        near = isinstance(found, float) and abs(found - float(value)) <= 0.02 * abs(float(value)) + 1e-3
         if found != value and not near:
             raise CameraUnfit(f"pylon: {self.serial}: {name}: found {found!r} after setting {value!r}")
 
