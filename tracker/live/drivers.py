@@ -74,6 +74,8 @@ class PylonCamera:
         """See `LiveCamera`."""
         pylon, wait = self._pylon, max(1, round(1000 * timeout))
         try:
+            # An image that came after its own grab gave up would be taken for this one, and so on.
+            self._camera.RetrieveResult(0, pylon.TimeoutHandling_Return).Release()
             self._camera.WaitForFrameTriggerReady(wait, pylon.TimeoutHandling_ThrowException)
             stamp = time.time() + self._exposure / 2
             self._camera.TriggerSoftware.Execute()
