@@ -36,7 +36,7 @@ WRONG = [
     (lambda: open_cameras("opencv:0", "calibration"), "rig: found 'calibration', expected CameraRig"),
     (lambda: ImageSet((None,), (1.0, 2.0)), "1 images, 2 stamps"),
     (lambda: ImageSet((None,), (1.0,), (None, None)), "1 images, 1 stamps and 2 faults"),
-    (lambda: ImageSet((None,), (NAN,)), "finite"),
+    *((lambda stamp=stamp: ImageSet((None,), (stamp,)), "taken: stamps: .*finite") for stamp in (NAN, None)),
     (lambda: ImageSet((), ()), "0 images"),
     (lambda: Live([], FINDER), "source: found list, expected"),
     *(

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-
+from tracker.checks import in_range, seconds
 from tracker.conventions import Image
 from tracker.errors import LiveError
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
@@ -22,7 +21,7 @@ class ImageSet:
     """The cameras' images of one moment.
 
     Raises:
-        LiveError: the numbers of images, timestamps and faults differ, or a timestamp is not finite.
+        LiveError: the numbers of images, timestamps and faults differ, or a timestamp is not in seconds.
     """
 
     images: tuple[Image | None, ...]
@@ -45,10 +44,7 @@ class ImageSet:
         if not (count == len(self.stamps) == len(self.faults) and count):
             each = f"{count} images, {len(self.stamps)} stamps and {len(self.faults)} faults"
             raise LiveError(f"taken: found {each}, expected one of each for every camera")
-        if not np.isfinite(self.stamps).all():
-            raise LiveError(
-                f"taken: found the stamps {list(self.stamps)}, expected finite numbers of seconds"
-            )
+        in_range(seconds(self.stamps, "taken: stamps", LiveError), "taken: stamps", LiveError)
 
     @property
     def timestamp(self) -> float:
