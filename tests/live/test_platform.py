@@ -114,6 +114,16 @@ def test_an_observation_to_come_is_waited_for_and_none_that_will_not(film, sourc
         assert time.monotonic() - start < 10
 
 
+def test_once_the_source_has_failed_its_last_observation_is_not_the_latest_any_more(film):
+    failing = Given(ImageSet(tuple(film), (1.0,) * 3), error=LiveError("camera60: gone for good"))
+    with Frontend(failing, Cube()) as robot:
+        while robot.live.running:
+            time.sleep(0.01)
+        with pytest.raises(LiveError, match="observation 1: will not come: camera60: gone for good"):
+            robot.get_camera_observation()
+        assert robot.get_observation(0).object_pose.confidence == 0.97
+
+
 def test_where_no_object_is_found_nobody_can_compute_with_its_pose(source):
     with Frontend(source, Cube()) as robot:
         source.push([None] * 3, 5.0)

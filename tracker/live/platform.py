@@ -141,8 +141,11 @@ class Frontend:
         return 1e3 * self._at(t)[1]
 
     def get_latest_observation(self) -> CameraObjectObservation:
-        """Return the newest observation; wait if there is none yet."""
-        return self._waited()[-1][2]
+        """Return the newest observation; wait if there is none yet; LiveError once the source has failed."""
+        number, _, newest = self._waited()[-1]
+        if self._live.error is not None:
+            self._waited(number + 1)  # raises an error with the reason
+        return newest
 
     def get_camera_observation(self, t: int | None = None) -> CameraObjectObservation:
         """Return the newest observation, regardless of the robot's step t."""
