@@ -7,12 +7,9 @@ import pytest
 
 from tests.helpers.filmed import RIG, shots
 from tests.live.test_live import Given
-from tracker.calibration.by_object.health import QUANTITIES, of_picture
 from tracker.calibration.rig import CameraRig
 from tracker.live import ImageSet
 from tracker.live.camera_check import CameraLooks, look_at
-from tracker.live.web_page import LIMITS
-from tracker.summaries.remarks import PictureLook
 
 
 @pytest.fixture(scope="module")
@@ -54,15 +51,6 @@ def test_a_camera_that_hangs_or_is_late_is_named_and_a_good_one_is_not(image):
     assert faults(image, lambda *_: image) == ["19 of 20 images are the same as before: it hangs"]
     (fault,) = faults(image, skew=0.05)
     assert fault.startswith("its images are 50 ms older")
-
-
-def test_a_picture_is_as_bright_live_as_in_the_health_of_a_recording(image):
-    lamp = image.copy()
-    lamp[:100] = 255
-    for one in (image, lamp):
-        look, measured = PictureLook.of(one), of_picture(one)
-        assert (measured["brightness"], measured["clipping"]) == (look.level, look.clipped)
-    assert LIMITS["level"] == QUANTITIES["brightness"].limits
 
 
 def test_sets_are_looked_at_until_the_source_ends(image):
