@@ -7,7 +7,7 @@ import pytest
 import tracker
 from tests.helpers import make_rig
 from tests.helpers.command import assert_one_line_error, well
-from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5, write_native, write_picture
+from tests.helpers.log_writers import CAMERAS, make_content, write_native, write_picture
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
 from tracker.cli.export import export
@@ -190,12 +190,8 @@ def test_a_film_draws_each_cameras_view_in_its_own_image_in_whatever_order(tmp_p
     assert set(drawn) == {names[::-1]}
 
 
-@pytest.mark.parametrize("kind", ["native", "hdf5"])
-def test_a_log_becomes_hdf5_with_all_its_bits(kind, tmp_path, run_here):
-    if kind == "native":
-        log = write_log(tmp_path / "log", FRAMES)
-    else:
-        log = write_hdf5(tmp_path / "log.h5", make_content(FRAMES), poses=True, wide_confidence=True)
+def test_a_log_becomes_hdf5_with_all_its_bits(tmp_path, run_here):
+    log = write_log(tmp_path / "log", FRAMES)
     well(run_here("convert", log, "-o", tmp_path / "new.h5"))
     with tracker.open_log(log) as one, tracker.open_log(tmp_path / "new.h5") as two:
         assert two.format == "HDF5 camera log, version 2.1, with poses"
