@@ -13,7 +13,6 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import LATEST, UNSTAMPED, check_sequence, described_input, in_range, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TrackerError
-from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel, load_object
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
@@ -61,24 +60,19 @@ def check_images(images: Images, rig: CameraRig, least: int = 1) -> list[Image |
     ImageError if number, names, type, shape or size are wrong; or, unless `least` is 0, if all are None.
     """
     given = _of_each_camera("images", images, rig.names, "an image (H, W, 3) or None")
-    checked = [
-        None if image is None else _checked(image, camera) for image, camera in zip(given, rig, strict=True)
-    ]
+    checked: list[Image | None] = []
+    for image, camera in zip(given, rig, strict=True):
+        checked.append(None if image is None else check_image(image, f"image of {camera.name}"))
+        if image is not None and image.shape[1::-1] != (camera.width, camera.height):
+            height, width = image.shape[:2]
+            raise ImageError(
+                f"image of {camera.name}: {width}×{height} px, but its calibration is for "
+                f"{camera.width}×{camera.height}; CameraRig.resized makes one for another size"
+            )
     if least and all(image is None for image in checked):
         raise ImageError(
             f"images: found None for all, expected at least one of {', '.join(rig.names)} "
             "(cv2.imread gives None for a file that it cannot read)"
-        )
-    return checked
-
-
-def _checked(image: object, camera: Camera) -> Image:
-    checked = check_image(image, f"image of {camera.name}")
-    height, width = checked.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise ImageError(
-            f"image of {camera.name}: {width}×{height} px, but its calibration is for "
-            f"{camera.width}×{camera.height}; CameraRig.resized makes one for another size"
         )
     return checked
 
