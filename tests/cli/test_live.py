@@ -177,9 +177,9 @@ def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
     begins = ["sets", "status", "no", "latency", "camera60", "camera180", "recorded", "fault"]
     assert [line.split()[0] for line in lines] == begins
     assert lines[-2].split() == ["recorded", "nothing"]
-    assert statistics.blind
+    assert not statistics.seen
     statistics.hear(moment(3, (np.zeros((16, 16, 3), np.uint8),)))
-    assert not statistics.blind
+    assert statistics.seen
     assert "never found" in statistics.summary(0, ())
     assert lines[-1].endswith("a listener")
 

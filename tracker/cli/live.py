@@ -127,7 +127,7 @@ def _track(
     if not (quiet or isinstance(stopped, Ended)):
         left_out = getattr(given, "skipped", 0)
         click.echo(statistics.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
-    if statistics.blind and stopped is None:
+    if not statistics.seen and stopped is None:
         raise LiveError(f"{name}: no camera ever gave an image that can be used")
     if not outputs.whole:
         raise click.exceptions.Exit(2)

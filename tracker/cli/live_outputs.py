@@ -146,7 +146,8 @@ class Statistics:
         self._statuses: Counter[str] = Counter()
         self._faults: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
-        self._posed = self._seen = False
+        self._posed = False
+        self.seen = False  # whether any set has had an image
         self._latencies: deque[float] = deque(maxlen=100_000)  # for percentiles
         self._newest: Moment | None = None
         self._told_count, self._told_faults = 0, Counter[str]()
@@ -161,14 +162,9 @@ class Statistics:
             self._statuses[moment.status.value] += 1
             self._latencies.append(moment.latency)
             self._posed |= moment.object_pose is not None
-            self._seen |= any(image is not None for image in moment.taken.images)
+            self.seen |= any(image is not None for image in moment.taken.images)
             self._faults.update(faults.keys())
             self._reasons.update(faults)
-
-    @property
-    def blind(self) -> bool:
-        """Whether no set has had an image so far."""
-        return not self._seen
 
     def due(self) -> str | None:
         """Return a line about the last second once it has passed; None after ten seconds without images."""
@@ -209,7 +205,7 @@ class Statistics:
             median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
             rows.append(["status", ", ".join(shares)])
             if not self._posed:
-                rows.append(["", _NEVER if self._seen else "no camera ever gave an image"])
+                rows.append(["", _NEVER if self.seen else "no camera ever gave an image"])
             rows.append(["latency", f"median {median:.1f} ms, 99th percentile {late:.1f} ms"])
         cameras = () if self._newest is None else self._newest.fault_counts  # in their order
         for name in dict.fromkeys((_STAMPS, *cameras, *self._faults)):
