@@ -137,6 +137,13 @@ def test_a_camera_that_is_lost_is_opened_again(times):
     assert all(shot.images[0] is not None for shot in given[2:])
 
 
+def test_a_camera_that_is_lost_as_it_is_opened_is_closed(times):
+    gone = Scripted()
+    gone.settings = Mock(side_effect=[CameraLost("unplugged"), {}])
+    first(2, gone)
+    assert (gone.open.call_count, gone.closed) == (2, 2)
+
+
 def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_once_could(times):
     unfit = CameraUnfit("does not take Gain = 99")
     with pytest.raises(CameraUnfit, match="Gain"):

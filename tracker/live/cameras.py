@@ -15,6 +15,7 @@ import numpy as np
 from tracker.checks import is_number
 from tracker.conventions import Image
 from tracker.errors import LiveError, shown
+from tracker.files import on_error
 from tracker.live.moment import ImageSet, SourceEnded
 from tracker.logs.log import Settings as Settings
 from tracker.logs.pictures import from_bayer
@@ -215,7 +216,8 @@ class CameraSet:
         while not (slot.final or self._closing.is_set()):
             try:
                 camera = opener()
-                settings = camera.settings()
+                with on_error(camera.close):
+                    settings = camera.settings()
             except Exception as error:
                 with self._changed:
                     slot.fault = " ".join(str(error).split())
