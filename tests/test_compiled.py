@@ -17,7 +17,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from tests.helpers import ROOT, run_python
 from tracker import ObjectTracker, open_log
 from tracker.cli.demo import DATA
-from tracker.compiled import compiled, fingerprint
+from tracker.compiled import _place, compiled, fingerprint
 
 PACKAGE = ROOT / "tracker"
 
@@ -253,6 +253,13 @@ def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
         folders += kept(toy) - before
     assert len(folders) == 3
     assert kept(toy) == set(folders[-2:])
+
+
+def test_where_copies_share_a_folder_machine_code_of_eight_other_sources_stays(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    for number in range(12):
+        os.utime(_place(tmp_path, f"kernels-{number:02}"), (number, number))
+    assert sorted(os.listdir(tmp_path)) == [f"kernels-{number:02}" for number in range(3, 12)]
 
 
 def test_copies_of_a_package_share_machine_code_where_a_folder_is_named(toy):

@@ -192,7 +192,7 @@ def _place(base: Path, name: str) -> Path:
             others = [other for other in base.glob(f"{_FOLDER}*") if other != folder]
             others.sort(key=lambda other: other.stat().st_mtime)
             stay = _OTHERS_SHARED if config.CACHE_DIR else _OTHERS  # type: ignore[attr-defined]
-            for other in others[: len(others) - stay]:
+            for other in others[:-stay]:
                 shutil.rmtree(other, ignore_errors=True)
     return folder
 
