@@ -1,4 +1,3 @@
-import dataclasses
 import math
 
 import numpy as np
@@ -15,7 +14,7 @@ from benchmarks.score.metrics import (
     median,
     wilson_interval,
 )
-from benchmarks.score.tables import BY_NAME, TABLES, VISIBLE, by_confidence, figures
+from benchmarks.score.tables import TABLES, VISIBLE, by_confidence, figures
 from tests.benchmarks.made_up import answer, answers, figures_of, results
 from tests.helpers import random_rotations
 from tracker.geometry import so3
@@ -88,13 +87,6 @@ def test_every_metric_gives_a_number_and_its_text():
     expected = {"accuracy", "trust", "finds", "detect", "films", "update", "third camera"}
     assert {row["table"] for row in rows} > expected
     assert all(math.isfinite(value) for row in rows for value in row.values() if isinstance(value, float))
-
-
-def test_a_new_metric_is_one_entry():
-    own = Metric("worst", "worst", lambda rows: float(rows.mm.max()), "{:.0f} mm")
-    table = dataclasses.replace(BY_NAME["accuracy"], metrics=(own,))
-    (row,) = table.figures(pd.DataFrame([answer(mm=3.0), answer(mm=7.0)]))
-    assert (row["worst"], own.text(row["worst"])) == (7.0, "7 mm")
 
 
 @pytest.mark.parametrize(

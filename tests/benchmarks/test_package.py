@@ -16,7 +16,6 @@ from benchmarks.data.package.scenes import (
     bend_map,
     bent,
     face_map,
-    normalised,
 )
 from benchmarks.data.plan import Plan
 from benchmarks.data.sets import PACKAGES, scene_set
@@ -124,12 +123,9 @@ def test_without_distortion_a_lens_bends_nothing(rng):
     np.testing.assert_array_equal(bent(picture, bend_map(camera, LENS_MARGIN)), inner)
 
 
-def test_a_margin_that_is_too_narrow_and_a_lens_without_inverse_are_named():
+def test_a_margin_that_is_too_narrow_is_named():
     with pytest.raises(CalibrationError, match=r"camera60: its lens shows .* px more .* margin of 5 px"):
         bend_map(make_camera(), 5)
-    camera = dataclasses.replace(make_camera(), distortion=np.array([-3.0, 0, 0, 0, 0]))
-    with pytest.raises(CalibrationError, match="camera60: the lens has no inverse"):
-        normalised(camera)
 
 
 def test_faces_seen_through_a_lens_fill_the_outline_that_opencv_projects():
