@@ -59,6 +59,13 @@ class Run:
     """Number of films for each camera of a recorded triplet."""
     results: Results = field(default_factory=Results)
 
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What a part answers, beside the scenes: answers to anything else are not those of this run."""
+        workloads = [workload.name for workload in self.workloads]
+        objects = self.objects and list(self.objects)
+        return {"workloads": workloads, "objects": objects, "films": self.films, "recorded": bool(self.real)}
+
     def say(self, line: str) -> None:
         """Report progress on stderr."""
         click.echo(line, err=True)
@@ -74,8 +81,7 @@ def accuracy(run: Run) -> Frames:
 
     def keep(name: str, make: Callable[[], Made]) -> Made:
         file = run.output / KEPT / f"{re.sub(r'[^a-z0-9]+', '_', name.lower())}.json"
-        key = {key: run.results.about[key] for key in IDENTITY}
-        key["workloads"] = [workload.name for workload in run.workloads]
+        key = {key: run.results.about[key] for key in IDENTITY} | {"asked": run.asked}
         if file.is_file():
             kept = json.loads(file.read_text(encoding="utf-8"))
             if kept["key"] == key:
@@ -141,14 +147,14 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
     """Measure parts, and add them to the results in the run's folder.
 
     `parts` are keys of PARTS, or `gate`. If they form a `whole` run of their own, an interrupted run is
-    continued, and results for other sources or scenes are replaced.
+    continued, and results for other sources, scenes or workloads are replaced.
 
     Raises:
         ResultsError: the folder holds results for other sources or scenes, or sources have changed since.
     """
     run.output.mkdir(parents=True, exist_ok=True)
     about = origin() | {"draw": run.draw, "seed": run.plan.seed, "scenes": run.plan.scenes}
-    run.results = _begun(run.output / RESULTS_FILE, about, parts, whole=whole)
+    run.results = _begun(run, about, parts, whole=whole)
     for part in parts:
         if whole and part in run.results.about.get("parts", {}):
             run.say(f"{part}: measured before")
@@ -162,20 +168,23 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
         made = {
             key: about[key] for key in ("commit", "clean", "processor", "python", "libraries", "renderer")
         }
-        made["seconds"] = round(time.monotonic() - start)
+        made |= {"seconds": round(time.monotonic() - start), "asked": run.asked}
         run.results.about.setdefault("parts", {})[part] = made
         write_results(run.output / RESULTS_FILE, run.results)
         shutil.rmtree(run.output / KEPT, ignore_errors=True)
     return run.results
 
 
-def _begun(file: Path, about: dict[str, Any], parts: Sequence[str], *, whole: bool) -> Results:
+def _begun(run: Run, about: dict[str, Any], parts: Sequence[str], *, whole: bool) -> Results:
     """Return the results to which this run adds."""
+    file = run.output / RESULTS_FILE
     if not file.is_file():
         return Results(dict(about))
     found = read_results(file)
     wrong = [key for key in IDENTITY if found.about.get(key) != about[key]]
-    if whole and (wrong or set(parts) <= set(found.about.get("parts", {}))):
+    done = found.about.get("parts", {})
+    other = any(made.get("asked") != run.asked for made in done.values())
+    if whole and (wrong or other or set(parts) <= set(done)):
         return Results(dict(about))
     for key in wrong:
         raise ResultsError(

@@ -12,6 +12,7 @@ from benchmarks import run as runs
 from benchmarks.data.package.environment import VARIABLE
 from benchmarks.data.plan import Plan
 from benchmarks.data.workloads import WORKLOADS
+from benchmarks.judge import results as judged
 from benchmarks.judge.results import Results, ResultsError, origin, read_results, write_results
 from benchmarks.judge.targets import judge
 from benchmarks.run import Run, measure
@@ -84,12 +85,15 @@ def test_a_run_that_was_broken_off_goes_on_and_a_finished_one_starts_again(measu
     run, _, count = measured
     with monkeypatch.context() as patch:
         patch.setitem(runs.PARTS, "dice", lambda run: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            run("films", "dice", whole=True)
+        # What some workloads were asked is not gone on with for all of them.
+        for asked in ({"workloads": WORKLOADS[:1]}, {}):
+            with pytest.raises(ZeroDivisionError):
+                run("films", "dice", whole=True, **asked)
+    assert count == {"films": 2, "dice": 0}
     run("films", "dice", whole=True)
-    assert count == {"films": 1, "dice": 1}
+    assert count == {"films": 2, "dice": 1}
     run("films", "dice", whole=True)
-    assert count == {"films": 2, "dice": 2}
+    assert count == {"films": 3, "dice": 2}
 
 
 def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path, monkeypatch):
@@ -115,13 +119,14 @@ def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path
     assert asked == ["a", "b"]
     run("accuracy")
     assert asked == ["a", "b", "a", "b"]
-    stop[0] = "a"
-    with pytest.raises(KeyboardInterrupt):
-        run("accuracy")
-    stop[0] = ""
-    # Answers to other workloads on the same scenes are other answers.
-    run("accuracy", workloads=WORKLOADS[:1])
-    assert asked[4:] == ["a", "a", "b"]
+    # Answers to other workloads or of other objects on the same scenes are other answers.
+    for other in ({"workloads": WORKLOADS[:1]}, {"objects": ["cube_v2"]}):
+        stop[0] = "a"
+        with pytest.raises(KeyboardInterrupt):
+            run("accuracy")
+        stop[0] = ""
+        run("accuracy", **other)
+    assert asked[4:] == ["a", "a", "b"] * 2
 
 
 def test_sources_that_change_meanwhile_spoil_the_run(measured, monkeypatch):
@@ -168,10 +173,17 @@ def test_fourteen_targets_are_judged_for_both_kinds_of_object():
     assert all(row["reached"] and row["interval"] and row["target"] for row in judged)
 
 
-def test_the_code_of_a_run_is_that_of_its_sources():
-    here = origin()
-    assert len(here["code"]) == 16
-    assert {"numpy", "numba", "opencv-python-headless"} <= set(here["libraries"])
+def test_the_code_of_a_run_is_that_of_its_sources(tmp_path, monkeypatch):
+    monkeypatch.setattr(judged, "ROOT", tmp_path)
+    monkeypatch.setattr(judged, "PROJECT", ("benchmarks",))
+    codes, folder = [], tmp_path / "benchmarks"
+    folder.mkdir()
+    # Pages and what the benchmarks write are none of them.
+    for name, content in (("a.py", "1"), ("a.md", "1"), ("gate.json", "1"), ("a.py", "2"), ("b.toml", "2")):
+        (folder / name).write_text(content)
+        codes.append(judged.code())
+    assert [codes.index(code) for code in codes] == [0, 0, 0, 3, 4]
+    assert len(codes[0]) == 16
 
 
 @pytest.mark.usefixtures("sketched")
