@@ -34,6 +34,13 @@ def test_the_same_seed_gives_the_same_bits_and_numbers_are_stated(name):
     )
 
 
+def test_the_predecessor_has_the_bias_and_misses_of_the_platform():
+    former, own = (tracker.noise.NoiseModel.load(name).numbers for name in ("predecessor", "platform"))
+    assert former["missed"] == own["missed"]
+    for group in ("position", "rotation"):
+        assert all(former[group][key] == own[group][key] for key in ("bias", "bias_spread"))
+
+
 def test_a_model_without_errors_gives_the_truth():
     p, q, v = truths()
     for _ in range(3):

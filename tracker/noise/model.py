@@ -156,7 +156,7 @@ class Seen:
 class NoiseState:
     """The errors of N environments, made by `NoiseModel.start`. Plain NumPy, vectorised over environments.
 
-    Errors (δp, δθ) are along world axes: p = p̂ + δp and R = exp(δθ) R̂, as everywhere. They are the sum of
+    Errors (δp, δθ) are along world axes: p̂ = p + δp and R̂ = exp(δθ) R. They are the sum of
 
         bias    drawn once per episode: the error of its calibration,
         slow    decays with time and with the object's path length: exp(-dt / seconds - path / travel),
