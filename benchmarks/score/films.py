@@ -61,7 +61,12 @@ def single(rows: pd.DataFrame) -> float:
 
 def over_single(unit: str) -> Callable[[pd.DataFrame], float]:
     """Return a function for the median error of the filtered pose relative to `detect` on the same frames."""
-    return lambda rows: median(rows[unit]) / median(rows[f"single_{unit}"])
+
+    def ratio(rows: pd.DataFrame) -> float:
+        both = rows.dropna(subset=[unit, f"single_{unit}"])
+        return median(both[unit]) / median(both[f"single_{unit}"])
+
+    return ratio
 
 
 def seen_share(flags: Callable[[Array, Array], Array]) -> Callable[[pd.DataFrame], float]:

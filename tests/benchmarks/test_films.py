@@ -76,7 +76,10 @@ def test_shares_flips_and_ratios():
     assert found == [80.0, 100.0, 1, 10, 100]
     (unasked,) = figures_of(film(group="world", single_mm=np.nan, single_deg=np.nan), "films")
     assert "single" not in unasked or np.isnan(unasked["single"])
-    at_rest, moving = figures_of(film(), "films, at rest")
+    # Ratios are of frames in which `detect` found the object, too.
+    own = film()
+    own.loc[:2, ["mm", "single_mm"]] = 5.0, np.nan
+    at_rest, moving = figures_of(own, "films, at rest")
     assert (at_rest["over_single_mm"], at_rest["over_single_deg"]) == pytest.approx((0.5, 0.25))
     assert at_rest["n"] + moving["n"] == 10
 
