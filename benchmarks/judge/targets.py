@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.judge.results import Results
-from benchmarks.score.metrics import NOTHING, Metric, matches
+from benchmarks.score.metrics import NOTHING, Metric, independent, matches
 from benchmarks.score.tables import BY_NAME
 from tracker.errors import TrackerError
 from tracker.files.toml import read_toml
@@ -56,7 +56,7 @@ def _judged(target: dict[str, Any], kind: str, results: Results) -> Iterator[dic
     yield {
         "name": target["name"],
         "object": kind,
-        "n": len(own),
+        "n": len(independent(own)),
         "target": _target(metric, least, most),
         "reached": metric.text(value) + (f" ({beside.text(beside.of(own))})" if beside else ""),
         "interval": f"{metric.text(low)} to {metric.text(high)}".replace(NOTHING, "?"),

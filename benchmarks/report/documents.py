@@ -92,7 +92,7 @@ def targets(judged: Judged) -> list[str]:
         for row in judged
     ]
     heads = ("", "object", "target", "reached", "95 % interval", "n", "")
-    return ["## Targets", text, grid(heads, lines, 2)]
+    return ["## Targets", text + " A film counts once (n): its frames are alike.", grid(heads, lines, 2)]
 
 
 def _counted(judged: Judged) -> list[str]:

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest, chi2
+from scipy.stats import chi2, norm
 
 from tracker.conventions import Array
 
@@ -31,6 +31,9 @@ SURE = 0.5
 """Confidence above which a wrong pose counts as wrong and sure."""
 
 RESAMPLES = 999
+
+FILM = "object", "camera", "film"
+"""Columns, as far as there are any, that tell films apart."""
 
 NOTHING = "–"
 """Text for a figure that was not measured."""
@@ -62,18 +65,33 @@ def percent(flags: Any) -> float:
 
 
 def wilson_interval(share: float, count: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval [%] of a share [%] of `count`."""
+    """Return Wilson's 95 % interval [%] of a share [%] of `count` independent answers, or films."""
     if count == 0:
         return 0.0, 100.0
-    found = binomtest(round(share * count / 100), count).proportion_ci(method="wilson")
-    return 100 * float(found.low), 100 * float(found.high)
+    # The mean share of whole films is seldom a whole number of them.
+    wide = float(norm.ppf(0.975)) ** 2 / count
+    middle, odds = share / 100 + wide / 2, share / 100 * (1 - share / 100)
+    off = math.sqrt(wide * odds + wide**2 / 4)
+    return 100 * max(middle - off, 0.0) / (1 + wide), 100 * min((middle + off) / (1 + wide), 1.0)
+
+
+def independent(rows: Rows) -> list[Array]:
+    """Return the places in `rows` of each independent part: one answer, or all frames of a film."""
+    keys = [key for key in FILM if key in rows]
+    if "film" not in keys:
+        return list(np.arange(len(rows))[:, None])
+    return list(rows.groupby(keys, sort=False).indices.values())
 
 
 def bootstrap_interval(of: Callable[[Rows], float], rows: Rows) -> tuple[float, float]:
-    """Return the 2.5 and 97.5 % quantiles of a figure over bootstrap samples of the rows, of a fixed seed."""
-    rng = np.random.default_rng(1)
+    """Return the 2.5 and 97.5 % quantiles of a figure over bootstrap samples, of a fixed seed.
+
+    Answers are drawn, or whole films, whose frames are alike.
+    """
+    rng, parts = np.random.default_rng(1), independent(rows)
     drawn = [
-        of(rows.iloc[rng.integers(len(rows), size=len(rows))]) for _ in range(RESAMPLES if len(rows) else 0)
+        of(rows.iloc[np.concatenate([parts[k] for k in rng.integers(len(parts), size=len(parts))])])
+        for _ in range(RESAMPLES if parts else 0)
     ]
     return quantile(drawn, 0.025), quantile(drawn, 0.975)
 
@@ -106,7 +124,7 @@ class Metric:
     def interval(self, rows: Rows) -> tuple[float, float]:
         """Return the 95 % confidence interval of the figure."""
         if self.share:
-            return wilson_interval(self.of(rows), len(rows))
+            return wilson_interval(self.of(rows), len(independent(rows)))
         return bootstrap_interval(self.of, rows)
 
     def worse(self, before: float, after: float) -> bool:

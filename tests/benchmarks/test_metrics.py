@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import binomtest
 
 import tracker
 from benchmarks.score import errors, metrics
@@ -12,6 +13,7 @@ from benchmarks.score.metrics import (
     bootstrap_interval,
     by_visibility,
     median,
+    percent,
     wilson_interval,
 )
 from benchmarks.score.tables import TABLES, VISIBLE, by_confidence, figures
@@ -118,17 +120,31 @@ def test_intervals_hold_their_figure_and_shrink_with_the_count():
         low, high = wilson_interval(share, count)
         assert 0 <= low <= share + 1e-9
         assert share - 1e-9 <= high <= 100
+        own = binomtest(round(share * count / 100), count).proportion_ci(method="wilson")
+        assert (low, high) == pytest.approx((100 * own.low, 100 * own.high), abs=1e-9)
     assert np.ptp(wilson_interval(50.0, 1000)) < np.ptp(wilson_interval(50.0, 10))
     assert wilson_interval(np.nan, 0) == (0, 100)
 
 
-def test_the_bootstraps_interval_covers_as_often_as_it_says():
+@pytest.mark.parametrize("frames", [1, 8])
+def test_the_bootstraps_interval_covers_as_often_as_it_says(frames):
     inside = 0
     for seed in range(60):
-        rows = pd.DataFrame({"x": np.random.default_rng(seed).normal(size=80)})
-        low, high = bootstrap_interval(lambda own: median(own.x), rows)
+        # The frames of a film show the same with other noise.
+        rng, film = np.random.default_rng(seed), np.arange(80).repeat(frames)
+        values = rng.normal(size=80)[film] + (0.1 * rng.normal(size=len(film)) if frames > 1 else 0.0)
+        low, high = bootstrap_interval(lambda own: median(own.x), pd.DataFrame({"x": values, "film": film}))
         inside += low <= 0.0 <= high
     assert 51 <= inside <= 60
+
+
+def test_the_frames_of_a_film_count_once():
+    rows = pd.DataFrame(
+        {"film": np.repeat([0, 1, 0], 8), "camera": np.repeat(["a", "a", "b"], 8), "right": True}
+    )
+    share = Metric("x", "x", lambda own: percent(own.right), share=True)
+    assert share.interval(rows) == wilson_interval(100.0, 3)
+    assert share.interval(rows.drop(columns="film")) == wilson_interval(100.0, 24)
 
 
 def test_an_honest_confidence_is_found_to_be_honest():
