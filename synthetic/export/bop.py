@@ -19,9 +19,11 @@ from typing import Any
 import cv2
 import numpy as np
 import trimesh
+from scipy.spatial import Delaunay
 
 from synthetic.camera.sensor import demosaicked
 from synthetic.frames import Frame
+from synthetic.scene import ObjectState
 from synthetic.world.meshes import box
 from synthetic.world.platform import DICE, DIE_SIZE
 from tracker.calibration.rig import CameraRig
@@ -41,16 +43,18 @@ _MM = 1000.0
 def write_bop_frame(root: Path, frame: Frame) -> None:
     """Write a frame's undistorted images and masks."""
     scene, objects = root / SCENE_FOLDER, len(frame.objects)
-    for camera, *layers in zip(frame.rig, frame.images, frame.alone, frame.labels, strict=True):
-        image, alone, labels = layers
+    for c, (camera, image) in enumerate(zip(frame.rig, frame.images, strict=True)):
         colored = demosaicked(image) if image.ndim == 2 else image
         name = f"{frame.index:06d}"
         write_png(scene / f"rgb_{camera.name}" / f"{name}.png", undistorted(colored, camera, cv2.INTER_CUBIC))
-        for kind, layer in (("mask", alone), ("mask_visib", labels)):
-            straight = undistorted(layer, camera, cv2.INTER_NEAREST)
-            for number in range(objects):
-                # A single object's six labels are its faces; the labels of dice are their numbers.
-                mask = straight > 0 if objects == 1 else straight == number + 1
+        alone, labels = (
+            undistorted(layer[c], camera, cv2.INTER_NEAREST) for layer in (frame.alone, frame.labels)
+        )
+        for number, state in enumerate(frame.objects_at_stamps[c]):
+            # A single object's six labels are its faces; those of dice, which hide each other, their numbers.
+            visible = labels > 0 if objects == 1 else labels == number + 1
+            whole = alone > 0 if objects == 1 else visible | _silhouette(camera, state)
+            for kind, mask in (("mask", whole), ("mask_visib", visible)):
                 path = scene / f"{kind}_{camera.name}" / f"{name}_{number:06d}.png"
                 write_png(path, np.where(mask, np.uint8(255), np.uint8(0)))
 
@@ -153,14 +157,37 @@ def _seen(alone: Array, visible: Array) -> dict[str, Any]:
     }
 
 
+def _silhouette(camera: Camera, die: ObjectState) -> Array:
+    """Return the mask of a die that nothing hides, seen without distortion."""
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = die.rotation, die.position
+    points = _projected_corners(camera, np.full(3, DIE_SIZE), camera.camera_from_world @ place)
+    mask = np.zeros((camera.height, camera.width), bool)
+    low, high = (
+        np.maximum(points.min(axis=0), 0).astype(int),
+        np.maximum(points.max(axis=0) + 1, 0).astype(int),
+    )
+    part = mask[low[1] : high[1], low[0] : high[0]]
+    # The triangles between the corners cover the outline of a convex body.
+    pixels = np.indices(part.shape)[::-1].reshape(2, -1).T + low
+    part[:] = Delaunay(points).find_simplex(pixels).reshape(part.shape) >= 0
+    return mask
+
+
 def _outline_box(camera: Camera, size: FloatArray, camera_from_object: FloatArray) -> list[int]:
     """Return left, top, width and height [px] of the projected outline, which may leave the image."""
+    points = _projected_corners(camera, size, camera_from_object)
+    low, high = np.rint(points.min(axis=0)), np.rint(points.max(axis=0))
+    return [int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1)]
+
+
+def _projected_corners(camera: Camera, size: FloatArray, camera_from_object: FloatArray) -> FloatArray:
+    """Return the projected corners (8, 2) [px] without distortion."""
     vector, _ = cv2.Rodrigues(camera_from_object[:3, :3])
     points, _ = cv2.projectPoints(
         corners(size), vector, camera_from_object[:3, 3], camera.matrix, np.zeros(5)
     )
-    low, high = np.rint(points.min(axis=(0, 1))), np.rint(points.max(axis=(0, 1)))
-    return [int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1)]
+    return np.asarray(points[:, 0])
 
 
 def _write_model(folder: Path, size: FloatArray, object_name: str) -> None:
