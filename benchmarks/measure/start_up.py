@@ -85,7 +85,7 @@ def peak_memory_mb() -> float:
     status = Path("/proc/self/status")
     found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
     kilobytes = float(found[1]) if found else float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-    return kilobytes / 1024
+    return kilobytes * 1024 / 1e6
 
 
 def main(name: str, folder: Path) -> None:

@@ -170,7 +170,7 @@ TABLES: tuple[Table, ...] = (
         "triplets",
         "Recorded triplets",
         "Hand-made masks; draws of gains (0.8 to 1.2 for each channel) and exposure (0.6 to 1.4), each "
-        "picture by itself, against the undisturbed pose.",
+        "picture by itself, against the undisturbed pose: wrong is farther from it than 3 mm or 3°.",
         (
             Metric("inside", "labelled pixels inside their face", value("inside"), "{:.2f} %", "higher"),
             Metric("tilt_deg", "tilt of the face on the table", value("tilt_deg"), "{:.2f}°"),

@@ -262,9 +262,9 @@ def _verdict(found: CalibrationCheck) -> str:
 
     disagree = f"cameras disagree by {1e3 * found.miss:.1f} mrad (median; limit {1e3 * LIMIT:.1f})"
     if found.fits:
-        few = f"; {found.looks} looks are few" if found.looks < MANY else ""
+        few = f"; few looks: {found.looks}" if found.looks < MANY else ""
         blind = ", ".join(one.name for one in found.cameras if not one.looks)
-        return f"the calibration fits{f', but {blind} was not checked' if blind else ''}: {disagree}{few}"
+        return f"the calibration fits: {disagree}{few}{f'; not checked: {blind}' if blind else ''}"
     moved = [one.name for one in found.cameras if one.moved]
     lost = [one.name for one in found.cameras if found.is_lost(one) and not one.moved]
     if len(moved) > 1:

@@ -43,7 +43,10 @@ class Lesson:
     output: Path = file_option("Colour model (.npz).", ".npz", required=True)
     cameras: options.Cameras
     frames: int = options.whole(
-        "Frames to use, spread evenly; half of them only check.", default=80, least=10, most=2000
+        "Frames to use, spread evenly, two or more of each recording; half of them only check.",
+        default=80,
+        least=10,
+        most=2000,
     )
     rounds: int = options.whole("Most rounds.", default=8, most=50)
     seed: int = options.seed

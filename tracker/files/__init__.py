@@ -125,8 +125,8 @@ def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path; the file or new folder there is renamed to `path` if the block does not raise.
 
-    It is synced to disk before it is renamed, so that a power cut leaves either the old or the new file. A
-    symbolic link is kept: its target is replaced.
+    A file is synced to disk before it is renamed, so that a power cut leaves either the old or the new one.
+    What is in a folder is not. A symbolic link is kept: its target is replaced.
 
     Raises:
         OSError: the file cannot be written; the old one is unchanged.
