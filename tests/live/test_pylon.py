@@ -12,7 +12,7 @@ from tests.live.test_platform import Cube
 from tracker.errors import LiveError
 from tracker.live import Live, Moment
 from tracker.live.cameras import CameraUnfit
-from tracker.live.sources import open_cameras, settings_of
+from tracker.live.sources import open_cameras
 
 if find_spec("pypylon") is None:
     lack("pylon", "pypylon is not installed")
@@ -113,10 +113,3 @@ def test_three_cameras_are_a_source_for_live(source, pictures):
     assert [image.shape for image in moment.taken.images] == [(270, 270, 3)] * 3  # halved for the rig
     assert all(any(np.array_equal(raw, one) for one in pictures[1]) for raw in moment.taken.raw)
     assert 0 <= moment.latency < 5
-
-
-def test_settings_of_one_camera_come_after_those_of_all(tmp_path):
-    path = tmp_path / "cameras.toml"
-    path.write_text('Gain = 0.0\nExposureTime = 1500.0\n["b"]\nExposureTime = 900.0\n')
-    a, b = ({"Gain": 0.0, "ExposureTime": time} for time in (1500.0, 900.0))
-    assert settings_of(path, ["a", "b"]) == {"a": a, "b": b}

@@ -115,3 +115,10 @@ LCM = {
 def test_an_address_for_lcm_that_is_none_or_reaches_others_is_refused(words, address):
     with pytest.raises(LiveError, match=re.escape(words)):
         LcmPublisher(address, CUBE)
+
+
+def test_settings_of_one_camera_come_after_those_of_all(tmp_path):
+    path = tmp_path / "cameras.toml"
+    path.write_text('Gain = 0.0\nExposureTime = 1500.0\n["b"]\nExposureTime = 900.0\n')
+    a, b = ({"Gain": 0.0, "ExposureTime": time} for time in (1500.0, 900.0))
+    assert settings_of(path, ["a", "b"]) == {"a": a, "b": b}
