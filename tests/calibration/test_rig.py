@@ -143,6 +143,12 @@ def test_what_is_no_rig_is_refused(make, message):
         make()
 
 
+def test_a_pattern_beside_single_files_is_refused(tmp_path):
+    make_rig(60).save(tmp_path)
+    with pytest.raises(CalibrationError, match=r"pattern: found '\*.yml' beside single files"):
+        CameraRig.load(tmp_path / "camera60.yml", pattern="*.yml")
+
+
 def test_rigs_agree_whose_cameras_and_arenas_are_bitwise_the_same():
     rig = make_rig(0.0, 120.0, 240.0)
     assert rig.agrees_with(CameraRig(tuple(dataclasses.replace(camera) for camera in rig)))

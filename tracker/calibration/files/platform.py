@@ -306,6 +306,8 @@ def read_all_calibrated(
     folder = paths[0] if len(paths) == 1 and os.path.isdir(paths[0]) else None
     files = paths if folder is None else calibration_files(folder, pattern)
     found = [read_calibrated(path, alone=alone) for path in files]
+    if folder is None and pattern is not None:
+        raise CalibrationError(f"pattern: found {pattern!r} beside single files, expected a folder")
     names = [one.camera.name for one in found]
     _refuse_variants(folder, [str(path) if folder is None else path.name for path in files], names)
     if folder is not None:
