@@ -1,6 +1,7 @@
 import csv
 import itertools
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -305,6 +306,10 @@ def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
     assert not found.keys() & {"batch.json", "summary.csv", "summary.parquet"}
     assert found.items() <= contents(here.folder).items()
     assert len([name for name in found if name.endswith(".poses.h5")]) == COUNT
+    for each in (0, -1, math.inf):
+        listed.write_text(json.dumps({**content, "each": each}))
+        with pytest.raises(LogError, match="found no batch"):
+            jobs.do_share(listed, 0)
     listed.write_text(json.dumps({**content, "agreed": "other"}))
     with pytest.raises(TrackerError, match="submit it again"):
         jobs.do_share(listed, 0)

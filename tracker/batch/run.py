@@ -165,10 +165,13 @@ def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
             if not inside or not output.endswith(results.SUFFIX):
                 raise ValueError(f"found {output!r:.80} for a result, expected a path below the folder")
         batch = Batch(folder, Options.of_plain(content["options"]), pairs)
-        return batch, str(content.get("agreed", "")), int(content.get("each", 1))
+        each = int(content.get("each", 1))
+        if each < 1:
+            raise ValueError(f"found {each} recordings for each job, expected 1 or more")
+        return batch, str(content.get("agreed", "")), each
     except OSError as error:
         raise LogError(f"{path}: cannot be read, expected a list of recordings: {error.strerror}") from error
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise LogError(f"{path}: found no batch: {' '.join(str(error).split())}") from error
 
 

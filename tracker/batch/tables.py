@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shlex
@@ -55,7 +56,8 @@ def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:
         running += os.path.exists(lock_of(output))
         if line is not None:
             lines.append({**line, "output": unicode_text(relative)})
-            stamps.append(results.summary_file(output).stat().st_mtime)
+            with contextlib.suppress(OSError):  # a worker that did it again may just have removed it
+                stamps.append(results.summary_file(output).stat().st_mtime)
         elif os.path.exists(results.failure_file(output)):  # Path.exists raises for too long names
             failures[log] = results.read_failure(output)
         elif failed is not None and log in failed:

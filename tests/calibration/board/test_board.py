@@ -134,6 +134,11 @@ def test_blur_is_given_in_pixels(blur, photos):
     assert photo_blur(image[:, :, 0]) == pytest.approx(pixels, rel=0.25)
 
 
+def test_an_image_with_edges_along_one_axis_has_a_blur():
+    steps = np.repeat(np.uint8([20, 200]), 50)[:, None].repeat(100, axis=1)
+    assert photo_blur(steps) == photo_blur(steps.T) < 1.0
+
+
 @pytest.mark.parametrize(
     ("change", "board", "why"),
     [

@@ -224,7 +224,7 @@ def photo_blur(gray: Image) -> float:
     differently; the larger blur is returned.
     """
     image = gray.astype(np.float32)
-    return max(_blur_along_rows(image), _blur_along_rows(np.ascontiguousarray(image.T)))
+    return float(np.fmax(_blur_along_rows(image), _blur_along_rows(np.ascontiguousarray(image.T))))
 
 
 def _blur_along_rows(image: Array) -> float:
