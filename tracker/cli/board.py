@@ -15,8 +15,8 @@ import click
 
 import tracker
 from tracker.cli.options import Range, command, file_option, flag, numbers, option, several
-from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording, refuse_overwriting
-from tracker.cli.stills import PICTURES, camera_in, silent_libraries
+from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording, refuse_overwriting
+from tracker.cli.stills import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError
 
@@ -180,7 +180,7 @@ def intrinsics(
     name: str = option("NAME", "The camera's, e.g. camera60.", required=True),
     output: Path = file_option("Calibration file (.yml).", ".yml", ".yaml", required=True, new_folders=True),
     smaller: Smaller,
-    plot: Path | None = file_option("Draw the residuals (.png, .jpg).", *PICTURE),
+    plot: Path | None = file_option("Draw the residuals (.png, .jpg).", *DRAWN),
 ) -> None:
     """Find the lens of a camera from photos of a ChArUco board.
 
@@ -312,7 +312,7 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
         if not folder.is_dir():
             raise CalibrationError(f"{folder}: no such folder; expected one with a photo of each camera")
         found: dict[str, list[Path]] = {camera: [] for camera in cameras}
-        for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES):
+        for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGES):
             named = camera_in(path.stem, cameras)
             if named not in (None, *cameras):
                 raise CalibrationError(f"{path}: named after {named}, expected {', '.join(cameras)} alone")

@@ -16,8 +16,8 @@ import tracker
 from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
 from tracker.cli.options import command, file_option, flag, option, several
-from tracker.cli.outputs import PICTURE, OutFolder, Recording
-from tracker.cli.stills import NO_IMAGE, PICTURES, read_images
+from tracker.cli.outputs import DRAWN, IMAGES, OutFolder, Recording
+from tracker.cli.stills import NO_IMAGE, read_images
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError
 
@@ -66,7 +66,7 @@ class Filmed:
         from tracker.summaries.remarks import OUT_OF_VIEW, in_view
 
         model, colors = self.subject.load()
-        pictures = [path for path in self.inputs if path == NO_IMAGE or Path(path).suffix.lower() in PICTURES]
+        pictures = [path for path in self.inputs if path == NO_IMAGE or Path(path).suffix.lower() in IMAGES]
         rig = self.cameras.load() if self.cameras.calibration else None
         footage: list[Footage] = []
         frames = 0
@@ -157,7 +157,7 @@ def _sets(
 @command(calibrate)
 def check(
     filmed: Filmed,
-    plot: Path | None = file_option("Draw what each camera misses (.png, .jpg).", *PICTURE),
+    plot: Path | None = file_option("Draw what each camera misses (.png, .jpg).", *DRAWN),
     as_json: bool = options.as_json,
 ) -> None:
     """Check whether a calibration fits, with a still object.

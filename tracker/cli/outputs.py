@@ -16,8 +16,11 @@ import tracker
 from tracker.errors import LogError, install
 from tracker.files import check_suffix
 
-PICTURE = (".png", ".jpg", ".jpeg")
-"""One camera's image as a whole."""
+IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+"""Suffixes of images that commands read."""
+
+DRAWN = (".png", ".jpg", ".jpeg")
+"""Suffixes of pictures that commands draw."""
 
 _PACKAGES = {"plot": "matplotlib", "video": "av"}  # package for each extra
 
@@ -158,7 +161,7 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
     for recording in filter(Path.exists, recordings):
         with suppress(OSError):  # opening it reports what cannot be read
-            what = "an input" if recording.suffix.lower() in PICTURE else "the recording"
+            what = "an input" if recording.suffix.lower() in IMAGES else "the recording"
             for path in (recording, *recording_files(recording)):
                 yield what, path
             folder = recording if recording.is_dir() else recording.parent
@@ -183,7 +186,7 @@ def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]
             raise click.UsageError(
                 f"{name} {path}: would be read in place of {recording}, expected another name"
             )
-        if not folders.isdisjoint(parents) and path.suffix.lower() in (*PICTURE, ".mp4"):
+        if not folders.isdisjoint(parents) and path.suffix.lower() in (*DRAWN, ".mp4"):
             raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
 
 

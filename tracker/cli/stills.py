@@ -19,7 +19,7 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.options import command, file_option, flag, option, several
-from tracker.cli.outputs import PICTURE, InFile, OutFolder, Recording
+from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording
 from tracker.cli.terminal import listing, say, table
 from tracker.errors import ImageError, LogError
 
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 NO_IMAGE = "none"  # stands for a missing image
 
-PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
-
 _images = several("IMAGE", Recording(str))
 _frame = options.whole("Which frame of a recording or folder.  [default: 0]", least=0)
 
@@ -39,7 +37,7 @@ def _one_set(
     images: Sequence[str], cameras: options.Cameras, frame: int | None
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
     """Return the cameras and their images in order; a path alone that is no image is a recording."""
-    if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in PICTURES:
+    if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in IMAGES:
         path, number = Path(images[0]), frame or 0
         with tracker.open_log(path) as log:
             rig = cameras.rig_of(path, log)
@@ -156,7 +154,7 @@ def detect(
     cameras: options.Cameras,
     frame: int | None = _frame,
     as_json: bool = options.as_json,
-    overlay: Path | None = file_option("Write the images with the pose drawn in (.png, .jpg).", *PICTURE),
+    overlay: Path | None = file_option("Write the images with the pose drawn in (.png, .jpg).", *DRAWN),
     tell: bool = flag("Exit with 1 if the object is not found.", name="--exit-code"),
 ) -> None:
     """Find an object in one IMAGE per camera.
@@ -227,9 +225,7 @@ def dice(
     ),
     exact: bool = flag("Goal areas to the pixel, not cut to whole pixels as the platform's."),
     as_json: bool = options.as_json,
-    overlay: Path | None = file_option(
-        "Write the images with dice and goal drawn in (.png, .jpg).", *PICTURE
-    ),
+    overlay: Path | None = file_option("Write the images with dice and goal drawn in (.png, .jpg).", *DRAWN),
     masks: Path | None = option("DIR", "Write the masks of dice and goal (.png).", OutFolder()),
 ) -> None:
     """Find the dice in one IMAGE per camera, and the task's error.
