@@ -8,8 +8,9 @@ from tests.helpers.filmed import RIG, shots
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.moments import estimate
 from tests.live.test_live import Given
+from tests.live.test_without_cameras import Frames, frame
 from tracker.errors import LiveError
-from tracker.live import ImageSet, Pushed
+from tracker.live import ImageSet, Pushed, Replay
 from tracker.live.platform import Frontend, LogReader, convert_image
 from tracker.logs.pictures import from_bayer
 from tracker.pose.result import Observation, Status
@@ -79,6 +80,14 @@ def test_a_control_loop_finds_the_cube_by_the_platforms_names(film, source):
         assert np.array_equal(position, expected.filtered_object_pose.position)
         assert np.array_equal(orientation, expected.filtered_object_pose.orientation)
         assert confidence == expected.object_pose.confidence
+
+
+def test_the_same_loop_runs_against_a_recording(film):
+    frames = [frame(n, 0.05 * n, np.full(3, 0.05 * n), film) for n in range(10)]
+    with Frontend(Replay(Frames(frames)), Cube()) as robot:
+        seen = loop(robot, 5)
+        robot.wait_until_timeindex(2)
+    assert len(seen) == 5
 
 
 def test_time_indices_count_sets_and_old_ones_are_forgotten(film, source):

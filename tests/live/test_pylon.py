@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from tests.helpers.needs import lack
-from tests.live.test_platform import Cube
+from tests.live.test_platform import Cube, loop
 from tracker.errors import LiveError
 from tracker.live import Live, Moment
 from tracker.live.cameras import CameraUnfit
+from tracker.live.platform import Frontend
 from tracker.live.sources import open_cameras
 
 if find_spec("pypylon") is None:
@@ -113,3 +114,10 @@ def test_three_cameras_are_a_source_for_live(source, pictures):
     assert [image.shape for image in moment.taken.images] == [(270, 270, 3)] * 3  # halved for the rig
     assert all(any(np.array_equal(raw, one) for one in pictures[1]) for raw in moment.taken.raw)
     assert 0 <= moment.latency < 5
+
+
+def test_the_platforms_loop_runs_against_cameras(source):
+    with Frontend(source, Cube()) as robot:
+        robot.wait_until_timeindex(1)
+        assert loop(robot, 3)
+        assert time.time() - robot.get_timestamp_ms(robot.get_current_timeindex()) / 1e3 < 30
