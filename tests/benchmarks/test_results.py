@@ -184,6 +184,7 @@ def test_the_code_of_a_run_is_that_of_its_sources(tmp_path, monkeypatch):
         codes.append(judged.code())
     assert [codes.index(code) for code in codes] == [0, 0, 0, 3, 4]
     assert len(codes[0]) == 16
+    assert {"numpy", "numba", "opencv-python-headless"} <= set(origin()["libraries"])
 
 
 @pytest.mark.usefixtures("sketched")
