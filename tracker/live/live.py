@@ -198,8 +198,10 @@ class Live:
                 taken = self._source.next(PATIENCE)
                 if taken is not None and not self._stopping.is_set():
                     self._working = True
-                    self._take_in(taken)
-                    self._working = False
+                    moment = self._take_in(taken)
+                    self._working = False  # `close` waits for a listener no longer than for a source
+                    if moment is not None:
+                        self._tell(moment)
         except SourceEnded:
             pass
         except BaseException as error:  # otherwise it would be lost with this thread
@@ -218,11 +220,11 @@ class Live:
             self._running = False
             self._changed.notify_all()
 
-    def _take_in(self, taken: ImageSet) -> None:
+    def _take_in(self, taken: ImageSet) -> Moment | None:
         start = time.perf_counter()
         taken = self._checked(taken)
         if taken.timestamp == self._last and not taken.fresh:
-            return  # the same set again
+            return None  # the same set again
         jump = self._jump(taken, start)
         restarts = taken.fresh or self._last is None or taken.timestamp < self._last
         if restarts:
@@ -249,7 +251,9 @@ class Live:
             self._moments.append((moment, self._tracker.forecast()))
             self._count += 1
             self._changed.notify_all()
-        self._working = False  # `close` waits for a listener no longer than for a source
+        return moment
+
+    def _tell(self, moment: Moment) -> None:
         for listener in tuple(self._listeners):
             try:
                 listener(moment)
