@@ -201,7 +201,7 @@ def _upright(own: Body, sides: int, bands: int, rng: np.random.Generator) -> Bod
 
 
 def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
-    """Return one to three loose plates on the table, lying or standing, with edges of the object's lengths."""
+    """Return one to three loose plates on the table, lying or standing, with two of the object's edges."""
     count, bodies = int(rng.integers(1, 4)), []
     middle = own.world_from_body[:2, 3]
     labels = rng.choice(own.labels, count, replace=False)
