@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from tracker.calibration.by_object.edges import seen_motion
 from tracker.calibration.deviations import calibration_covariance, is_stated
@@ -102,7 +101,7 @@ class CameraErrors:
         weights = np.full(self.known.shape[:2], 1.0)
         for _ in range(ROUNDS):
             matrix, vector = self._equations(weights)
-            matrix += block_diag(*prior)
+            matrix.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count)] += prior
             errors = np.asarray(np.linalg.solve(matrix, vector)).reshape(count, 6)
             seen = self.moved_by + np.einsum("fij,cj->fci", self.lever, errors)
             off = seen - self._poses(weights[..., None, None] * self.known, seen)[:, None]
