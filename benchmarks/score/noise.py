@@ -25,6 +25,9 @@ COPIES = 12
 HIDDEN = 0.6
 """Visible fraction below which errors are judged separately."""
 
+SCALE = 0.3
+"""Weighted miss above which a figure counts less in the fit."""
+
 LAGS = 1, 10
 """Lags of the correlations [frames]: 0.1 s and 1 s."""
 
@@ -149,16 +152,24 @@ def _error(whole: Array, drawn: Sequence[Array], part: int, group: str, values: 
         result: FloatArray = np.concatenate([WEIGHTS * off, PULL * (logs - start)])
         return result
 
-    best = least_squares(misses, start, diff_step=0.03, max_nfev=25, loss="soft_l1", f_scale=0.3)
+    best = least_squares(misses, start, diff_step=0.03, max_nfev=25, loss="soft_l1", f_scale=SCALE)
     spread = WEIGHTS[:, None] * np.cov(np.log([figures(one, part) for one in drawn]).T) * WEIGHTS
     # The prior that pulls towards the start contributes information, too.
-    gain, rows = np.linalg.pinv(best.jac), len(expected)
+    gain, rows = gain_of(best.jac, best.fun), len(expected)
     taught, pulled = gain[:, :rows], gain[:, rows:]
     error = np.sqrt(np.diag(taught @ spread @ taught.T + pulled @ pulled.T))
     return {
         key: (np.exp(log), np.exp([log - 1.96 * e, log + 1.96 * e]))
         for key, log, e in zip(FITTED, best.x, error, strict=True)
     }
+
+
+def gain_of(jac: FloatArray, misses: FloatArray) -> FloatArray:
+    """Return how the solution of `least_squares` with its loss soft_l1 and SCALE changes with each miss.
+
+    SciPy has scaled the rows of `jac` by the root of the loss's curvature, (1 + (miss / SCALE)²)^-3/2.
+    """
+    return np.asarray(-np.linalg.pinv(jac) * (1.0 + (misses / SCALE) ** 2) ** -0.75)
 
 
 def _missed(whole: Array) -> dict[str, float]:

@@ -1,4 +1,5 @@
 import numpy as np
+from scipy.optimize import least_squares
 
 from benchmarks.data.films import FilmFrame
 from benchmarks.data.scenes import rig
@@ -65,3 +66,17 @@ def test_refined_cameras_are_near_the_true_ones(rng):
     for camera, true in zip(mended(rig(), given, rng), rig(), strict=True):
         off = camera.camera_from_world[:3, 3] - true.camera_from_world[:3, 3]
         assert 0.0 < np.linalg.norm(off) < 0.6e-3
+
+
+def test_the_gain_of_a_fit_is_how_its_solution_changes(rng):
+    rows, values = rng.normal(size=(14, 3)), rng.normal(size=14)
+
+    def fit_of(values):
+        tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-14)
+        return least_squares(
+            lambda x: rows @ x - values, np.zeros(3), loss="soft_l1", f_scale=score.SCALE, **tight
+        )
+
+    best = fit_of(values)
+    changed = [(fit_of(values - 1e-4 * one).x - fit_of(values + 1e-4 * one).x) / 2e-4 for one in np.eye(14)]
+    np.testing.assert_allclose(score.gain_of(best.jac, best.fun), np.transpose(changed), atol=1e-4)
