@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from benchmarks.data.dice import DiceScene
 from benchmarks.score.errors import placed, projected
+from synthetic.world.meshes import silhouette
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
@@ -96,25 +97,10 @@ def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArr
     alone, visible = np.zeros(len(points)), np.zeros(len(points))
     for camera, labels in zip(cameras, scene.labels, strict=True):
         pixels = projected(camera, points.reshape(-1, 3)).reshape(-1, 8, 2)
-        alone += [_pixels_inside(hull, labels.shape) for hull in pixels]
+        alone += [np.count_nonzero(silhouette(hull, labels.shape)) for hull in pixels]
         visible += np.bincount(labels.ravel(), minlength=len(points) + 1)[1 : len(points) + 1]
     # Labels go by a pixel's majority, the hull by its centre: at edges the two may differ.
     return np.asarray(np.minimum(visible / np.maximum(alone, 1), 1.0))
-
-
-def _pixels_inside(points: FloatArray, shape: tuple[int, ...]) -> int:
-    """Return the number of pixels whose centres are within the convex hull of points (N, 2) [px]."""
-    low = np.maximum(np.floor(points.min(axis=0)), 0).astype(int)
-    high = np.minimum(np.ceil(points.max(axis=0)) + 1, shape[1::-1]).astype(int)
-    if (low >= high).any():
-        return 0
-    centres = np.stack(np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1])), axis=-1)
-    outline = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
-    edges = np.roll(outline, -1, axis=0) - outline
-    offsets = centres[:, :, None] - outline
-    side = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
-    # Inside: on the same side of all edges, whatever the orientation of OpenCV's hull.
-    return int(np.count_nonzero((side >= 0).all(axis=2) | (side <= 0).all(axis=2)))
 
 
 def cross_pixels(camera: Camera, bars: FloatArray) -> Array:

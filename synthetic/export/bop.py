@@ -19,16 +19,15 @@ from typing import Any
 import cv2
 import numpy as np
 import trimesh
-from scipy.spatial import Delaunay
 
 from synthetic.camera.sensor import demosaicked
 from synthetic.frames import Frame
-from synthetic.scene import ObjectState
-from synthetic.world.meshes import box
+from synthetic.world.meshes import box, silhouette
 from synthetic.world.platform import DICE, DIE_SIZE
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.files import write_whole
+from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
 from tracker.objects.labels import DISPLAY_COLORS_BGR
@@ -39,6 +38,9 @@ SCENE_FOLDER = Path("test") / "000001"
 
 _MM = 1000.0
 
+DIE_SIZES = np.full(3, DIE_SIZE)
+"""Edge lengths of a die (3,) [m]."""
+
 
 def write_bop_frame(root: Path, frame: Frame) -> None:
     """Write a frame's undistorted images and masks."""
@@ -47,13 +49,15 @@ def write_bop_frame(root: Path, frame: Frame) -> None:
         colored = demosaicked(image) if image.ndim == 2 else image
         name = f"{frame.index:06d}"
         write_png(scene / f"rgb_{camera.name}" / f"{name}.png", undistorted(colored, camera, cv2.INTER_CUBIC))
-        alone, labels = (
-            undistorted(layer[c], camera, cv2.INTER_NEAREST) for layer in (frame.alone, frame.labels)
-        )
+        labels = undistorted(frame.labels[c], camera, cv2.INTER_NEAREST)
         for number, state in enumerate(frame.objects_at_stamps[c]):
             # A single object's six labels are its faces; those of dice, which hide each other, their numbers.
-            visible = labels > 0 if objects == 1 else labels == number + 1
-            whole = alone > 0 if objects == 1 else visible | _silhouette(camera, state)
+            if objects == 1:
+                visible, whole = labels > 0, undistorted(frame.alone[c], camera, cv2.INTER_NEAREST) > 0
+            else:
+                pose = camera.camera_from_world @ so3.transform(state.rotation, state.position)
+                visible = labels == number + 1
+                whole = visible | silhouette(_projected_corners(camera, DIE_SIZES, pose), labels.shape)
             for kind, mask in (("mask", whole), ("mask_visib", visible)):
                 path = scene / f"{kind}_{camera.name}" / f"{name}_{number:06d}.png"
                 write_png(path, np.where(mask, np.uint8(255), np.uint8(0)))
@@ -83,7 +87,7 @@ def finish_bop(
 
     Cameras are those of `rig` unless the truth states others; `raw`: the frames' images are mosaics.
     """
-    size = np.full(3, DIE_SIZE) if object_name == DICE else load_object(object_name).size
+    size = DIE_SIZES if object_name == DICE else load_object(object_name).size
     scene = root / SCENE_FOLDER
     for usual in rig:
         files: dict[str, dict[str, Any]] = {"camera": {}, "gt": {}, "gt_info": {}}
@@ -155,23 +159,6 @@ def _seen(alone: Array, visible: Array) -> dict[str, Any]:
         "px_count_visib": count,
         "visib_fract": count / whole if whole else 0.0,
     }
-
-
-def _silhouette(camera: Camera, die: ObjectState) -> Array:
-    """Return the mask of a die that nothing hides, seen without distortion."""
-    place = np.eye(4)
-    place[:3, :3], place[:3, 3] = die.rotation, die.position
-    points = _projected_corners(camera, np.full(3, DIE_SIZE), camera.camera_from_world @ place)
-    mask = np.zeros((camera.height, camera.width), bool)
-    low, high = (
-        np.maximum(points.min(axis=0), 0).astype(int),
-        np.maximum(points.max(axis=0) + 1, 0).astype(int),
-    )
-    part = mask[low[1] : high[1], low[0] : high[0]]
-    # The triangles between the corners cover the outline of a convex body.
-    pixels = np.indices(part.shape)[::-1].reshape(2, -1).T + low
-    part[:] = Delaunay(points).find_simplex(pixels).reshape(part.shape) >= 0
-    return mask
 
 
 def _outline_box(camera: Camera, size: FloatArray, camera_from_object: FloatArray) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
+import cv2
 import numpy as np
 import trimesh
 
@@ -177,3 +178,20 @@ def coils(inner: float, outer: float, height: float) -> tuple[FloatArray, Array]
         ring = np.vstack([inner * rim, outer * rim])
         parts.append((np.column_stack([np.full(4, height), ring]), np.array([[0, 2, 3], [0, 3, 1]])))
     return concatenate(parts)
+
+
+def silhouette(points: FloatArray, shape: tuple[int, ...]) -> Array:
+    """Return the mask (H, W) of pixels whose centres are within the convex hull of points (N, 2) [px]."""
+    mask = np.zeros(shape, bool)
+    low = np.maximum(np.floor(points.min(axis=0)), 0).astype(int)
+    high = np.minimum(np.ceil(points.max(axis=0)) + 1, shape[1::-1]).astype(int)
+    if (low >= high).any():
+        return mask
+    centres = np.stack(np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1])), axis=-1)
+    outline = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
+    edges = np.roll(outline, -1, axis=0) - outline
+    offsets = centres[:, :, None] - outline
+    side = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
+    # Inside: on the same side of all edges, whatever the orientation of OpenCV's hull.
+    mask[low[1] : high[1], low[0] : high[0]] = (side >= 0).all(axis=2) | (side <= 0).all(axis=2)
+    return mask
