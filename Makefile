@@ -35,8 +35,8 @@ test: $(STAMP) | build/scenes  ## run the tests, or those of TESTS=
 # What calls other libraries, and a pose from pictures to end: what else `make test` shows does not depend on
 # versions. Old versions use what newer ones of others warn of.
 LOWEST_TESTS := $(addprefix tests/,files geometry logs poses viz calibration/board/test_board.py \
-	color_learning/test_hues.py batch/test_run.py batch/test_stores.py synthetic/test_renderers.py \
-	benchmarks/test_metrics.py test_compiled.py test_import.py test_pipeline.py)
+	color_learning/test_hues.py batch/test_jobs.py batch/test_run.py batch/test_stores.py \
+	synthetic/test_renderers.py benchmarks/test_metrics.py test_compiled.py test_import.py test_pipeline.py)
 
 lowest: $(LOWEST)/.installed | build/scenes  ## run tests with the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python $(call RUN_TESTS,$(LOWEST)/bin) -W ignore::DeprecationWarning \
