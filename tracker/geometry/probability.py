@@ -16,7 +16,7 @@ CERTAIN = 60.0
 
 
 def _directions(count: int) -> FloatArray:
-    """Return evenly spread unit vectors (N, 6): normal deviates of an additive recurrence (Roberts' R)."""
+    """Return evenly spread unit vectors (6, N): normal deviates of an additive recurrence (Roberts' R)."""
     root = 1.0
     for _ in range(50):
         root = (1.0 + root) ** (1.0 / 7.0)
@@ -24,7 +24,7 @@ def _directions(count: int) -> FloatArray:
     inverse = NormalDist().inv_cdf
     uniform = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
     normal = np.array([[inverse(float(u)) for u in row] for row in uniform])
-    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    return np.ascontiguousarray((normal / np.linalg.norm(normal, axis=1, keepdims=True)).T)
 
 
 _SPHERE = _directions(1200)
@@ -46,24 +46,25 @@ def mass_within(covariance, near, turned, directions):  # type: ignore[no-untype
     lower = np.zeros((6, 6))
     if not factorise(covariance, lower):
         return 0.0
-    total = 0.0
-    for n in range(len(directions)):
-        # Along a direction the error grows linearly: find how far it stays within both limits.
-        shift, turn = 0.0, 0.0
-        for i in range(6):
-            value = 0.0
-            for k in range(i + 1):
-                value += lower[i, k] * directions[n, k]
-            if i < 3:
-                shift += value * value
-            else:
-                turn += value * value
-        half = 0.5 * min(near**2 / max(shift, 1e-300), turned**2 / max(turn, 1e-300))
+    # Along a direction the error grows linearly: find how far it stays within both limits.
+    count, total = directions.shape[1], 0.0
+    squares, along = np.zeros((2, count)), np.empty(count)
+    for i in range(6):
+        # One direction after another, so that several are computed at once.
+        for n in range(count):
+            along[n] = lower[i, 0] * directions[0, n]
+        for k in range(1, i + 1):
+            for n in range(count):
+                along[n] += lower[i, k] * directions[k, n]
+        for n in range(count):
+            squares[i // 3, n] += along[n] * along[n]
+    for n in range(count):
+        half = 0.5 * min(near**2 / max(squares[0, n], 1e-300), turned**2 / max(squares[1, n], 1e-300))
         if half < CERTAIN:
             total += 1.0 - math.exp(-half) * (1.0 + half + 0.5 * half * half)
         else:
             total += 1.0
-    return total / len(directions)
+    return total / count
 
 
 def probability_within(covariance: FloatArray, near: float, turned: float) -> float:
