@@ -145,9 +145,11 @@ def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) 
     if stamps.shape != (len(given),):
         found = f"{len(stamps)} stamps" if stamps.ndim == 1 else f"an array of shape {stamps.shape}"
         raise TrackerError(f"timestamp: found {found}, expected one, or one for each of {len(given)} cameras")
-    seen = np.array(given)
-    counting = stamps[seen if seen.any() else np.isfinite(stamps)]
-    if not len(counting):
+    values, some = stamps.tolist(), any(given)
+    counting = [
+        one for one, seen in zip(values, given, strict=True) if (seen if some else math.isfinite(one))
+    ]
+    if not counting:
         raise TrackerError(f"timestamp: {UNSTAMPED}")
-    latest = float(in_range(counting, "timestamp").max())
-    return latest, np.where(seen, latest - np.where(seen, stamps, latest), 0.0)
+    latest = float(in_range(np.array(counting), "timestamp").max())
+    return latest, np.array([latest - one if seen else 0.0 for one, seen in zip(values, given, strict=True)])

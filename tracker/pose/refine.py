@@ -8,13 +8,13 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.lens import apply_update, copy_pose
-from tracker.geometry.linear import median
+from tracker.geometry.linear import factorise, median, substitute
 from tracker.pose.edge_fit import measure
 from tracker.pose.fit import LIKELY
 from tracker.pose.own_view import see_alone
 from tracker.pose.scale import relative_size
 from tracker.pose.sizes import sizes
-from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
+from tracker.pose.solution import EXPONENT, MOVING, RIM, UNKNOWNS
 from tracker.pose.solve import (
     accumulate,
     add_model_errors,
@@ -82,13 +82,22 @@ constrains unobserved directions; positions in units of the radius."""
 def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped-def]
     """Set up the priors at the pose of a solution; return whether the calibration states errors.
 
-    start: see Start. The prior on the change of velocity must already be filled in.
+    start: see Start.
     """
     radius2 = model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2
     for i in range(6):
         solution.prior[i, i] = PRIOR[0] / radius2 if i < 3 else PRIOR[1]
     solution.prior[EXPONENT, EXPONENT] = 1.0 / EXPONENT_STD**2
     solution.prior[RIM, RIM] = 1.0 / start.rim_std**2
+    if solution.size == MOVING:
+        lower, column = np.zeros((6, 6)), np.empty(6)
+        factorise(solution.velocity, lower)
+        for k in range(6):
+            for i in range(6):
+                column[i] = 1.0 if i == k else 0.0
+            substitute(lower, column, column)
+            for i in range(6):
+                solution.prior[UNKNOWNS + i, UNKNOWNS + k] = column[i]
     solution.shared[EXPONENT], solution.shared[RIM] = start.exponent, start.rim
     solution.own, doubtful = EXPECTED_WEAR**2, False
     views, used = np.zeros(3), 0

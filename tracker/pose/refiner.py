@@ -120,7 +120,7 @@ class Refiner:
         solution["rotation"], solution["position"], solution["covariance"] = rotation, position, np.nan
         if lag is not None:
             cameras["delay"], cameras["lag"] = lag.delays, lag.moved
-            solution["prior"][0, UNKNOWNS:, UNKNOWNS:] = np.linalg.inv(lag.covariance)
+            solution["velocity"] = lag.covariance
         return solution, cameras
 
     def __call__(

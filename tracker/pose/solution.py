@@ -58,6 +58,7 @@ SOLUTION = np.dtype(
         ("own", np.float64),  # variance of edges' own offsets [px² at reference size]
         ("feet", np.float64, (12,)),  # 1 for edges that may lie in a contact shadow, else 0
         ("foot", np.float64),  # variance of how far colours end above such an edge [m²]
+        ("velocity", np.float64, (6, 6)),  # covariance of the change of velocity
         ("prior", np.float64, (MOVING, MOVING)),  # prior information, and …
         ("pull", np.float64, (MOVING,)),  # … its right side
         ("known", np.float64, (MOVING, MOVING)),  # posterior information, all else marginalised

@@ -17,13 +17,13 @@ from tracker.pose.agreement import spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Seen, Start
 from tracker.pose.hypotheses import ENOUGH
-from tracker.pose.judge import alone, log_odds, rank, refusal, supporters
+from tracker.pose.judge import alone, log_odds, once, rank, refusal, supporters
 from tracker.pose.result import Observation, Status
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.views import Hidden
 from tracker.tracking.belief import Belief, TrackingOptions, measured
 from tracker.tracking.cameras import EVERY, READ, Agreement, CameraMemory, after, looked_at, usable
-from tracker.tracking.motion import MotionState, unknown_velocity
+from tracker.tracking.motion import START_VELOCITY, MotionState
 
 TOGETHER, ALONE = 1.2, 2.2
 """Smallest log odds of a fit near the prediction that make a search everywhere unnecessary: with several
@@ -118,7 +118,7 @@ class Follower:
         if any(missing):  # what is not used makes nothing uncertain, however old it is
             delays = np.where(missing, 0.0, delays)
         if any(delays.tolist()):
-            velocity, covariance = unknown_velocity()
+            velocity, covariance = np.zeros(6), START_VELOCITY
             if expected is not None and belief.motion is not None:
                 # The mean velocity since then varies as much as the velocity does in a third of the time.
                 ahead = belief.motion.predicted(float(delays.max()) / 3.0).state
@@ -226,6 +226,7 @@ def lasting(fit: Fit) -> float:
     return extra(counts)
 
 
+@once
 def kept(fit: Fit | None, before: float) -> bool:
     """Whether a fit near the prediction is so certain that no search everywhere is needed.
 

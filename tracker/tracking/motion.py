@@ -66,8 +66,8 @@ KINDS = "at rest", "pushed or carried", "thrown or dropped"
 DECAY = 0.4
 """Time in which the velocity of an unseen object falls to 1/e [s]: moving objects soon stop."""
 
-START_STD = 0.3, 4.0
-"""Standard deviation of a new object's velocity [m/s], [rad/s]."""
+START_VELOCITY = np.diag(np.repeat(np.square((0.3, 4.0)), 3))
+"""Covariance (6, 6) of a new object's velocity [m/s, rad/s]."""
 
 CONSTANT = 0.8
 """Share of a measurement's covariance that does not average out over time: errors of the calibration and of
@@ -269,11 +269,6 @@ def combine(motions, modes, noise, mode, whole):  # type: ignore[no-untyped-def]
     return at_rest
 
 
-def unknown_velocity() -> tuple[FloatArray, FloatArray]:
-    """Return the prior velocity (6,) [m/s, rad/s] of a new object, and its covariance (6, 6)."""
-    return np.zeros(6), np.diag(np.repeat(np.square(START_STD), 3))
-
-
 class MotionState(NamedTuple):
     """Pose and velocity of the object, with their covariance."""
 
@@ -304,7 +299,7 @@ class MotionFilter(NamedTuple):
         modes["weight"] = 1.0 / len(KINDS)
         modes["position"], modes["rotation"] = position, rotation
         modes["covariance"][:, :6, :6] = (1 - CONSTANT) * noise
-        modes["covariance"][~MOTIONS.still, 6:, 6:] = unknown_velocity()[1]
+        modes["covariance"][~MOTIONS.still, 6:, 6:] = START_VELOCITY
         return cls(modes, noise)
 
     def predicted(self, dt: float) -> MotionFilter:
