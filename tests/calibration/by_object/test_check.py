@@ -146,7 +146,10 @@ def test_a_camera_that_sees_the_object_seldom_or_badly_is_not_accused(count, sha
         for n, one in enumerate(seen):
             one.information[2] *= share * (n < count)
             one.moved[2] += rng.normal(size=6) / spread
-        assert not any(one.moved for one in check_calibration(seen, CAMERAS).cameras)
+        found = check_calibration(seen, CAMERAS)
+        assert found.fits
+        assert not any(one.moved for one in found.cameras)
+        assert found.cameras[2].looks == count
 
 
 def test_one_camera_or_no_look_of_two_is_refused():

@@ -118,7 +118,7 @@ class CalibrationCheck:
 
     cameras: tuple[CameraCheck, ...]
     miss: float
-    """Median over the looks of the cameras' root mean square disagreement [rad]."""
+    """Median over the looks of the cameras' root mean square disagreement [rad]; poor views do not count."""
     looks: int
     misses: FloatArray
     """Disagreement (looks, C, 2) of each camera with the others [px], right and down; NaN if not measured."""
@@ -187,7 +187,7 @@ def check_calibration(
                 FocalCheck(ratio, off, _median(problem.distance[asked, c])),
             )
         )
-    return CalibrationCheck(tuple(result), _median_miss(misses, cameras), len(looks), misses)
+    return CalibrationCheck(tuple(result), _median_miss(misses, problem), len(looks), misses)
 
 
 def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: CameraErrors) -> list[Corners]:
@@ -227,12 +227,19 @@ def _corner_motion(camera: Camera, look: Look) -> FloatArray:
     return np.asarray(motion.reshape(-1, 6))
 
 
-def _median_miss(misses: FloatArray, cameras: Sequence[Camera]) -> float:
-    """Return the median over the looks of the root mean square over the cameras [rad]."""
-    focal = np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in cameras])
+def _median_miss(misses: FloatArray, problem: CameraErrors) -> float:
+    """Return the median over the looks of the root mean square over the cameras [rad].
+
+    Views that are as uncertain as LIMIT count only if there are no others.
+    """
+    focal = np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in problem.cameras])
     squares = ((misses / focal[:, None]) ** 2).sum(axis=2)
-    asked = np.isfinite(squares).sum(axis=1) > 1
-    return float(np.median(np.sqrt(np.nanmean(squares[asked], axis=1)))) if asked.any() else 0.0
+    clear = [[problem.noise(f, c) < LIMIT for c in range(len(focal))] for f in range(len(squares))]
+    for one in (np.where(clear, squares, np.nan), squares):
+        asked = np.isfinite(one).sum(axis=1) > 1
+        if asked.any():
+            return float(np.median(np.sqrt(np.nanmean(one[asked], axis=1))))
+    return 0.0
 
 
 def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, float]:

@@ -47,6 +47,9 @@ EVIDENT = -13.5
 stated. It is negative, since evidence penalises LOOSE for being far wider than most displacements: cameras
 whose errors are as stated have -14 or less; a camera off by 3 mm or 0.5° among exact ones has -13 or more."""
 
+_FAINT = np.diag(np.repeat([1.0, 1e-2], 3))
+"""Information (6, 6) on every pose, so that there is some about each direction [1/m², 1/rad²]."""
+
 FREEDOM, ROUNDS = 4.0, 6
 """Degrees of freedom of Student's t, which gives outlying looks less weight; iterations of reweighting."""
 
@@ -148,6 +151,14 @@ class CameraErrors:
                     result[f, c] = across * [camera.matrix[0, 0], camera.matrix[1, 1]]
         return result
 
+    def noise(self, f: int, c: int) -> float:
+        """Return the standard deviation [rad] that the views' own errors give to a length in `misses`."""
+        shares, seeing = self.shares(f, c), self.known[f, :, 0, 0] > 0.0
+        if shares is None:
+            return float("nan")
+        parts = self.cameras[c].camera_from_world[:2, :3] / self.distance[f, c] @ shares[seeing, :3]
+        return float(np.sqrt(np.sum(parts @ np.linalg.inv(self.known[f, seeing] + _FAINT) * parts)))
+
     def shares(self, f: int, c: int) -> FloatArray | None:
         """Return each view's weight (C, 6, 6) in the pose that c sees minus the pose that the others see.
 
@@ -163,14 +174,14 @@ class CameraErrors:
 
     def _poses(self, known: FloatArray, seen: FloatArray) -> FloatArray:
         """Return the joint poses (looks, 6) of the object, given the poses (looks, C, 6) that cameras see."""
-        joint = known.sum(axis=1) + np.diag(np.repeat([1.0, 1e-2], 3))
+        joint = known.sum(axis=1) + _FAINT
         pull = np.einsum("fcij,fcj->fi", known, seen)
         return np.asarray(np.linalg.solve(joint, pull[..., None])[..., 0])
 
     def _equations(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the normal equations (6 C, 6 C), (6 C,) of the errors, without their prior."""
         known = self.share * weights[..., None, None] * self.known
-        joint = known.sum(axis=1) + np.diag(np.repeat([1.0, 1e-2], 3))
+        joint = known.sum(axis=1) + _FAINT
         pulled = np.einsum("fji,fcjk->fcik", self.lever, known)  # Gᵀ A
         reduced = np.linalg.solve(joint[:, None], known)  # S⁻¹ A
         blocks = -(pulled[:, :, None] @ reduced[:, None] @ self.lever[:, None, None]).sum(axis=0)
