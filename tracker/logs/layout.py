@@ -222,7 +222,8 @@ def _of_stated(root: Path, rate: float) -> Layout:
         if "rate" not in values and len(times) > 1:
             rate = 1 / float(np.diff(times).mean())
         streams = _numbered(streams, films)
-    layout = _of_streams(streams, rate)
+    names = {name for files in streams.values() for name in files}
+    layout = _of_streams(streams, rate, by_name=stamps is not None and len(stamps) == len(names))
     if stamps is None:
         return layout
     if len(stamps) != (count := len(layout.names)):
