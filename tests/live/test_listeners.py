@@ -55,20 +55,25 @@ def test_raw_pixels_are_read_back_to_the_bit_with_the_calibration_of_their_size(
             assert mine.matrix == pytest.approx(its.matrix)
 
 
-def test_a_lagging_camera_may_miss_an_image(path):
-    moments = []
-    for n in range(4):
-        one = moment(n, images(n))
+def test_a_lagging_camera_or_all_may_miss_an_image(path):
+    moments, given = [], images(1)
+    shown = given, (*given[:2], None), given, (None,) * 3, (None,) * 3, (None, *given[1:]), given
+    for n, its in enumerate(shown):
+        one = moment(n, its)
         # As a source stamps it: a missing image with the moment's own time, a lagging one with an older.
-        stamps = (*one.taken.stamps[:2], one.timestamp - (0.15 if n != 2 else 0.0))
-        shown = (*one.taken.images[:2], one.taken.images[2] if n != 2 else None)
-        taken = dataclasses.replace(one.taken, images=shown, stamps=stamps)
-        moments.append(dataclasses.replace(one, taken=taken))
+        stamps = (*one.taken.stamps[:2], one.timestamp - (0.0 if its[2] is None else 0.15))
+        moments.append(dataclasses.replace(one, taken=dataclasses.replace(one.taken, stamps=stamps)))
     recorder = record(path, *moments)
-    assert (recorder.recorded, recorder.fault) == (4, None)
+    assert (recorder.recorded, recorder.fault) == (7, None)
     with tracker.open_log(path) as log:
-        late = [frame.timestamp - frame.camera_timestamps[2] for frame in log]
-    assert late == pytest.approx([0.15, 0.15, np.nan, 0.15], nan_ok=True)
+        frames = list(log)
+    for frame, one in zip(frames, moments, strict=True):
+        assert [image is None for image in frame.images] == [image is None for image in one.taken.images]
+    late = [frame.timestamp - frame.camera_timestamps[2] for frame in frames]
+    assert late == pytest.approx([0.15, np.nan, 0.15, np.nan, np.nan, 0.15, 0.15], nan_ok=True)
+    assert [frame.newest for frame in frames] == pytest.approx(
+        [1000, 1000.1, 1000.2, 1000.3, 1000.4, 1000.499, 1000.6]
+    )
 
 
 def test_cameras_of_different_sizes_are_refused_before_there_is_a_file(path):

@@ -121,9 +121,8 @@ class Recorder(Listener):
             settings = self._settings()
             self._writer = Hdf5LogWriter(self.path, rig, poses=True, flush_every=0, settings=settings)
         stamps = [math.nan if one is None else t for one, t in zip(pictures, taken.stamps, strict=True)]
-        if all(one is None for one in pictures):
-            stamps = [moment.timestamp] * len(pictures)
-        self._writer.append(pictures, moment.timestamp, stamps, moment.object_pose)
+        shown = any(one is not None for one in pictures)  # if not, NaN for all would mean a driver error
+        self._writer.append(pictures, moment.timestamp, stamps if shown else None, moment.object_pose)
         self.recorded += 1
         if time.monotonic() - self._flushed > FLUSH:
             self._writer.flush()

@@ -29,7 +29,7 @@ from tracker.conventions import FloatArray, Image
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, on_error, open_regular, told_of
 from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
-from tracker.logs.frame import LogFrame, recorded_frame
+from tracker.logs.frame import UNKNOWN, LogFrame, recorded_frame
 from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
 
@@ -209,7 +209,7 @@ class Hdf5Source(Source):
             for every in (frame.images, raw)
         )
         known = np.where(missing, np.nan, frame.camera_timestamps)
-        return dataclasses.replace(frame, images=images, raw=pixels, camera_timestamps=known)
+        return dataclasses.replace(frame, images=images, raw=pixels, camera_timestamps=known, stamps=UNKNOWN)
 
     def rig(self) -> CameraRig | None:
         """See Source."""
