@@ -21,13 +21,14 @@ Kind = TypeVar("Kind")
 UNSTAMPED = "found none for any camera, expected one number: the time, now, of a set without images"
 
 
-def optional(package: str, extra: str, what: str, fault: type[TrackerError] = TrackerError) -> Any:
-    """Import a package (or submodule) of an extra; if it is missing, raise `fault`, which names `what`."""
+def optional(package: str, extra: str | None, what: str, fault: type[TrackerError] = TrackerError) -> Any:
+    """Import a package (or submodule), of an extra or none; if missing, raise `fault`, which names `what`."""
     try:
         return import_module(package)
     except ImportError as error:
         name = package.partition(".")[0]
-        raise fault(f"{what} needs the package {name}: {install(extra)}") from error
+        how = install(extra) if extra else f"pip install {name}"
+        raise fault(f"{what} needs the package {name}: {how}") from error
 
 
 @contextlib.contextmanager

@@ -29,6 +29,7 @@ import numpy as np
 from tracker.batch import results
 from tracker.batch.run import Batch, Task, Work, agreed
 from tracker.calibration.files.platform import pattern_of, robots_in
+from tracker.checks import optional
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError, TrackerError, install
 from tracker.files import told_as, whole_file, write_whole
@@ -37,7 +38,7 @@ from tracker.logs.datasets import CONTROL_RATE, Episode, StoreSteps, is_store, r
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import MeasuredColumns, PoseColumns
 from tracker.poses.file import read_poses
-from tracker.poses.poses import Poses, package
+from tracker.poses.poses import Poses
 from tracker.recordings.track import Options, Recipe
 from tracker.summaries.against_stored import differences
 
@@ -263,7 +264,7 @@ def _named(one: Planned, count: int) -> dict[str, Array]:
 @contextlib.contextmanager
 def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
     """Yield a function that appends columns to a Parquet file; it appears if the block does not raise."""
-    pa, pq = package("pyarrow"), package("pyarrow.parquet")
+    pa, pq = (optional(name, None, "this") for name in ("pyarrow", "pyarrow.parquet"))
 
     def cells(column: Array) -> Any:
         flat = pa.array(column.reshape(-1), from_pandas=True)

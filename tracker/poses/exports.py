@@ -7,14 +7,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tracker.checks import of_kind
+from tracker.checks import of_kind, optional
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import csv_text, told_as, whole_file, write_whole
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import PoseColumns
-from tracker.poses.poses import Kind, Poses, package
+from tracker.poses.poses import Kind, Poses
 
 BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 """Header of a file of BOP results."""
@@ -116,7 +116,7 @@ def write_parquet(
     Arguments and errors are those of `write_csv`; TrackerError: the package pyarrow is missing.
     """
     columns = _table(poses, keypoints_of, more)
-    pa, pq = package("pyarrow"), package("pyarrow.parquet")
+    pa, pq = (optional(name, None, "this") for name in ("pyarrow", "pyarrow.parquet"))
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
     with told_as(LogError, path), whole_file(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")

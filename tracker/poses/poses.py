@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import LATEST, described, float_array, freeze, is_whole, of_kind
+from tracker.checks import LATEST, described, float_array, freeze, is_whole, of_kind, optional
 from tracker.conventions import Array, FloatArray
-from tracker.errors import LogError, TrackerError, shown
+from tracker.errors import LogError, shown
 from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, refuse
@@ -23,16 +22,6 @@ CAMERA_SEPARATOR = "|"
 
 _AXES = {3: "axis", 4: "xyzw", 6: "twist"}
 """Names of array axes by length."""
-
-
-def package(name: str) -> Any:
-    """Import an optional package or submodule; TrackerError if it is missing."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        missing = name.partition(".")[0]
-        raise TrackerError(f"this needs the package {missing}: pip install {missing}") from error
-
 
 Kind = Literal["measured", "filtered", "recorded"]
 """Kind of a frame's pose."""
@@ -195,7 +184,7 @@ class Poses:
 
     def to_dataframe(self, keypoints_of: CuboidModel | None = None) -> Any:
         """Return a pandas DataFrame with the columns of `table`; TrackerError if pandas is missing."""
-        return package("pandas").DataFrame(self.table(keypoints_of)).set_index("frame")
+        return optional("pandas", None, "this").DataFrame(self.table(keypoints_of)).set_index("frame")
 
     def to_xarray(self, keypoints_of: CuboidModel | None = None) -> Any:
         """Return an xarray Dataset along `frame` of whole vectors and covariances, e.g. `filtered_position`.
@@ -220,7 +209,7 @@ class Poses:
             "camera": list(self.about.rig.names),
         }
         about = {name: getattr(self.about, name) for name in ("object_name", "source", "tracker_version")}
-        return package("xarray").Dataset(variables, coords=coordinates, attrs=about)
+        return optional("xarray", None, "this").Dataset(variables, coords=coordinates, attrs=about)
 
     def _known(self, kind: Kind) -> PoseColumns:
         """Return the poses of one kind; frames without poses if the recording has none."""
