@@ -105,8 +105,8 @@ class LogFrame:
 
 def recorded_frame(
     index: int,
-    images: Sequence[Image],
-    raw: Iterable[Image] | None,
+    images: Sequence[Image | None],
+    raw: Iterable[Image | None] | None,
     camera_stamps: FloatArray,
     stamp: float | None,
     poses: Iterable[Array],
@@ -122,7 +122,7 @@ def recorded_frame(
     """
     for number, value in enumerate(camera_stamps, start=1):
         checked_stamp(value, what=f"{where}, camera number {number}")
-    if not camera_stamps.any() and not any(image.any() for image in images):
+    if not camera_stamps.any() and not any(image is not None and image.any() for image in images):
         none = np.full(len(images), np.nan)
         known = checked_stamp(stamp / 1000, what=where) if stamp else np.nan
         return LogFrame(index, known, none, (None,) * len(images), None, None)

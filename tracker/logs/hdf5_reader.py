@@ -198,18 +198,14 @@ class Hdf5Source(Source):
         stamp = None if self._frame_stamps is None else self._frame_stamps[index, 0]
         if self._poses and (self._has_pose is None or self._has_pose[index]):
             poses = [np.concatenate([rows[index] for rows in self._poses])]
-        frame = recorded_frame(index, [*map(from_bayer, raw)], raw, stamps, stamp, poses, where=where)
         # A missing image is recorded as black, with the timestamp of the camera's image before.
         again = stamps == self._camera_stamps[index - 1] if index else np.zeros(len(stamps), bool)
         missing = [same and not one.any() for same, one in zip(again, raw, strict=True)]
-        if not any(missing):
-            return frame
-        images, pixels = (
-            tuple(None if no else one for no, one in zip(missing, every, strict=True))
-            for every in (frame.images, raw)
-        )
+        pixels = [None if no else one for no, one in zip(missing, raw, strict=True)]
+        images = [None if one is None else from_bayer(one) for one in pixels]
+        frame = recorded_frame(index, images, pixels, stamps, stamp, poses, where=where)
         known = np.where(missing, np.nan, frame.camera_timestamps)
-        return dataclasses.replace(frame, images=images, raw=pixels, camera_timestamps=known, stamps=UNKNOWN)
+        return dataclasses.replace(frame, camera_timestamps=known, stamps=UNKNOWN)
 
     def rig(self) -> CameraRig | None:
         """See Source."""
