@@ -1,7 +1,5 @@
 import gc
 import re
-import subprocess
-import sys
 import threading
 import time
 import weakref
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT, make_rig
+from tests.helpers import make_rig, run_python
 from tests.helpers.filmed import RIG, shots
 from tests.helpers.log_writers import make_content, write_native
 from tracker.errors import LiveError
@@ -209,8 +207,7 @@ taken.get()
 
 
 def test_what_is_left_open_is_closed_when_python_ends():
-    command = [sys.executable, "-c", LEFT_OPEN]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    done = run_python(["-c", LEFT_OPEN])
     assert (done.returncode, done.stdout, done.stderr) == (0, "closed\n", "")
 
 
