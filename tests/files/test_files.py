@@ -145,6 +145,13 @@ def test_what_was_there_stays_if_writing_fails_and_the_file_is_named(tmp_path, m
     assert raised.value.filename == str(tmp_path / "no" / "a.txt")
 
 
+def test_a_pipe_or_a_device_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="found a pipe or a device, expected a regular file"):
+        write_whole(tmp_path / "pipe", "content")
+    assert (tmp_path / "pipe").is_fifo()
+
+
 def test_a_link_stays_one_and_what_it_means_is_written(tmp_path):
     (tmp_path / "far").mkdir()
     (tmp_path / "near.txt").symlink_to(tmp_path / "far" / "a.txt")

@@ -21,6 +21,9 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file; here, so that h5py is loaded for such files only."""
 
 
+_NOT_REGULAR = "found a pipe or a device, expected a regular file"
+
+
 @contextlib.contextmanager
 def on_error(undo: Callable[[], object]) -> Iterator[None]:
     """Call `undo` if the `with` block raises, for instance to close a half-opened file; then re-raise."""
@@ -55,7 +58,7 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
         if stat.S_ISDIR(kind):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
         if not stat.S_ISREG(kind):
-            raise OSError(errno.EINVAL, "found a pipe or a device, expected a regular file", os.fspath(path))
+            raise OSError(errno.EINVAL, _NOT_REGULAR, os.fspath(path))
         return os.fdopen(handle, "rb")
 
 
@@ -129,10 +132,13 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     What is in a folder is not. A symbolic link is kept: its target is replaced.
 
     Raises:
-        OSError: the file cannot be written; the old one is unchanged.
+        OSError: the file cannot be written, or is a pipe or a device, such as /dev/null, which a superuser
+            would replace; the old one is unchanged.
         ValueError: the path is invalid, for instance because of a null byte.
     """
     target = Path(os.path.realpath(path))
+    if os.path.exists(target) and not (os.path.isfile(target) or os.path.isdir(target)):
+        raise OSError(errno.EINVAL, _NOT_REGULAR, os.fspath(path))
     # Use a temporary folder, not a temporary file, so that the file gets its usual permissions.
     prefix = f".{_beginning(target.name)}."
     try:

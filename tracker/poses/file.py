@@ -167,9 +167,10 @@ def is_poses_file(path: str | os.PathLike[str]) -> bool:
 
 
 def refuse_other_file(path: Path, what: str) -> None:
-    """Raise LogError, naming `what`, for a folder or a file without poses, unless it is empty or damaged."""
-    if path.is_dir():
-        raise LogError(f"{what}: found a folder, expected a file")
+    """Raise LogError, naming `what`, unless the path is free or its file has poses, is empty or damaged."""
+    if path.exists() and not path.is_file():
+        found = "a folder" if path.is_dir() else "a pipe or a device"
+        raise LogError(f"{what}: found {found}, expected a file")
     if not path.is_file() or path.stat().st_size == 0 or is_poses_file(path):
         return
     with path.open("rb") as file:
