@@ -26,7 +26,7 @@ TRUTH_FILE = "ground_truth.json"
 """File that `python -m synthetic dataset` writes beside the images; timestamps are read from it."""
 
 _PAUSE = 8
-"""Pause between two episodes [s], whose timestamps are unrelated."""
+"""Longest pause within an episode [frames]: sequences lack single frames, between motions ten or more."""
 
 _MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # bytes; more than the largest image uncompressed
 

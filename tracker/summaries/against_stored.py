@@ -20,7 +20,7 @@ FLIP = np.radians(45)
 
 LAGS = np.linspace(-0.1, 0.5, 61)  # candidate delays [s]
 MOVING = 0.005
-"""With lagging cameras, also the change of the object's velocity from the expected one."""
+"""Smallest standard deviation of the positions [m] that shows a delay."""
 
 _GROSS = 0.1  # distance [m] above which a stored pose is not used to estimate the delay
 
