@@ -15,7 +15,7 @@ from tests.helpers.reading import attribute, change, datasets, edit, made, put, 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError, TrackerError
 from tracker.geometry.arena import Arena
-from tracker.poses.columns import FilteredColumns, MeasuredColumns
+from tracker.poses.columns import FilteredColumns
 from tracker.poses.file import FORMAT, GROUPS, MAX_FRAMES, read_poses, write_poses
 from tracker.poses.poses import KINDS, concatenate
 
@@ -312,6 +312,8 @@ ASYMMETRIC[0, 1] = 0.01
     [
         ("position", (1, 2), np.nan, "row 1: found .* nan, expected finite"),
         ("position", 2, 0.0, "row 2: found 0 0 0, expected NaN"),
+        ("position", None, np.zeros((3, 2)), r"found shape \(3, 2\), .* \(3, 3\)"),
+        ("position", None, "text", "found 'text', expected numbers"),
         ("orientation", 1, 0.0, "row 1: found 0 0 0 0, expected a quat"),
         ("orientation", 0, 0.4, "row 0: .*length 1"),
         ("confidence", 0, 1.001, "row 0: found 1.001, expected a prob"),
@@ -321,30 +323,20 @@ ASYMMETRIC[0, 1] = 0.01
         ("covariance", 0, 1e-12 * INDEFINITE, "row 0: .*positive semi-definite"),
         ("covariance", 0, 1e12 * INDEFINITE, "row 0: .*positive semi-definite"),
         ("covariance", (0, 0, 0), -1e-12, "row 0: .*not negative"),
+        ("covariance", None, np.zeros((2, 6, 6)), r"found shape \(2, 6, 6\)"),
         ("velocity", (0, 0), np.inf, "row 0: found inf"),
         ("velocity_covariance", 1, INDEFINITE, "row 1: .*positive semi-definite"),
+        ("has_pose", None, np.ones(3), "found float64"),
+        ("has_pose", None, np.ones((3, 1), bool), r"found bool of shape \(3, 1\)"),
     ],
 )
-def test_impossible_rows_are_refused(rng, name, rows, value, message):
+def test_impossible_rows_and_columns_of_another_shape_or_type_are_refused(rng, name, rows, value, message):
     arrays = good(rng)
     for scale in (1e-12, 1.0, 1e12):
         FilteredColumns(**{**arrays, "covariance": scale * arrays["covariance"]})
-    arrays[name][rows] = value
+    if rows is None:
+        arrays[name] = value
+    else:
+        arrays[name][rows] = value
     with pytest.raises(LogError, match=f"{name}: {message}"):
         FilteredColumns(**arrays)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("position", np.zeros((3, 2)), r"position: found shape \(3, 2\), .* \(3, 3\)"),
-        ("position", "text", "position: found 'text', expected numbers"),
-        ("covariance", np.zeros((2, 6, 6)), r"covariance: found shape \(2, 6, 6\)"),
-        ("has_pose", np.ones(3), "has_pose: found float64"),
-        ("has_pose", np.ones((3, 1), bool), r"has_pose: found bool of shape \(3, 1\)"),
-    ],
-)
-def test_columns_of_another_shape_or_type_are_refused(rng, name, value, message):
-    columns = {key: good(rng)[key] for key in ("has_pose", *MeasuredColumns.ROW_SHAPES)}
-    with pytest.raises(LogError, match=message):
-        MeasuredColumns(**columns | {name: value})
