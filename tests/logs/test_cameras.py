@@ -27,7 +27,7 @@ def rig_of(*names: str, size: tuple[int, int] = (30, 20)) -> tracker.CameraRig:
     return tracker.CameraRig(tuple(make_camera(60 + k, name).resized(*size) for k, name in enumerate(names)))
 
 
-def fitted(folder: Path, rig: tracker.CameraRig, **options: bool) -> tracker.CameraRig:
+def fitted(folder: Path, rig: tracker.CameraRig | None = None, **options: bool) -> tracker.CameraRig:
     with tracker.open_log(folder) as log:
         return fitted_to(folder, log, rig, **options)
 
@@ -75,16 +75,15 @@ def test_a_camera_none_of_whose_pictures_can_be_read_is_no_fault_of_the_calibrat
 
 def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
     rig_of(*CAMERAS).save(folder)
-    with tracker.open_log(folder) as log:
-        assert fitted_to(folder, log).names == CAMERAS
+    assert fitted(folder).names == CAMERAS
     (folder / "camera180.yml").unlink()
-    with tracker.open_log(folder) as log, pytest.raises(LogError, match="no calibration of camera180; expe"):
-        fitted_to(folder, log)
+    with pytest.raises(LogError, match="no calibration of camera180; expe"):
+        fitted(folder)
     for name in ("camera60", "camera300"):
         (folder / f"{name}.yml").rename(folder / f"top{name}.yml")
     lacking = "no calibration of camera60, camera180, camera300 in or beside it, .* like camera60.yml"
-    with tracker.open_log(folder) as log, pytest.raises(CalibrationError, match=lacking):
-        fitted_to(folder, log)
+    with pytest.raises(CalibrationError, match=lacking):
+        fitted(folder)
 
 
 def write_hdf5_called(folder: Path, name: str) -> Path:

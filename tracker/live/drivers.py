@@ -80,11 +80,9 @@ class PylonCamera:
             stamp = time.time() + self._exposure / 2
             self._camera.TriggerSoftware.Execute()
             result = self._camera.RetrieveResult(wait, pylon.TimeoutHandling_ThrowException)
-        except pylon.TimeoutException as error:
-            if self._camera.IsCameraDeviceRemoved():
-                raise self._fault("is lost", error, CameraLost) from error
-            raise LiveError(f"pylon: {self.serial}: no image within {timeout:g} s") from error
         except Exception as error:
+            if isinstance(error, pylon.TimeoutException) and not self._camera.IsCameraDeviceRemoved():
+                raise LiveError(f"pylon: {self.serial}: no image within {timeout:g} s") from error
             raise self._fault("is lost", error, CameraLost) from error
         try:
             if not result.GrabSucceeded():
