@@ -66,6 +66,8 @@ def test_a_failed_buffer_is_one_picture_that_is_missing(camera):
 
 def test_an_image_that_comes_after_its_grab_gave_up_is_not_taken_for_the_next(camera, pictures):
     camera.grab(2.0)
+    # Until it is ready, the camera ignores a trigger.
+    camera._camera.WaitForFrameTriggerReady(10_000, camera._pylon.TimeoutHandling_ThrowException)
     camera._camera.TriggerSoftware.Execute()
     assert camera._camera.GetGrabResultWaitObject().Wait(10_000)
     assert np.array_equal(camera.grab(2.0).image, pictures[1][0])
