@@ -139,6 +139,17 @@ def test_a_lagging_camera_that_misses_an_image_goes_on(tmp_path):
             assert [three[2] is None for three in images] == [False, False, True, False]
 
 
+def test_an_image_that_is_missing_after_a_driver_error_is_read_as_missing(tmp_path):
+    images = make_content(1).images(0)
+    with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:
+        writer.append(images, 1.0)
+        writer.append([None] * 3, 1.1, [np.nan] * 3)
+        writer.append([None, *images[1:]], 1.2)
+    error, last = frames_of(tmp_path / "log.h5")[1:]
+    assert error.images == (None,) * 3
+    assert [image is None for image in last.images] == [True, False, False]
+
+
 ENDINGS = """
 import os, resource, signal, sys
 from tests.helpers.log_writers import make_content

@@ -172,6 +172,8 @@ class Hdf5Source(Source):
         if (stamps := self._rows("timestamps", images.cameras)) is None:
             raise LogError("timestamps is missing, expected a camera log")
         self._camera_stamps = stamps
+        # Number of the latest frame that is no driver error, for each frame.
+        self._latest = np.maximum.accumulate(np.where(stamps.any(axis=1), np.arange(len(stamps)), 0))
         self._frame_stamps = self._rows("sensor_data_timestamps", 1)
         self._has_pose = self._rows("object_pose/has_pose", 1)
         poses = [self._rows(f"object_pose/{name}", math.prod(shape)) for name, shape in POSE.items()]
@@ -199,8 +201,8 @@ class Hdf5Source(Source):
         if self._poses and (self._has_pose is None or self._has_pose[index]):
             poses = [np.concatenate([rows[index] for rows in self._poses])]
         # A missing image is recorded as black, with the timestamp of the camera's image before.
-        again = stamps == self._camera_stamps[index - 1] if index else np.zeros(len(stamps), bool)
-        missing = [same and not one.any() for same, one in zip(again, raw, strict=True)]
+        before = self._camera_stamps[self._latest[index - 1]] if index else np.full(len(stamps), np.nan)
+        missing = [same and not one.any() for same, one in zip(stamps == before, raw, strict=True)]
         pixels = [None if no else one for no, one in zip(missing, raw, strict=True)]
         images = [None if one is None else from_bayer(one) for one in pixels]
         frame = recorded_frame(index, images, pixels, stamps, stamp, poses, where=where)
