@@ -137,6 +137,16 @@ REFUSED = {
         ("job -o new.h5 --from 2 --to 2", "expected --to beyond --from"),
         ("poses.h5 -o new.h5", "poses.h5: found a file of 'trifinger-object-tracker poses'"),
     ],
+    "view": [
+        ("poses.h5 -o v.rrd --from 3 --to 3", "beyond"),
+        ("poses.h5 -o v.rrd --from 99", "--from 99"),
+        ("poses.h5 -o v.rrd --calibration log", "the calibration is in"),
+        ("poses.h5 -o v.rrd --object cube_v1", "expected cube_v2"),
+        ("poses.h5 -o v.rrd --log log", "28×24"),
+        ("poses.h5 -o v.rrd --colors cube_v2", "nothing is tracked"),
+        ("log -o v.rrd", "--object"),
+        ("log -o v.rrd --object cube_v2 --colors no", "'no'"),
+    ],
     "score": [
         (".", "goal.json|--goal"),
         ("job --poses poses.h5", "poses of another recording"),
@@ -302,6 +312,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_cannot_be_done_is_one_line_and_changes_nothing(command, words, folder, run_here):
     if ".mp4" in command:
         pytest.importorskip("av", reason="video: no module av")
+    if command.startswith("view"):
+        pytest.importorskip("rerun", reason="rerun: no module rerun")
     assert_refused(run_here, folder, shlex.split(command), *words.split("|"))
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.command import assert_one_line_error, assert_refused, well
+from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.filmed import RIG
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import write_log
@@ -72,28 +72,6 @@ def test_lines_are_clear_in_the_light_and_in_the_dark_theme(background):
     for color in (*KINDS.values(), *_AXES.values()):
         darker, lighter = sorted((luminance(background), luminance(color)))
         assert (lighter + 0.05) / (darker + 0.05) > 3, color
-
-
-@needs_rerun
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["poses.h5", "-o", "view.txt"], ".rrd"),
-        (["poses.h5", "-o", "no/view.rrd"], "no folder"),
-        (["poses.h5", "-o", "v.rrd", "--from", "3", "--to", "3"], "beyond"),
-        (["poses.h5", "-o", "v.rrd", "--from", "99"], "--from 99"),
-        (["poses.h5", "-o", "v.rrd", "--calibration", "log"], "the calibration is in"),
-        (["poses.h5", "-o", "v.rrd", "--object", "cube_v1"], "expected cube_v2"),
-        (["poses.h5", "-o", "v.rrd", "--log", "log"], "28×24"),
-        (["poses.h5", "-o", "v.rrd", "--colors", "cube_v2"], "nothing is tracked"),
-        (["log", "-o", "v.rrd"], "--object"),
-        (["log", "-o", "v.rrd", "--object", "cube_v2", "--colors", "no"], "'no'"),
-    ],
-)
-def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, message, tmp_path, run_here):
-    write_poses(tmp_path / "poses.h5", random_poses(np.random.default_rng(1), 5))
-    write_log(tmp_path / "log", 5)
-    assert_refused(run_here, tmp_path, ["view", *arguments], message)
 
 
 def test_a_missing_package_is_named_with_its_extra(monkeypatch, run_here):
