@@ -51,7 +51,7 @@ def test_a_recording_is_tracked_on_the_way(tmp_path, run_here):
 def test_what_a_frame_tells_of_the_rig_is_drawn_where_there_is_something(height, tmp_path):
     from tracker.viz.rerun_viewer import open_scene
 
-    values = {key: np.full(3, 0.2) for key in QUANTITIES if key != "disagreement"}
+    values = {key: np.full(3, 0.2) for key in QUANTITIES}
     with open_scene(tmp_path / "view.rrd", RIG, tracker.load_object("cube_v2")) as scene:
         scene.show(0, 0.0, Observation(None, None, Status.LOST), (), Sample(values, height, None))
     assert ("/health/table" in entities(tmp_path / "view.rrd")) == np.isfinite(height)

@@ -18,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, QUANTITIES, disagreement, sample
+from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, QUANTITIES, sample
 from tracker.checks import naming
 from tracker.errors import LiveError
 from tracker.live.camera_check import MOST_MISSING, MOST_SKEW
@@ -72,11 +72,11 @@ class WebPageState:
 
     def look(self, moment: Moment) -> None:
         """Measure the images themselves, which takes tens of milliseconds."""
-        images, pose, rig = moment.taken.images, moment.filtered_object_pose, self._tracker.rig
+        images, pose = moment.taken.images, moment.filtered_object_pose
         self._looks = [{} if image is None else PictureLook.of(image)._asdict() for image in images]
         found = None if pose is None else sample(self._tracker, images, still=slow(pose.velocity))
-        if found is not None and found.look is not None and len(rig) > 1:
-            self._disagreement = disagreement([found.look], rig)[0].tolist()
+        if found is not None and found.look is not None:
+            self._disagreement = found.values["disagreement"].tolist()
         for c, look in enumerate(self._looks):
             look["disagreement"] = self._disagreement[c]  # measured only at rest, and kept from then on
             look["residual"] = math.nan if found is None else float(found.values["residual"][c])

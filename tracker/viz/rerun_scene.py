@@ -24,7 +24,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from tracker.calibration.by_object.health import HEIGHT, QUANTITIES, Sample, disagreement, of_picture
+from tracker.calibration.by_object.health import HEIGHT, QUANTITIES, Sample, of_pictures
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import cuboid, so3
@@ -101,14 +101,7 @@ class Scene:
             self._stream.flush(timeout_sec=FLUSH_SECONDS)
 
     def _show_health(self, images: Sequence[Image | None], health: Sample | None) -> None:
-        values: dict[str, FloatArray] = {key: np.full(len(self._rig), np.nan) for key in QUANTITIES}
-        if health is not None:
-            values |= health.values
-            if health.look is not None and len(self._rig) > 1:
-                values["disagreement"] = disagreement([health.look], self._rig)[0]
-        for c, image in enumerate(images if health is None else ()):
-            for key, value in ({} if image is None else of_picture(image)).items():
-                values[key][c] = value
+        values = of_pictures(images) if health is None else health.values
         for key, column in values.items():
             for camera, value in zip(self._rig, column.tolist(), strict=True):
                 self._put(("health", key, camera.name), _scalar(value))

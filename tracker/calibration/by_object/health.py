@@ -166,7 +166,6 @@ def health(
     values = {key: np.full((len(rows), count), np.nan) for key in QUANTITIES}
     height = np.full(len(rows), np.nan)
     looks: list[Look] = []
-    looked: list[int] = []
     last = -APART
     for n, frame in enumerate(picked(log, poses.index[rows].tolist())):
         row = rows[n]
@@ -179,11 +178,11 @@ def health(
         if found.look is not None and frame.index >= last + APART:
             last = frame.index
             looks.append(found.look)
-            looked.append(n)
+        else:
+            values["disagreement"][n] = np.nan
         progress(1)
     check = None
     if looks and count > 1:
-        values["disagreement"][looked] = disagreement(looks, rig)
         with suppress(CalibrationError):  # no two cameras see the object in one place
             check = check_calibration(looks, rig.cameras)
     start = poses.timestamp[0] if len(poses) else 0.0
@@ -194,7 +193,7 @@ class Sample(NamedTuple):
     """Measurements on the images of one moment; NaN where nothing was measured."""
 
     values: Mapping[str, FloatArray]
-    """Values (C,) of each of QUANTITIES except the disagreement."""
+    """Values (C,) of each of QUANTITIES."""
     height: float
     """Value of HEIGHT."""
     look: Look | None
@@ -208,12 +207,7 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
         measure the height.
     ImageError: an image does not suit the tracker's cameras.
     """
-    values = {key: np.full(len(tracker.rig), np.nan) for key in QUANTITIES if key != "disagreement"}
-    height, look = float("nan"), None
-    for c, image in enumerate(images):
-        if image is not None:
-            for key, value in of_picture(image).items():
-                values[key][c] = value
+    values, height, look = of_pictures(images), float("nan"), None
     fit = tracker.fit(images) if any(image is not None for image in images) else None
     if isinstance(fit, Fit) and apparent(fit) >= SURE:
         for c, (camera, seen) in enumerate(zip(tracker.rig, fit.cameras, strict=True)):
@@ -224,21 +218,28 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
             if not alone(fit):
                 height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
             look = None if fit.own is None else look_of(fit, tracker.model.size)
+    if look is not None and len(tracker.rig) > 1:
+        values["disagreement"] = _disagreement(look, tracker.rig)
     return Sample(values, height, look)
 
 
-def disagreement(looks: Sequence[Look], rig: CameraRig) -> FloatArray:
-    """Return the disagreement (looks, C) of each camera with the others [mrad]; NaN if unknown."""
+def _disagreement(look: Look, rig: CameraRig) -> FloatArray:
+    """Return the disagreement (C,) of each camera with the others [mrad]; NaN if unknown."""
     angles = [camera.matrix[[0, 1], [0, 1]] for camera in rig]
-    return np.asarray(1e3 * np.linalg.norm(CameraErrors(looks, rig.cameras).misses() / angles, axis=2))
+    return np.asarray(1e3 * np.linalg.norm(CameraErrors([look], rig.cameras).misses()[0] / angles, axis=1))
 
 
-def of_picture(image: Image) -> dict[str, float]:
-    """Return brightness, clipping and white balance of an image (H, W, 3)."""
-    light = find_light(image)
-    balance = 100.0 * (light.gains[0] / light.gains[2] - 1.0) if light.share > 0.0 else float("nan")
-    clipping = 100.0 * clipped_share(image)
-    return {"brightness": brightness(image), "clipping": clipping, "white balance": float(balance)}
+def of_pictures(images: Sequence[Image | None]) -> dict[str, FloatArray]:
+    """Return values (C,) of each of QUANTITIES, NaN except for brightness, clipping and white balance."""
+    values = {key: np.full(len(images), np.nan) for key in QUANTITIES}
+    for c, image in enumerate(images):
+        if image is not None:
+            light = find_light(image)
+            values["brightness"][c] = brightness(image)
+            values["clipping"][c] = 100.0 * clipped_share(image)
+            if light.share > 0.0:
+                values["white balance"][c] = 100.0 * (light.gains[0] / light.gains[2] - 1.0)
+    return values
 
 
 def height_over_table(position: FloatArray, rotation: FloatArray, model: CuboidModel, arena: Arena) -> float:
