@@ -69,13 +69,13 @@ def test_without_filtered_poses_the_measured_ones_are_lines(path, rng):
 
 
 def test_the_strip_has_the_colours_of_the_statuses(path, rng):
-    names = ["tracking"] * 20 + ["coasting"] * 8 + ["lost"] * 8 + ["refound"] + ["tracking"] * 363
-    image = drawn(path, dataclasses.replace(random_poses(rng, 400, share=0), status=np.array(names)))
+    names = ["tracking"] * 200 + ["coasting"] * 80 + ["lost"] * 80 + ["refound"] + ["tracking"] * 3639
+    image = drawn(path, dataclasses.replace(random_poses(rng, 4000, share=0), status=np.array(names)))
     strip = image[100:130]
     found = [share_of(strip, STATUS_COLORS[name]) for name in ("tracking", "coasting", "lost")]
     assert found[0] > 10 * found[1] > 0
     assert found[1] == pytest.approx(found[2], rel=0.2)
-    # One frame of 400 is still seen.
+    # One frame of 4000 is still seen.
     assert share_of(strip, STATUS_COLORS["refound"]) > 0
 
 
