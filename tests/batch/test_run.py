@@ -178,12 +178,15 @@ def test_a_result_that_another_run_is_making_is_left_to_it(recordings):
 
 
 def test_what_killed_runs_left_of_its_own_files_is_removed_and_nothing_else(tmp_path):
-    one = Batch(tmp_path, OPTIONS, (("/in/b", "a/b.poses.h5"), ("/in/d", "a/d.poses.h5")))
+    outputs = ("a/b.poses.h5", "a/d.poses.h5", "s.zarr/episode-00000.poses.h5")
+    one = Batch(tmp_path, OPTIONS, tuple((f"/in/{output}", output) for output in outputs))
     folder = tmp_path / "a"
     own = ["a/.b.poses.h5.lock", "a/.b.poses.h5.abc_1234.tmp", "a/.b.summary.json.abc_1234.tmp"]
     own += [f".{name}.abc_1234.tmp" for name in ("batch.json", "summary.csv", "failures.json")]
+    own += [f"s.zarr/.{name}.abc_1234.tmp" for name in results.OF_STORE]
     others = ["a/.mine", "a/.c.lock", "a/.c.poses.h5.lock", "a/.b.poses.h5.mine.tmp", ".cache.tmp"]
     others += ["a/.d.poses.h5.abc_1234.tmp", ".git.lock", ".other.abc_1234.tmp", "c/.b.poses.h5.lock"]
+    others += ["a/.report.json.abc_1234.tmp"]
     for name in (*own, *others):
         path = tmp_path / name / "content" if name.endswith(".tmp") else tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
