@@ -113,6 +113,13 @@ def test_no_delay_is_told_of_an_object_at_rest(tmp_path, robots, monkeypatch):
     assert report["robots"]["r1"]["share_within_5mm"] == 1
 
 
+@pytest.mark.parametrize("late", [-0.12, 0.8])
+def test_no_delay_is_told_beyond_those_that_are_tried(late, tmp_path, robots, monkeypatch):
+    monkeypatch.setattr(robot_stores, "LATE", late)
+    _, report = do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)
+    assert report["robots"]["r1"]["delay_s"] is None
+
+
 def test_zarr_itself_reads_the_group(robots, tmp_path):
     zarr = pytest.importorskip("zarr", reason="zarr: no module zarr")
     do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)
