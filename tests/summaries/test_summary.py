@@ -143,6 +143,14 @@ def test_the_order_that_fits_is_found(demo, order):
     assert remarks.lasting_remark(one, [[None] * 3, *given]) == remarks.swap_message(back, NAMES)
 
 
+def test_images_are_tried_only_with_cameras_of_their_size(demo):
+    one, (images, *_) = demo
+    rig = tracker.CameraRig((one.rig[0], one.rig[1].resized(540, 540), one.rig[2]))
+    given = [images[2], cv2.resize(images[1], (540, 540)), images[0]]
+    found = remarks.swapped(tracker.ObjectTracker("cube_v2", rig), given)
+    assert found == remarks.swap_message((2, 1, 0), NAMES)
+
+
 def test_there_is_no_warning_of_pictures_that_fit_or_that_are_wrong(demo):
     one, sets = demo
     assert remarks.lasting_remark(one, sets) is None

@@ -17,6 +17,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TaskError, TrackerError
 from tracker.tasks import rearrange_dice as dice
 from tracker.viz import dice_overlay, goal_picture, overlay, write_film, write_image, write_trajectory_plot
+from tracker.viz.image_files import film_rate
 
 RIG = make_rig()
 BLACK = black(RIG)
@@ -197,6 +198,14 @@ def test_film_holds_its_pictures_in_order(tmp_path):
     for k, (shown, expected) in enumerate(zip(read, film(), strict=True)):
         assert shown.shape == (60, 80, 3)
         assert np.abs(shown.astype(int) - expected[:, :80]).mean() < 6, k
+
+
+@pytest.mark.parametrize(
+    ("stamps", "rate"),
+    [([1.0, 1.1, 1.1, 1.1, 1.2], 10.0), ([0.0, 0.0], 10.0), ([], 10.0), ([0.0, 1e-3], 60.0), ([0, 9], 0.5)],
+)
+def test_a_films_rate_is_that_of_its_stamps_but_for_repeated_ones(stamps, rate):
+    assert film_rate(stamps) == pytest.approx(rate)
 
 
 def test_a_broken_off_film_leaves_nothing(tmp_path):
