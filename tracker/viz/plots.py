@@ -289,18 +289,14 @@ def _draw_panel(axis: Any, time: Array, series: Series) -> tuple[Any, ...]:
     """Draw a line with a band, dots and circles over time; return these four for a legend."""
     color = rgb(series.color)
     size = float(np.clip(np.sqrt(_FEW / max(len(time), 1)), 0.5, 1))
-    bottom, top = series.limits
-    # Variances may be huge, but pixel coordinates must not overflow.
-    far = 10 * (top - bottom)
-    low, high = np.clip(series.band, bottom - far, top + far)
-    band = axis.fill_between(time, low, high, color=color, alpha=0.3, linewidth=0)
+    band = axis.fill_between(time, *series.band, color=color, alpha=0.3, linewidth=0)
     ring = {"ms": 3.8 * size, "mew": 0.9 * size, "fillstyle": "none", "alpha": 0.8}
     (circles,) = axis.plot(time, series.values[2], "o", color=rgb((90, 215, 250)), **ring)
     (line,) = axis.plot(time, series.values[0], "-", linewidth=1.3, color=color)
     (dots,) = axis.plot(time, series.values[1], ".", markersize=4.4 * size, color=color)
     axis.set_ylabel(series.label, color=color, fontsize=11)
     axis.yaxis.set_label_coords(_LABEL_X, 0.5)
-    axis.set_ylim(bottom, top)
+    axis.set_ylim(series.limits)
     if not np.isfinite(series.values).any():
         axis.set_yticks([])
         axis.text(0.5, 0.5, "no pose", ha="center", transform=axis.transAxes)
