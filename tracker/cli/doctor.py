@@ -161,7 +161,7 @@ def _cache() -> Finding:
         remedy = "export NUMBA_CACHE_DIR=DIR, a permanent folder that you can write to"
         shown = f"{places} nor ~/.cache/numba can be written: every process compiles for half a minute"
         return Finding("cache", shown, remedy)
-    compiled = "compiled" if cached else "not compiled yet; the first run takes a minute longer"
+    compiled = "compiled" if cached else "not compiled yet; the first run takes half a minute longer"
     only = "" if os.access(folder, os.W_OK) else ", which can only be read"
     return Finding("cache", f"{folder}{only}: {compiled}")
 
