@@ -129,6 +129,7 @@ REFUSED = {
         ("job -o folder", "exists, expected a new name"),
         ("job -o ''", "'-o'|found an empty path"),
         ("job -o new.zip", ".zip"),
+        ("job -o new.mp4 --resize-calibration", "a film keeps no calibration"),
         ("job -o job/camera_data.dat", "that is the recording"),
         ("job -o job/camera_data.h5", "would be read in place of job"),
         ("imgs -o imgs/camera_data.h5", "would be read in place of imgs"),

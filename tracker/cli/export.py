@@ -220,6 +220,8 @@ def convert(
     if suffix not in (".h5", ".hdf5", ".mp4", ""):
         expected = ".h5, .mp4, or none for a folder"
         raise click.UsageError(f"-o {output}: found suffix {suffix!r}, expected {expected}")
+    if suffix == ".mp4" and any(astuple(cameras)):
+        raise click.UsageError(f"-o {output}: a film keeps no calibration, expected no options about it")
     require_folder("-o", output, output.absolute().parent, made=False)
     if output.exists():
         raise click.UsageError(f"-o {output}: exists, expected a new name")
