@@ -49,16 +49,14 @@ class World:
             offset = np.einsum("ni,ni->n", normal, truth - pixels) + self.rims[f, c] * 0.1e-3
             contours.append(
                 Contour(
-                    pixel=pixels - camera.matrix[:2, 2],
-                    normal=normal,
                     jacobian=np.concatenate([along, np.cross(points - position, along)], axis=1),
+                    lens=np.column_stack([((pixels - camera.matrix[:2, 2]) * normal).sum(1), normal]),
                     bloom=np.zeros(PIECES),
                     rim=self.rims[f, c],
                     offset=offset + self.noise[f, c],
                     variance=np.full(PIECES, 0.1**2),
                     edge=self.edges[f, c],
                     foot=np.zeros(PIECES),
-                    scale=1.0,
                 )
             )
         return position, contours
@@ -154,8 +152,7 @@ def test_eliminating_the_poses_changes_nothing(rng):
             rows[:, 6 * f : 6 * f + 6] = contour.jacobian
             its = 6 * frames + 10 * c
             rows[:, its : its + 6] = contour.jacobian @ seen_motion(position)
-            rows[:, its + 7] = np.einsum("ni,ni->n", contour.normal, contour.pixel)
-            rows[:, its + 8 : its + 10] = contour.normal
+            rows[:, its + 7 : its + 10] = contour.lens
             rows[:, -1] = contour.rim
             left = contour.offset - contour.rim * now.rim
             weight = np.clip(1.0 - (left / max(0.4, 4.685 * step.residual)) ** 2, 0.0, None) ** 2

@@ -166,16 +166,14 @@ RIM_STD = 3e-4
 def made_contour(rng, count=60):
     jacobian = rng.normal(size=(count, 6)) * np.repeat([500.0, 12.0], 3)
     return Contour(
-        pixel=rng.uniform(-80, 80, (count, 2)),
-        normal=np.tile([1.0, 0.0], (count, 1)),
         jacobian=jacobian,
+        lens=np.zeros((count, 3)),
         bloom=rng.uniform(0, 0.2, count),
         rim=rng.uniform(200, 500, count),
         offset=rng.normal(0, 0.1, count),
         variance=np.full(count, 0.1**2),
         edge=rng.integers(0, 9, count),
         foot=np.zeros(count),
-        scale=1.0,
     )
 
 

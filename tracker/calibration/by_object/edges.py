@@ -39,12 +39,10 @@ class Contour:
     those of an image that shows the object in reference size.
     """
 
-    pixel: FloatArray
-    """Predicted positions (N, 2) of the pieces, relative to the principal point [px of the image]."""
-    normal: FloatArray
-    """Unit vectors (N, 2) normal to the edges, pointing out of their faces."""
     jacobian: FloatArray
-    """Derivative (N, 6) of the position along the normal by the pose [px/m, px/rad]."""
+    """Derivative (N, 6) of the predicted position by the pose, outwards along the normal [px/m, px/rad]."""
+    lens: FloatArray
+    """The same (N, 3) by the logarithm of the focal length [px] and by the principal point."""
     bloom: FloatArray
     """Offset (N,) per unit of the exponent [px]."""
     rim: FloatArray
@@ -57,8 +55,6 @@ class Contour:
     """Number (N,) of the piece's edge among the cuboid's twelve."""
     foot: FloatArray
     """Standard deviation (N,) of the offset of edges that contact shadows may shift [px]; else 0."""
-    scale: float
-    """Pixels of the image per pixel at reference size."""
 
     def information(self, columns: FloatArray, weight: FloatArray, own: float) -> FloatArray:
         """Return the weighted products (K, K) of columns (N, K); the pieces of an edge share an offset.
@@ -184,16 +180,15 @@ class EdgeReader:
             if len(found) == 0:
                 continue
             scale, jacobian = camera["scale"], strips["jacobian"] / camera["scale"]
+            normal, away = strips["normal"], strips["pixel"] - lens["center"]
             result[c] = Contour(
-                pixel=strips["pixel"] - lens["center"],
-                normal=strips["normal"].copy(),
                 jacobian=jacobian,
+                lens=np.column_stack([np.einsum("ni,ni->n", normal, away), normal]) / scale,
                 bloom=found["bloom"] / scale,
                 rim=strips["rim"] / scale,
                 offset=found["offset"] / scale + jacobian @ camera["offset"][:6],
                 variance=(FLOOR**2 + found["variance"] / scale**2) / trust_of(camera),
                 edge=strips["edge"].copy(),
                 foot=FOOT_STD * np.abs(strips["rim"] / scale) * solution["feet"][strips["edge"]],
-                scale=float(scale),
             )
         return result

@@ -193,9 +193,8 @@ def relative_covariance(covariance: FloatArray) -> FloatArray:
 
 def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: float, own: float) -> FloatArray:
     """Return the weighted products (18, 18) of the columns pose, camera, rim and residual."""
-    lens = np.column_stack([np.einsum("ni,ni->n", contour.normal, contour.pixel), contour.normal])
-    moves, size = contour.jacobian, contour.scale
-    columns = np.column_stack([moves, moves @ motion, contour.bloom, lens / size, contour.rim, left])
+    moves = contour.jacobian
+    columns = np.column_stack([moves, moves @ motion, contour.bloom, contour.lens, contour.rim, left])
     return contour.information(columns, _weights(left, limit), own)
 
 
