@@ -70,6 +70,14 @@ def test_a_change_of_light_does_not_change_the_labels(gains, model):
     assert min(intersection_over_union(after, scene.labels).values()) > 0.95
 
 
+def test_a_ramp_of_coloured_light_does_not_change_what_is_learned():
+    ramp = np.ones((SIZE, SIZE, 3))
+    ramp[..., 0], ramp[..., 2] = np.linspace(0.6, 1.4, SIZE), np.linspace(1.4, 0.6, SIZE)
+    scene = labelled_image(10)
+    seen = combine([image_histograms(labelled_image(seed, ramp), OPTIONS) for seed in (0, 1, 2)])
+    assert min(intersection_over_union(segment(scene.image, seen), scene.labels).values()) > 0.95
+
+
 def test_a_fit_without_normalisation_takes_colours_as_they_are():
     options = FitOptions(draws=8000, brightness=0.05, tail_share=0.0)
     histograms = image_histograms(labelled_image(0), options, normalise=False)

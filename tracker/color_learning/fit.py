@@ -18,11 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from tracker.color_learning.labelled import LabelledImage, surely_background
+from tracker.color_learning.labelled import LabelledImage, neutral, surely_background
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ImageError
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
-from tracker.segmentation.light import apply_gains, find_light
 
 
 @dataclass(frozen=True)
@@ -111,9 +110,7 @@ def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generato
 def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bool = True) -> Histograms:
     """Return histograms of the classes in one image; background pixels keep a distance from the labels."""
     rng = np.random.default_rng([options.seed, *labelled.name.encode()])
-    image = labelled.image
-    if normalise:
-        image = apply_gains(image, find_light(image).gains)
+    image = neutral(labelled.image)[0] if normalise else labelled.image
     shown = np.unique(labelled.labels[labelled.labels > 0])
     pixels = {int(label): image[labelled.labels == label] for label in shown}
     background = image[surely_background(labelled.labels)]

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tracker.color_learning.labelled import LabelledImage
+from tracker.color_learning.labelled import LabelledImage, neutral
 from tracker.conventions import Array, FloatArray
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel
-from tracker.segmentation.light import apply_gains, evened, find_light
 
 NAMED_HUES: FloatArray = np.array([np.nan, 12.0, 100.0, 212.0, 178.0, 312.0, 52.0])
 """(7,) hue that each label's name implies [degrees]; label 0 has none."""
@@ -118,11 +117,10 @@ def paints(images: Sequence[LabelledImage]) -> Paints:
     found: dict[int, list[Array]] = {}
     lights = []
     for one in images:
-        light = find_light(one.image)
-        neutral = apply_gains(evened(one.image, light), light.gains)
+        levels, light = neutral(one.image)
         lights.append(-np.log(light.gains))
         for label in np.unique(one.labels[one.labels > 0]):
-            found.setdefault(int(label), []).append(neutral[one.labels == label])
+            found.setdefault(int(label), []).append(levels[one.labels == label])
     raw = np.exp(np.median(lights, axis=0))
     joined = {label: np.concatenate(some) for label, some in sorted(found.items())}
     return Paints({label: some[:: len(some) // MOST + 1] for label, some in joined.items()}, raw / raw.max())

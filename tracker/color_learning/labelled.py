@@ -23,6 +23,7 @@ from tracker.files import read_bounded, told_of
 from tracker.logs.pictures import READ, check_whole, decoded, head_of
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
+from tracker.segmentation.light import Light, apply_gains, evened, find_light
 
 MAX_PIXELS = 1 << 26
 """Largest number of pixels of an image: about eight thousand by eight thousand."""
@@ -95,6 +96,12 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
             "or cameraNN.png with rNN.png …"
         )
     return result
+
+
+def neutral(image: Image) -> tuple[Image, Light]:
+    """Return an image (H, W, 3) in neutral and even light, as models see it, and its own light."""
+    light = find_light(image)
+    return apply_gains(evened(image, light), light.gains), light
 
 
 def surely_background(labels: Image) -> Array:
