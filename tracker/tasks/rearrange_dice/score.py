@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, freeze, is_number, of_kind
+from tracker.checks import array_of, check_sequence, freeze, is_number, of_kind
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError, shown
 from tracker.geometry import cuboid
@@ -143,7 +143,7 @@ def _exact_mask(camera: Camera, centers: FloatArray) -> Image:
 
 def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None) -> Image:
     """Return a mask (H, W) of 0 and 1, 0 and 255, or bool as uint8; TaskError names `what` if malformed."""
-    mask = np.ascontiguousarray(value)
+    mask = np.ascontiguousarray(array_of(value))
     if mask.dtype == np.bool_:
         mask = mask.view(np.uint8)
     if mask.dtype.kind not in "ui":
