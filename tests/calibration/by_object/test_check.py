@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -152,9 +153,10 @@ def test_a_camera_that_sees_the_object_seldom_or_badly_is_not_accused(count, sha
         assert found.cameras[2].looks == count
 
 
-def test_one_camera_or_no_look_of_two_is_refused():
+def test_one_camera_is_refused_before_anything_is_read_and_so_is_no_look_of_two():
+    unread, alone = Mock(side_effect=AssertionError), tracker.CameraRig(CAMERAS[:1])
     with pytest.raises(CalibrationError, match="camera60 alone"):
-        check_calibration(looks(CAMERAS, CAMERAS), CAMERAS[:1])
+        check(tracker.load_object("cube_v2"), [Mock(shots=unread)], alone, tracker.load_colors("cube_v2"))
     lone = [one._replace(information=np.zeros((3, 6, 6))) for one in looks(CAMERAS, CAMERAS, count=2)]
     lone[0].information[1] = KNOWN
     lone[0].lost[0] = True

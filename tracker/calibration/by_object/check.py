@@ -153,9 +153,8 @@ def check_calibration(
     """Check a calibration of two or more cameras, given looks at still objects.
 
     focal_std: relative standard deviation of the focal length stated in a camera's file, by camera name.
-    CalibrationError: there are too few cameras or looks.
+    CalibrationError: there are too few looks.
     """
-    require_two(cameras, "check")
     compared = any(np.count_nonzero(look.information[:, 0, 0]) > 1 for look in looks)
     lost = sum((look.lost for look in looks), np.zeros(len(cameras), int))
     if not compared and lost.max() < max(OFTEN, LOST * len(looks)):
@@ -273,6 +272,7 @@ def check(
     `progress` receives the number of shots read since the last call; `focal_std`: see `check_calibration`.
     CalibrationError: there is only one camera, or the object was never seen still.
     """
+    require_two(rig.cameras, "check")
     tracker = ObjectTracker(model, rig, colors, table_prior=False)
     looks: list[Look] = []
     for one in footage:
