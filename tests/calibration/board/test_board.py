@@ -139,6 +139,19 @@ def test_an_image_with_edges_along_one_axis_has_a_blur():
     assert photo_blur(steps) == photo_blur(steps.T) < 1.0
 
 
+@pytest.mark.parametrize("more", [(), ((5, 2),)])
+def test_corners_in_a_line_with_or_without_another_give_no_pose(more):
+    page = page_of(BOARD)
+    whole, (left, top) = page_image(page, 101.6), np.array(page.origin) * 4  # four pixels a millimetre
+    image = np.full_like(whole, 110)
+    for row, column in ((0, 1), (1, 0), (2, 1), (3, 0), (4, 1), *more):  # squares that are not hidden
+        below, right = round(top) + 160 * row, round(left) + 160 * column
+        part = slice(below, below + 160), slice(right, right + 160)
+        image[part] = whole[part]
+    assert find_board("", image, BOARD) is None
+    assert f"of its {4 + len(more)} corners all, or all but one, lie" in why_no_board(image, BOARD)
+
+
 @pytest.mark.parametrize(
     ("change", "board", "why"),
     [

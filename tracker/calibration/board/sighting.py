@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -52,6 +53,14 @@ class BoardView:
 
     def __len__(self) -> int:
         return len(self.corners)
+
+    @property
+    def fixes_pose(self) -> bool:
+        """Whether the corners determine the board's pose: of four or more, two lie off any line."""
+        # At most one of the first three is off a line that holds all, or all but one.
+        lines = itertools.combinations(self.points[:3], 2)
+        off = [np.abs(np.cross(end - start, self.points - start)[:, 2]) > 1e-9 for start, end in lines]
+        return len(self) >= FEWEST_CORNERS and all(np.count_nonzero(one) > 1 for one in off)
 
     def without(self, dropped: Array) -> BoardView:
         """Return the view without the corners that a mask (N,) selects."""
@@ -119,12 +128,10 @@ CLEAR = 0.7
 
 
 def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
-    """Detect the board in an image (H, W, 3) or (H, W); None if fewer than FEWEST_CORNERS are found."""
+    """Detect the board in an image (H, W, 3) or (H, W); None if the corners found do not fix its pose."""
     gray = grey(image)
     pixels, numbers, _, _ = _detector(board).detectBoard(gray)
     if numbers is None or len(numbers) < FEWEST_CORNERS:
-        return None
-    if board.opencv.checkCharucoCornersCollinear(numbers):  # collinear corners do not determine the pose
         return None
     order = np.argsort(numbers.ravel())
     found = numbers.ravel()[order]
@@ -132,9 +139,9 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
     beside = _neighbours(found.tolist(), board.columns - 1)
     places = _refined(gray, places, np.concatenate(beside), board)
     height, width = gray.shape
-    return BoardView(
-        photo, (width, height), found, places, board.corners[found], edge_blur(gray, places, beside)
-    )
+    blur = edge_blur(gray, places, beside)
+    view = BoardView(photo, (width, height), found, places, board.corners[found], blur)
+    return view if view.fixes_pose else None
 
 
 def _neighbours(numbers: list[int], columns: int) -> tuple[Array, Array]:
@@ -186,6 +193,9 @@ def why_no_board(image: Image, board: Board) -> str:
     blur = photo_blur(gray)
     if blur > MOST_BLUR:
         return f"the photo is blurred, its sharpest edges by {blur:.1f} px"
+    numbers = _detector(board).detectBoard(gray)[1]
+    if numbers is not None and len(numbers) >= FEWEST_CORNERS:
+        return f"of its {len(numbers)} corners all, or all but one, lie in a line, which tells no pose"
     count = len(_markers(gray, board))
     if count >= 4:
         return f"its {count} markers do not lie as on a board of {board.columns}x{board.rows} squares"
