@@ -1,11 +1,10 @@
-import dataclasses
-
 import cv2
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
 from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
+from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TaskError
 from tracker.geometry import so3
@@ -203,11 +202,8 @@ def test_a_camera_without_an_image_or_behind_a_finger_only_costs_accuracy(scatte
 @pytest.mark.parametrize(("lift", "yaw"), [(-0.006, 0.0), (0.004, 0.0), (0.0, 1.1)])
 def test_the_dice_move_with_the_world(lift, yaw, scattered):
     images, masks = scattered
-    motion = np.eye(4)
-    motion[:3, :3], motion[2, 3] = so3.exp([0, 0, yaw]), lift
-    back = np.linalg.inv(motion)
-    placed = ((camera, camera.camera_from_world @ back) for camera in RIG)
-    rig = CameraRig(tuple(dataclasses.replace(camera, camera_from_world=to) for camera, to in placed))
+    motion = so3.transform(so3.exp([0, 0, yaw]), [0, 0, lift])
+    rig = moved(RIG, np.linalg.inv(motion))
     expected = centers(SCATTERED) @ motion[:3, :3].T + motion[:3, 3]
     assert distances(positions(locate(rig, masks, images)), expected).max() < 2e-3
 
