@@ -44,17 +44,17 @@ SINGLE = 2.9
 scripts/fit_confidence.py."""
 
 
-once = functools.lru_cache(maxsize=32)
+_once = functools.lru_cache(maxsize=32)
 """Caches the judgements of the latest fits, since each is needed several times."""
 
 
-@once
+@_once
 def alone(fit: Fit) -> bool:
     """Whether the pose rests on a single camera."""
     return sum(one.inliers >= MIN_VIEW for one in fit.counts) < 2
 
 
-@once
+@_once
 def supporters(fit: Fit) -> int:
     """Number of cameras that probably see the object at the fit."""
     return sum(one.shows > 0.5 for one in fit.counts)
@@ -70,7 +70,7 @@ def well_placed(fit: Fit) -> bool:
     return unanimous(fit) and trust(fit) > CLEAR
 
 
-@once
+@_once
 def contradicting(fit: Fit) -> tuple[bool, ...]:
     """Whether each camera sees the object elsewhere, or something else at the fit."""
     result = []
@@ -86,7 +86,7 @@ def rank(fit: Fit) -> float:
     return fit.evidence.ahead
 
 
-@once
+@_once
 def log_odds(fit: Fit) -> float:
     """Log odds of the object over another body or nothing; other poses are not considered."""
     less, more = sorted((fit.evidence.body, fit.evidence.nothing))
@@ -99,7 +99,7 @@ def disputed(fit: Fit) -> int:
     return against if against > 1 else 0
 
 
-@once
+@_once
 def trust(fit: Fit) -> float:
     """Probability that the fit is the object, however accurate the pose is."""
     others = -log_odds(fit), -fit.lead, fit.evidence.resized
@@ -111,7 +111,7 @@ def settled(fit: Fit) -> bool:
     return trust(fit) > SURE and fit.converged and fit.inside and not alone(fit)
 
 
-@once
+@_once
 def refusal(fit: Fit) -> Status | None:
     """Why the fit is refused; None: it is accepted."""
     variances = fit.covariance.diagonal().tolist()
@@ -155,7 +155,7 @@ def fits(fit: Fit) -> float:
     return 1.0 if fit.disagreement is None else probably_fits(fit.disagreement, supporters(fit))
 
 
-@once
+@_once
 def apparent(fit: Fit) -> float:
     """Confidence of a fit if the calibration is as good as its files state."""
     return trust(fit) * nearness(fit.covariance, alone(fit))

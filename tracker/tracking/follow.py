@@ -17,7 +17,7 @@ from tracker.pose.agreement import spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Seen, Start
 from tracker.pose.hypotheses import ENOUGH
-from tracker.pose.judge import alone, log_odds, once, rank, refusal, supporters
+from tracker.pose.judge import alone, log_odds, rank, refusal, supporters
 from tracker.pose.result import Observation, Status
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.views import Hidden
@@ -190,11 +190,11 @@ class Follower:
         fit = estimator.refiner(
             sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, memory.resized, ask=due
         )
-        if not kept(fit, memory.extra):
-            other = estimator.without_worst(sight, fit, lag)
-            fit = other if kept(other, memory.extra) else fit
+        good = kept(fit, memory.extra)
+        if not good and kept(other := estimator.without_worst(sight, fit, lag), memory.extra):
+            fit, good = other, True
         memory = memory._replace(cameras=cameras, lights=sight.pictures, start=fit.end)
-        if not kept(fit, memory.extra):
+        if not good:
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
@@ -226,7 +226,6 @@ def lasting(fit: Fit) -> float:
     return extra(counts)
 
 
-@once
 def kept(fit: Fit | None, before: float) -> bool:
     """Whether a fit near the prediction is so certain that no search everywhere is needed.
 
