@@ -43,7 +43,7 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
-KERNELS = 19
+KERNELS = 20
 """Number of machine code files that compilation produces."""
 
 _THRESHOLDS = (100_000, 50, 100)

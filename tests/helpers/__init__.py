@@ -140,6 +140,11 @@ def exposed(levels: Array, gains: Array | float = 1.0) -> Image:
     return np.clip(np.rint(levels * np.asarray(gains)), 0, 255).astype(np.uint8)
 
 
+def veiled(image: Image, level: float) -> Image:
+    """The image under stray light that lifts black to a level, and white not at all."""
+    return exposed(level + image * (1.0 - level / 255.0))
+
+
 def sight_of(tracker: ObjectTracker, images: Sequence[Image]) -> Sight:
     """What a tracker's estimator is given of its cameras' images."""
     return tracker._estimator.reader(images)

@@ -8,7 +8,7 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers import LENSES, exposed, within
+from tests.helpers import LENSES, exposed, veiled, within
 from tests.helpers.fits import deviation
 from tests.helpers.kept_stills import bare, take
 from tracker.calibration.by_object.table import moved
@@ -265,6 +265,16 @@ def test_a_ramp_of_coloured_light_leaves_the_pose(rig, name, pairs, share, blue,
     for truth, reference in pairs:
         fit = one.fit([ramp(image, share * blue, share * red) for image in truth.images])
         assert within(fit, reference, 0.3e-3, 0.5)
+
+
+@pytest.mark.parametrize("level", [16, 60])
+def test_a_veil_of_stray_light_leaves_the_pose(rig, name, pairs, level):
+    detect, follow = new(name, rig), new(name, rig)
+    for truth, reference in pairs:
+        images = [veiled(image, level) for image in truth.images]
+        assert within(detect.fit(images), reference, 0.3e-3, 0.5)
+        follow.reset()
+        assert follow.update(images, 0.0).object_pose.confidence > 0.9
 
 
 @pytest.mark.parametrize("name", OBJECTS[:1], indirect=True)

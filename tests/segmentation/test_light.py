@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tracker
-from tests.helpers import BAYER, exposed
+from tests.helpers import BAYER, exposed, veiled
 from tracker.segmentation.labels import look_up
 from tracker.segmentation.light import (
     BRIGHTNESS_RANK,
@@ -15,6 +15,7 @@ from tracker.segmentation.light import (
     apply_gains,
     evened,
     find_light,
+    unveiled,
 )
 from tracker.segmentation.sensor import LOUD, NO_MOSAIC, calmed, find_mosaic, noise_level
 from tracker.tasks.rearrange_dice.segment import read_levels, segment_dice
@@ -44,6 +45,24 @@ def colour_of_blocks(image):
     values = np.log(np.maximum(image.astype(float), 1.0))
     chroma = np.stack([values[..., 0] - values[..., 1], values[..., 2] - values[..., 1]])
     return np.median(chroma.reshape(2, 3, 45, 3, 45), axis=(2, 4))
+
+
+@pytest.mark.parametrize("level", [12, 16, 60, 120])
+def test_a_veil_is_taken_off(level):
+    image = exposed(grey_scene(4))
+    image[100:130, 40:60] = 0
+    back = unveiled(veiled(image, level)).astype(float)
+    assert np.abs(back - image).max() <= (1 if level > 12 else 5)
+    colors = tracker.load_colors("cube_v2")
+    for segment in (lambda one: tracker.segment(one, colors), segment_dice):
+        labels = segment(image)
+        assert np.mean(segment(veiled(image, level))[labels > 0] == labels[labels > 0]) > 0.97
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 255), (0, 90), (7, 120), (150, 255), (255, 255)])
+def test_dark_images_and_those_that_are_bright_everywhere_have_no_veil(low, high):
+    image = exposed(np.linspace(low, high, 90)[:, None, None] * np.ones((90, 90, 3)))
+    assert unveiled(image) is image
 
 
 @pytest.mark.parametrize("slopes", [(0.35, 0.0, 0.0, 0.0), (0.0, -0.3, 0.25, 0.1), (-0.2, 0.2, 0.3, -0.2)])

@@ -23,7 +23,7 @@ from tracker.files import read_bounded, told_of
 from tracker.logs.pictures import READ, check_whole, decoded, head_of
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
-from tracker.segmentation.light import Light, apply_gains, evened, find_light
+from tracker.segmentation.light import Light, apply_gains, evened, find_light, unveiled
 
 MAX_PIXELS = 1 << 26
 """Largest number of pixels of an image: about eight thousand by eight thousand."""
@@ -100,6 +100,7 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
 
 def neutral(image: Image) -> tuple[Image, Light]:
     """Return an image (H, W, 3) in neutral and even light, as models see it, and its own light."""
+    image = unveiled(image)
     light = find_light(image)
     return apply_gains(evened(image, light), light.gains), light
 

@@ -21,7 +21,7 @@ from tracker.objects.labels import UNKNOWN
 from tracker.pose.scale import label_camera, label_factors
 from tracker.segmentation.color_model import ColorModel, fill_channels
 from tracker.segmentation.labels import label_of
-from tracker.segmentation.light import evened_level, fill_light
+from tracker.segmentation.light import evened_level, fill_light, unveiled
 from tracker.segmentation.sensor import LOUD, find_mosaic, noise_level
 
 PICTURE = np.dtype(
@@ -208,7 +208,12 @@ class Reader:
 
     def __call__(self, images: Sequence[Image | None]) -> Sight:
         """Read images (H, W, 3), None for a missing one, each in the light estimated from its own greys."""
+        images = self.unveiled(images)
         return self.labelled(images, self.lit(images))
+
+    def unveiled(self, images: Sequence[Image | None]) -> list[Image | None]:
+        """Return images (H, W, 3) without their veils, if the light of this colour model is normalised."""
+        return [unveiled(one) if one is not None and self.colors.normalise else one for one in images]
 
     def lit(
         self,

@@ -10,7 +10,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.errors import ColorModelError, ImageError
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.light import AS_IT_IS, CLIPPED, Light, evened, find_light
+from tracker.segmentation.light import AS_IT_IS, CLIPPED, Light, evened, find_light, unveiled
 
 REFERENCE_SIZE = 270
 """Image height for which the lengths below are stated [px]."""
@@ -105,6 +105,7 @@ def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Ima
     if min(image.shape[:2]) / REFERENCE_SIZE > FINE_IMAGE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
+    image = unveiled(image) if colors.normalise else image
     light = find_light(image) if colors.normalise else AS_IT_IS
     image = evened(image, light)
     labels = np.empty(image.shape[:2], np.uint8)

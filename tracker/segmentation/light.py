@@ -1,5 +1,7 @@
 """Normalise the light of an image: scale its channels so that the scene's greys become one grey.
 
+A veil, which stray light or a camera's black level lays over all of an image, is taken off before.
+
 The platform is grey almost everywhere (wall, table, robot), so the most frequent chromaticity is
 that of grey under this camera's white balance. The mean of these grey pixels gives the channel gains,
 the brighter ones give the exposure.
@@ -38,9 +40,49 @@ MIN_TILT, MAX_TILT = 0.05, 1.2
 """Slope of the log chromaticity from middle to corner below which the light counts as even, and above which
 other pixels must have been mistaken for greys."""
 
+FLOOR = 8
+"""Smallest level of an image's darkest pixels that a veil may have lifted."""
+
+DENSEST = 128
+"""Level above which what even the darkest pixels have is no veil: the image is overexposed."""
+
+DARKEST = 8000
+"""One in this number of pixels is taken for black: so few show at least the dark channels of a saturated
+object, in a scene without anything black."""
+
 _BINS = 56
 _RANGE = 1.75
 _LOG = np.log(np.maximum(np.arange(256), 0.5))
+
+
+@compiled
+def black_level(image):  # type: ignore[no-untyped-def]
+    """Return the level of the darkest channel of an image's darkest pixels; 0 if it is below FLOOR."""
+    step = max(1, min(image.shape[0], image.shape[1]) // 270)
+    enough = image.shape[0] * image.shape[1] // (DARKEST * step * step) + 1
+    levels, dark = np.zeros(256, np.int64), 0
+    for j in range(0, image.shape[0], step):
+        for i in range(0, image.shape[1], step):
+            low = min(image[j, i, 0], image[j, i, 1], image[j, i, 2])
+            levels[low] += 1
+            dark += low < FLOOR
+            if dark == enough:
+                return 0
+    level = FLOOR
+    while dark + levels[level] < enough:
+        dark += levels[level]
+        level += 1
+    return level
+
+
+def unveiled(image: Image) -> Image:
+    """Return the image (H, W, 3) uint8 without its veil, white as before; the same image if it has none."""
+    black = black_level(image)
+    veil = min(black, 2 * (black - FLOOR))  # less of a faint one, so that images do not flicker
+    if not 0 < veil <= DENSEST:
+        return image
+    levels = np.rint(np.arange(-veil, 256 - veil) * (255 / (255 - veil)))
+    return np.asarray(cv2.LUT(image, np.maximum(levels, 0).astype(np.uint8)), dtype=np.uint8)
 
 
 @compiled

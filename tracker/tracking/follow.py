@@ -113,6 +113,7 @@ class Follower:
         """
         belief, expected = memory.belief.advance(timestamp)
         cameras, given, uses = usable(memory.cameras, images)
+        given = self._estimator.reader.unveiled(given)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
         missing = [image is None for image in given]
         if any(missing):  # what is not used makes nothing uncertain, however old it is
