@@ -72,17 +72,6 @@ def test_first_is_found_then_tracked_and_after_a_loss_found_again_anywhere_howev
     np.testing.assert_allclose(one.estimate().position, ELSEWHERE, atol=1e-9)
 
 
-def test_stamps_that_go_backwards_are_refused_and_change_nothing(track):
-    twin = settled()
-    with pytest.raises(TrackerError, match=r"found 0\.900000 s after 1\.0+ s"):
-        track.advance(0.9)
-    assert track.belief.timestamp == twin.belief.timestamp
-    for one in (track, twin):
-        one.see(made_fit(), 1.1)
-    np.testing.assert_array_equal(track.estimate().position, twin.estimate().position)
-    np.testing.assert_array_equal(track.estimate().covariance, twin.estimate().covariance)
-
-
 @pytest.mark.parametrize("start", [-5.0, 0.0, 1.7e9])
 def test_where_time_begins_does_not_matter(start):
     track = Track()
