@@ -122,7 +122,7 @@ def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ig
             part = weight * row[i]
             force[i] += part * r
             edges[e, ROW + i] += part
-            for k in range(UNKNOWNS):
+            for k in range(i + 1):
                 whole[i, k] += part * row[k]
 
 
@@ -141,7 +141,7 @@ def with_edges(cameras, feet, own, foot):  # type: ignore[no-untyped-def]
         matrix, vector, edges = camera.information, camera.gradient, camera.edges
         for i in range(UNKNOWNS):
             vector[i] = camera.force[i]
-            for k in range(UNKNOWNS):
+            for k in range(i + 1):
                 matrix[i, k] = camera.whole[i, k]
         if not camera.used:
             continue
@@ -151,14 +151,17 @@ def with_edges(cameras, feet, own, foot):  # type: ignore[no-untyped-def]
                 continue
             retracted = feet[e] * edges[e, ROW + RIM] / edges[e, KNOWN]
             variance = own * camera.scale**2 + foot * retracted**2
-            pull = edges[e, PULL] / (edges[e, KNOWN] + 1.0 / variance)
-            pivots *= 1.0 + variance * edges[e, KNOWN]
-            unlikely -= edges[e, PULL] * pull
+            pivot = 1.0 + variance * edges[e, KNOWN]
+            pivots, held = pivots * pivot, variance / pivot
+            unlikely -= edges[e, PULL] ** 2 * held
             for i in range(UNKNOWNS):
-                part = edges[e, ROW + i] / (edges[e, KNOWN] + 1.0 / variance)
+                part = edges[e, ROW + i] * held
                 vector[i] -= part * edges[e, PULL]
-                for k in range(UNKNOWNS):
+                for k in range(i + 1):
                     matrix[i, k] -= part * edges[e, ROW + k]
+        for i in range(UNKNOWNS):
+            for k in range(i):
+                matrix[k, i] = matrix[i, k]
         unlikely += math.log(pivots)
     return unlikely
 
@@ -225,28 +228,27 @@ def _add(camera, solution):  # type: ignore[no-untyped-def]
     Its image is `delay` old: it sees the pose minus the delay times the change of velocity, see equation (26)
     of docs/how-it-works.md.
     """
-    known, vector, delay = solution.known, solution.change, camera.delay
-    row = np.empty(UNKNOWNS)
+    known, vector, delay, reduced = solution.known, solution.change, camera.delay, camera.reduced
     for i in range(UNKNOWNS):
         right = camera.gradient[i]
-        for k in range(UNKNOWNS):
-            row[k] = camera.information[i, k]
         for m in range(OWN):
-            part = camera.reduced[m, i]
-            right -= part * camera.change[m]
-            for k in range(UNKNOWNS):
-                row[k] -= part * camera.reduced[m, k]
+            right -= reduced[m, i] * camera.change[m]
         vector[i] += right
-        for k in range(i + 1):
-            known[i, k] += row[k]
-        if delay == 0.0:
-            continue
-        if i < 6:
+        if i < 6 and delay != 0.0:
             vector[UNKNOWNS + i] -= delay * right
-            for k in range(i + 1):
-                known[UNKNOWNS + i, UNKNOWNS + k] += delay**2 * row[k]
-        for k in range(6):
-            known[UNKNOWNS + k, i] -= delay * row[k]
+        for k in range(i + 1):
+            part = camera.information[i, k]
+            for m in range(OWN):
+                part -= reduced[m, i] * reduced[m, k]
+            known[i, k] += part
+            if delay == 0.0:
+                continue
+            if k < 6:
+                known[UNKNOWNS + k, i] -= delay * part
+            if i < 6:
+                known[UNKNOWNS + i, UNKNOWNS + k] += delay**2 * part
+            if k < i < 6:
+                known[UNKNOWNS + i, k] -= delay * part
 
 
 @compiled
@@ -277,22 +279,23 @@ def solve(solution, cameras, share):  # type: ignore[no-untyped-def]
         if not math.isnan(part):
             _add(cameras[c], solution)
             doubt += part
+    inverse = np.empty(n)
     for i in range(n):
-        for k in range(i + 1):
+        for k in range(i):
             total = known[i, k]
             for m in range(k):
                 total -= lower[i, m] * lower[k, m]
-            if k < i:
-                lower[i, k] = total / lower[k, k]
-            elif total > 0.0:
-                lower[i, i] = math.sqrt(total)
-                pivots *= total
-            else:
-                return np.inf
-        total = vector[i]
+            lower[i, k] = total * inverse[k]
+        pivot, force = known[i, i], vector[i]
         for k in range(i):
-            total -= lower[i, k] * vector[k]
-        vector[i] = total / lower[i, i]
+            pivot -= lower[i, k] ** 2
+            force -= lower[i, k] * vector[k]
+        if not pivot > 0.0:
+            return np.inf
+        pivots *= pivot
+        lower[i, i] = math.sqrt(pivot)
+        inverse[i] = 1.0 / lower[i, i]
+        vector[i] = force * inverse[i]
         doubt -= vector[i] ** 2
     doubt += math.log(pivots)
     return doubt if math.isfinite(doubt) else np.inf
