@@ -21,6 +21,7 @@ LENS = np.dtype(
         ("center", np.float64, (2,)),  # cx, cy [px]
         ("distortion", np.float64, (14,)),  # all coefficients, 0 for those not given
         ("tilt", np.float64, (3, 3)),  # homography of the tilted sensor
+        ("plain", np.bool_),  # whether only the first five coefficients are not 0
         ("limit", np.float64),  # squared tangent beyond which distortion may fold points back into the image
         ("width", np.int64),  # [px]
         ("height", np.int64),  # [px]
@@ -40,26 +41,32 @@ def stack_lenses(cameras: Sequence[Camera]) -> Array:
         lens["center"] = camera.matrix[0, 2], camera.matrix[1, 2]
         lens["distortion"] = all_coefficients(camera.distortion)
         lens["tilt"] = tilt(camera.distortion)
+        lens["plain"] = not lens["distortion"][5:].any()
         lens["limit"] = (VIEW * camera.largest_tangent) ** 2
         lens["width"], lens["height"] = camera.width, camera.height
     return lenses
 
 
 @compiled
-def _bent(lens, a, b):  # type: ignore[no-untyped-def]
+def bent(lens, a, b):  # type: ignore[no-untyped-def]
     """Distort (a, b); return (u, v, ua, ub, va, vb), coordinates and derivatives."""
     k, tilt, s = lens.distortion, lens.tilt, a * a + b * b
-    below = 1.0 + s * (k[5] + s * (k[6] + s * k[7]))
-    radial = (1.0 + s * (k[0] + s * (k[1] + s * k[4]))) / below
+    radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
     slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
-    slope = (slope - radial * (k[5] + s * (2.0 * k[6] + s * 3.0 * k[7]))) / below
-    x = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a) + s * (k[8] + s * k[9])
-    y = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b + s * (k[10] + s * k[11])
+    if not lens.plain:
+        below = 1.0 + s * (k[5] + s * (k[6] + s * k[7]))
+        radial /= below
+        slope = (slope - radial * (k[5] + s * (2.0 * k[6] + s * 3.0 * k[7]))) / below
+    x = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
+    y = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
     mixed = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
+    xa = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a
+    yb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a
+    if lens.plain:
+        return x, y, xa, mixed, mixed, yb
     prism_x, prism_y = 2.0 * (k[8] + 2.0 * s * k[9]), 2.0 * (k[10] + 2.0 * s * k[11])
-    xa = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a + prism_x * a
-    xb, ya = mixed + prism_x * b, mixed + prism_y * a
-    yb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a + prism_y * b
+    x, y = x + s * (k[8] + s * k[9]), y + s * (k[10] + s * k[11])
+    xa, xb, ya, yb = xa + prism_x * a, mixed + prism_x * b, mixed + prism_y * a, yb + prism_y * b
     w = 1.0 / (tilt[2, 0] * x + tilt[2, 1] * y + tilt[2, 2])
     u = (tilt[0, 0] * x + tilt[0, 1] * y + tilt[0, 2]) * w
     v = (tilt[1, 0] * x + tilt[1, 1] * y + tilt[1, 2]) * w
@@ -79,7 +86,7 @@ def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
     b = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]) * inverse
     if a * a + b * b > lens.limit:
         zc = -1.0
-    u, v, _, _, _, _ = _bent(lens, a, b)
+    u, v, _, _, _, _ = bent(lens, a, b)
     return lens.focal[0] * u + lens.center[0], lens.focal[1] * v + lens.center[1], zc
 
 
@@ -92,7 +99,7 @@ def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-unty
     inverse = 1.0 / zc
     a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
     b = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]) * inverse
-    u, v, ua, ub, va, vb = _bent(lens, a, b)
+    u, v, ua, ub, va, vb = bent(lens, a, b)
     for i in range(3):
         da = (r[0, i] - a * r[2, i]) * inverse
         db = (r[1, i] - b * r[2, i]) * inverse

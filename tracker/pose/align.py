@@ -58,7 +58,7 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
         if down == 0.0:  # a level side bounds no row
             down = 1e-9
         sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3] = u, v, across / down, down
-        sides[k, 4] = WHOLLY * math.hypot(across, down) / down
+        sides[k, 4] = WHOLLY * math.sqrt(across**2 + down**2) / down
         row = min(max(v, top - 1.0), bottom + 1.0)
         first, last = min(first, math.ceil(row)), max(last, math.floor(row))
     for j in range(max(first, top), min(last, bottom) + 1):
@@ -158,12 +158,13 @@ def _transition(labels, width, height, strip, reach):  # type: ignore[no-untyped
     inside, outside = strip.inside, strip.outside
     score, best, offset, support = 0.0, -1e9, 0.0, 0
     seen_inside, best_seen = 0, 0
+    for k in (-reach, reach):
+        if not (0.0 <= u + k * nu + 0.5 < width and 0.0 <= v + k * nv + 0.5 < height):
+            return 0.0, False
     # Prefix sums of (inside fits) - (outside fits): the maximum is the most likely transition.
     for k in range(-reach, reach + 1):
-        x, y = u + k * nu + 0.5, v + k * nv + 0.5
-        if not (0.0 <= x < width and 0.0 <= y < height):
-            return 0.0, False
-        label = labels[int(y), int(x)]
+        # Unsigned, since a signed index could count from the end.
+        label = labels[np.uint32(np.int32(v + k * nv + 0.5)), np.uint32(np.int32(u + k * nu + 0.5))]
         if label == inside:
             score += 1.0
             seen_inside += 1

@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.cuboid import CORNER_SIGNS, EDGES
-from tracker.geometry.lens import face_heights, project_corners, project_with_jacobian
+from tracker.geometry.lens import bent, face_heights, project_corners
 from tracker.segmentation.light import CLIPPED
 
 PIECES = 24
@@ -97,30 +97,51 @@ def _depths(corners, ends, faces, length):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _place_piece(lenses, c, rotation, position, local, axis, outwards, jacobian, strip):  # type: ignore[no-untyped-def]
-    """Fill in pixel, normal and Jacobian of a piece with its middle at `local` (3,) [m], object's frame.
+def _begin_edge(lens, half, rotation, position, ends, edge):  # type: ignore[no-untyped-def]
+    """Fill edge (4, 3): an edge's first end and the way to its other end, along world and camera axes [m].
 
-    axis: of the edge; outwards: from `_outwards`; jacobian (2, 3): workspace; strip: its normal's sign is
-    kept.
+    The world's axes begin at the object's centre. ends: the edge's corners.
     """
-    x = rotation[0, 0] * local[0] + rotation[0, 1] * local[1] + rotation[0, 2] * local[2]
-    y = rotation[1, 0] * local[0] + rotation[1, 1] * local[1] + rotation[1, 2] * local[2]
-    z = rotation[2, 0] * local[0] + rotation[2, 1] * local[1] + rotation[2, 2] * local[2]
-    u, v, _ = project_with_jacobian(lenses, c, x + position[0], y + position[1], z + position[2], jacobian)
-    # The normal of the edge's image here: perpendicular to its projected direction.
-    du, dv = 0.0, 0.0
+    (a, b), r = ends, lens.rotation
+    edge[:, :] = 0.0
     for i in range(3):
-        du += jacobian[0, i] * rotation[i, axis]
-        dv += jacobian[1, i] * rotation[i, axis]
-    norm = math.hypot(du, dv)
-    su, sv = dv / norm, -du / norm
+        for k in range(3):
+            edge[0, i] += rotation[i, k] * CORNER_SIGNS[a, k] * half[k]
+            edge[1, i] += rotation[i, k] * (CORNER_SIGNS[b, k] - CORNER_SIGNS[a, k]) * half[k]
+    for i in range(3):
+        edge[2, i] = lens.translation[i]
+        for k in range(3):
+            edge[2, i] += r[i, k] * (edge[0, k] + position[k])
+            edge[3, i] += r[i, k] * edge[1, k]
+
+
+@compiled
+def _place_piece(lens, edge, share, outwards, strip):  # type: ignore[no-untyped-def]
+    """Fill in pixel, normal and Jacobian of a piece with its middle at a share of the way along an edge.
+
+    edge: from `_begin_edge`; outwards: from `_outwards`; strip: its normal's sign is kept.
+    """
+    x, y = edge[0, 0] + share * edge[1, 0], edge[0, 1] + share * edge[1, 1]
+    z = edge[0, 2] + share * edge[1, 2]
+    inverse = 1.0 / max(edge[2, 2] + share * edge[3, 2], 1e-6)
+    a, b = (edge[2, 0] + share * edge[3, 0]) * inverse, (edge[2, 1] + share * edge[3, 1]) * inverse
+    u, v, ua, ub, va, vb = bent(lens, a, b)
+    (fx, fy), r = (lens.focal[0], lens.focal[1]), lens.rotation
+    # The normal of the edge's image here: perpendicular to its projected direction.
+    da, db = edge[3, 0] - a * edge[3, 2], edge[3, 1] - b * edge[3, 2]
+    du, dv = fx * (ua * da + ub * db), fy * (va * da + vb * db)
+    scale = 1.0 / math.sqrt(du * du + dv * dv)
+    su, sv = dv * scale, -du * scale
     if su * strip.normal[0] + sv * strip.normal[1] < 0.0:
         su, sv = -su, -sv
-    strip.pixel[0], strip.pixel[1] = u, v
+    strip.pixel[0], strip.pixel[1] = fx * u + lens.center[0], fy * v + lens.center[1]
     strip.normal[0], strip.normal[1] = su, sv
-    jx = su * jacobian[0, 0] + sv * jacobian[1, 0]
-    jy = su * jacobian[0, 1] + sv * jacobian[1, 1]
-    jz = su * jacobian[0, 2] + sv * jacobian[1, 2]
+    # The motion along the normal, for a motion of the piece along the camera's axes, then the world's.
+    ja, jb = (su * fx * ua + sv * fy * va) * inverse, (su * fx * ub + sv * fy * vb) * inverse
+    jc = -(a * ja + b * jb)
+    jx = ja * r[0, 0] + jb * r[1, 0] + jc * r[2, 0]
+    jy = ja * r[0, 1] + jb * r[1, 1] + jc * r[2, 1]
+    jz = ja * r[0, 2] + jb * r[1, 2] + jc * r[2, 2]
     strip.jacobian[0], strip.jacobian[1], strip.jacobian[2] = jx, jy, jz
     strip.jacobian[3] = y * jz - z * jy
     strip.jacobian[4] = z * jx - x * jz
@@ -152,7 +173,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     heights, corners = np.empty(6), np.empty((8, 3))
     face_heights(lenses, c, half, rotation, position, heights)
     project_corners(lenses, c, half, rotation, position, corners)
-    local, outwards, jacobian = np.empty(3), np.empty(3), np.empty((2, 3))
+    outwards, edge = np.empty(3), np.empty((4, 3))
     # An edge closer to the camera than this extends beyond the image.
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
@@ -165,7 +186,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
         inner = heights[neighbour] > 0.0
         axis = 3 - EDGES[e, 2] // 2 - EDGES[e, 3] // 2
         a, b = EDGES[e, 0], EDGES[e, 1]
-        length = math.hypot(corners[b, 0] - corners[a, 0], corners[b, 1] - corners[a, 1])
+        length = math.sqrt((corners[b, 0] - corners[a, 0]) ** 2 + (corners[b, 1] - corners[a, 1]) ** 2)
         usable = length - 2.0 * margin
         if min(corners[a, 2], corners[b, 2]) < near or not usable >= 0.5 * spacing:
             continue
@@ -175,15 +196,14 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
         if -0.5 * (depth_a + depth_b) < MIN_FACE or 0.5 * (out_a + out_b) < MIN_FACE:
             continue
         _outwards(rotation, a, neighbour, face if inner else neighbour, outwards)
+        _begin_edge(lenses[c], half, rotation, position, (a, b), edge)
         n = max(1, int(min(usable / spacing + 0.5, PIECES)))
+        first, step = margin / length, usable / (n * length)
         for k in range(n):
-            share = (margin + usable * (k + 0.5) / n) / length
-            for i in range(3):
-                here, there = CORNER_SIGNS[a, i], CORNER_SIGNS[b, i]
-                local[i] = here * half[i] + share * ((there - here) * half[i])
+            share = first + step * (k + 0.5)
             strip = out[count]
             strip.normal[0], strip.normal[1] = nu, nv
-            _place_piece(lenses, c, rotation, position, local, axis, outwards, jacobian, strip)
+            _place_piece(lenses[c], edge, share, outwards, strip)
             strip.edge = e
             strip.inside = face_labels[face]
             strip.outside = face_labels[neighbour] if inner else 0
