@@ -70,15 +70,19 @@ def reach_at(blur):
     return max(2.5, 1.2 + 2.0 * blur)
 
 
-def measure(image, samples, blur=1.0, *, red=NO_MOSAIC, every=1):
-    """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan."""
+def measure(image, samples, blur=1.0, *, red=NO_MOSAIC, every=1, collected=(1,)):
+    """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan.
+
+    collected: of which pieces, one in so many, the pixels are collected, one after the other.
+    """
     out = np.array([(*[np.nan] * 5, True)] * len(samples), OFFSET)
     strips, pixels = samples.copy(), (np.empty(PIXELS), np.empty((3, PIXELS)))
     camera, picture = np.zeros(1, CAMERA)[0], np.zeros(1, PICTURE)[0]
     camera["strips"], camera["parts"] = len(samples), 3 if red >= 0 else 1
     camera["reach"], picture["mosaic"] = reach_at(blur), red
     mask = np.zeros(image.shape[:2], bool)
-    collect((image, mask), picture, camera, strips, 1, pixels)
+    for n in collected:
+        collect((image, mask), picture, camera, strips, n, pixels)
     edge_fit.measure(strips, camera, CHANNELS, TABLE, blur, every, pixels, scratch(), out)
     return out
 
@@ -142,6 +146,14 @@ def test_of_the_pieces_one_in_so_many_is_measured():
     whole, part = measure(drawn(), pieces()), measure(drawn(), pieces(), every=3)
     assert_equal(part[::3], whole[::3])
     assert np.count_nonzero(part["usable"]) == len(part[::3])
+
+
+def test_pixels_that_are_collected_later_are_those_collected_at_once():
+    image = interpolated(drawn())
+    for red in (NO_MOSAIC, 0):
+        whole = measure(image, pieces(), red=red)
+        assert_equal(measure(image, pieces(), red=red, collected=(2, 1)), whole)
+        assert_equal(measure(image, pieces(), red=red, every=2, collected=(2,))[::2], whole[::2])
 
 
 @pytest.mark.parametrize("outside", [0, 2])

@@ -98,6 +98,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
             substitute(lower, column, column)
             for i in range(6):
                 solution.prior[UNKNOWNS + i, UNKNOWNS + k] = column[i]
+    solution.covariance[:, :] = np.nan
     solution.shared[EXPONENT], solution.shared[RIM] = start.exponent, start.rim
     solution.own, doubtful = EXPECTED_WEAR**2, False
     views, used = np.zeros(3), 0
@@ -128,14 +129,13 @@ def _lay_strips(model, pictures, solution, cameras, schedule, step, work):  # ty
     rotation, position = np.empty((3, 3)), np.empty(3)
     for c in range(len(cameras)):
         camera = cameras[c]
-        camera.strips = 0
+        camera.strips, camera.every, camera.pixels = 0, 0, 0
         for i in range(6):
             camera.motion[i], camera.since[i] = 0.0, 0.0
         if not camera.used:
             continue
-        # After a rough step, strips are laid again.
-        rough, scale = schedule.blur[step] > 0.0, camera.scale
-        blur = schedule.blur[step] * scale if rough else camera.blur
+        scale = camera.scale
+        blur = schedule.blur[step] * scale if schedule.blur[step] > 0.0 else camera.blur
         camera.reach = max(LEAST_REACH, REACH[0] * scale + REACH[1] * blur)
         moved = np.empty(6)
         for i in range(6):
@@ -146,27 +146,25 @@ def _lay_strips(model, pictures, solution, cameras, schedule, step, work):  # ty
             model.lenses, c, model.half, model.face_labels, rotation, position, schedule.piece[step] * scale,
             MARGIN[0] * scale + MARGIN[1] * blur, work.strips[c],
         )  # fmt: skip
-        collect(
-            (pixels_of(pictures[c]), mask_of(pictures[c])), pictures[c], camera, work.strips[c],
-            schedule.every[step] if rough else 1,
-            (work.distance[c], work.values[c]),
-        )  # fmt: skip
 
 
 @compiled
 def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
     """Measure the offsets of all strips at the current pose."""
     for c in range(len(cameras)):
-        camera = cameras[c]
+        camera, every, pixels = cameras[c], schedule.every[step], (work.distance[c], work.values[c])
         for i in range(6):
             camera.since[i] = 0.0
-        if camera.used:
-            rough = schedule.blur[step] * camera.scale
-            measure(
-                work.strips[c], camera, pictures[c].channels, model.colors,
-                rough if rough > 0.0 else camera.blur, schedule.every[step],
-                (work.distance[c], work.values[c]), work.scratch, work.found[c],
-            )  # fmt: skip
+        if not camera.used:
+            continue
+        if camera.every != every:
+            shown = pixels_of(pictures[c]), mask_of(pictures[c])
+            collect(shown, pictures[c], camera, work.strips[c], every, pixels)
+        rough = schedule.blur[step] * camera.scale
+        measure(
+            work.strips[c], camera, pictures[c].channels, model.colors,
+            rough if rough > 0.0 else camera.blur, every, pixels, work.scratch, work.found[c],
+        )  # fmt: skip
 
 
 @compiled

@@ -117,7 +117,7 @@ class Refiner:
         """Return a solution (1,) and cameras (C,) at a pose (3, 3), (3,) [m], before anything is measured."""
         solution, cameras = np.zeros(1, SOLUTION), np.zeros(len(self.model.lenses), CAMERA)
         solution["size"] = UNKNOWNS if lag is None else MOVING
-        solution["rotation"], solution["position"], solution["covariance"] = rotation, position, np.nan
+        solution["rotation"], solution["position"] = rotation, position
         if lag is not None:
             cameras["delay"], cameras["lag"] = lag.delays, lag.moved
             solution["velocity"] = lag.covariance

@@ -33,7 +33,9 @@ CAMERA = np.dtype(
         ("lag", np.float64, (6,)),  # the same by the age of its image [m, rad]
         ("blur", np.float64),  # standard deviation of its image's blur [px]
         ("reach", np.float64),  # half width of the strips [px]
-        ("strips", np.int64),  # number of strips
+        ("strips", np.int64),  # number of strips, …
+        ("every", np.int64),  # … of which every n-th has its pixels; 0: none has, …
+        ("pixels", np.int64),  # … and where they end
         ("motion", np.float64, (6,)),  # of the pose in its view since the strips were collected, …
         ("since", np.float64, (6,)),  # … and since their offsets were measured [m, rad]
         ("edges", np.float64, (12, EDGE)),  # sums over each edge's strips

@@ -312,15 +312,18 @@ def collect(shown, picture, camera, strips, every, pixels):  # type: ignore[no-u
     """Collect the pixels of strips in one image (H, W, 3) into pixels: distance (P,) and values (3, P).
 
     shown: the image and its mask of hidden pixels (H, W); picture: its light and mosaic (`views.PICTURE`);
-    camera (`solve.CAMERA`): number of strips, their half width, and whether the mosaic counts; every: collect
-    for every n-th strip only. Each strip stores where its pixels are, separately for each channel of a
-    mosaic. Gaps up to the next multiple of BLOCK are filled with FAR and 0; P must be such a multiple.
+    camera (`solution.CAMERA`): number of strips, their half width, and whether the mosaic counts; every:
+    collect for every n-th strip only, and not again where it is done. Each strip stores where its pixels are,
+    separately for each channel of a mosaic. Gaps up to the next multiple of BLOCK are filled with FAR and 0;
+    P must be such a multiple.
     """
-    (image, mask), start, parts, reach = shown, 0, camera.parts, camera.reach
+    (image, mask), start, parts, reach = shown, camera.pixels, camera.parts, camera.reach
     stride = _stride(strips, camera.strips, reach) if parts == 1 else 1
     red = picture.mosaic if parts > 1 else -1
     distance, values = pixels
     for s in range(camera.strips):
+        if camera.every > 0 and s % camera.every == 0:
+            continue
         strip = strips[s]
         strip.in_view = _in_view(strip, reach, image.shape[1], image.shape[0])
         if picture.hidden != 0 and strip.in_view:
@@ -341,3 +344,4 @@ def collect(shown, picture, camera, strips, every, pixels):  # type: ignore[no-u
                     distance[i], values[k, i] = FAR, 0.0
                 strip.squares += _sum_of_squares(values[k], start, end)
             strip.count[part], start = count, end
+    camera.every, camera.pixels = every, start
