@@ -183,7 +183,7 @@ def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: i
                         r += calm[y, x, 2]
                 b, g, r = int(b * share), int(g * share), int(r * share)
                 label = _evened_label(b, g, r, (i, j), picture, table, slopes)
-                labels[c, j, i] = label
+                labels[np.uint64(c), np.uint64(j), np.uint64(i)] = label
                 count += label > 0
     picture.colored = count
 

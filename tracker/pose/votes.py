@@ -57,12 +57,12 @@ _COUNTS = np.array(
 
 BOXES = np.dtype(
     [
-        ("wide", np.int16, (4,)),  # left, top, right, bottom of the box around it [cells]
-        ("tight", np.int16, (4,)),  # the same of the tight box
+        ("wide", np.uint16, (4,)),  # left, top, right, bottom of the box around it [cells]
+        ("tight", np.uint16, (4,)),  # the same of the tight box
         ("share", np.float32),  # 1 / pixels that the object should fill; 0: it is out of view
     ]
 )
-"""Where a camera looks for an object at a point."""
+"""Where a camera looks for an object at a point; unsigned, since signed indices could count from the end."""
 
 
 @compiled
@@ -267,7 +267,7 @@ class PositionSearch:
             position = np.empty(3)
             if next_place(self.points, votes, self.lenses, labels, pictures, self.radius, position) < least:
                 return
-            if all(np.linalg.norm(position - other) > separation for other in found):
+            if all(math.dist(position, other) > separation for other in found):
                 found.append(position)
                 yield position
 

@@ -51,7 +51,9 @@ def label_of(b, g, r, channels, table, gains):  # type: ignore[no-untyped-def]
 
     channels: (3, 256) from ColorModel.channel_tables for the gains (3,).
     """
-    label = table[channels[0, b] + channels[1, g] + channels[2, r]]
+    # Unsigned, since a signed index could count from the end.
+    cell = channels[0, np.uint8(b)] + channels[1, np.uint8(g)] + channels[2, np.uint8(r)]
+    label = table[np.uint32(cell)]
     if label > 0 and max(b, g, r) >= CLIPPED and _may_be_grey(b, g, r, gains):
         return np.uint8(0)
     return label
