@@ -7,7 +7,7 @@ from tests.helpers import numerical_jacobian, random_rotations
 from tests.helpers.consistency import FACTORS, consistent, nees, pose_error
 from tracker.geometry import so3
 from tracker.tracking import motion
-from tracker.tracking.motion import CONSTANT, MODE, MOTIONS, STATE, MotionFilter, Motions
+from tracker.tracking.motion import CONSTANT, MODE, STATE, MotionFilter, Motions
 
 DT = 0.1
 NOISE = np.diag(np.repeat(np.square([0.5e-3, np.radians(0.5)]), 3))
@@ -285,8 +285,9 @@ def test_an_unseen_object_is_ever_less_surely_at_rest(rng):
 
 def predicted(p, r, v, covariance, dt, motions=PUSHED):
     """One mode's state and covariance after `motion.predict`."""
-    modes = np.array([(1.0, p, r, v, covariance)], MODE)
-    motion.predict(dt, motions, modes, False)
+    before = np.array([(1.0, p, r, v, covariance)], MODE)
+    modes = np.empty_like(before)
+    motion.predict(dt, motions, before, False, modes)
     return modes[0].tolist()[1:]
 
 
@@ -359,45 +360,45 @@ def moments(modes):
 
 def test_all_kinds_together_have_the_mean_and_the_spread_of_their_mixture(rng):
     modes = drawn_modes(rng)
-    found, whole = np.empty(1, MODE), np.empty((STATE, STATE))
     noise = np.diag(rng.uniform(0.5, 2.0, 6))
-    assert motion.combine(MOTIONS, modes, noise, found, whole) == modes["weight"][0]
-    whole[:6, :6] -= CONSTANT * noise
+    found = MotionFilter(modes, noise).state
+    assert found.at_rest == modes["weight"][0]
+    found.covariance[:6, :6] -= CONSTANT * noise
     mean, spread = moments(modes)
-    np.testing.assert_allclose(found["position"][0], mean[:3], atol=1e-12)
-    np.testing.assert_allclose(so3.log(found["rotation"][0] @ modes["rotation"][0].T), mean[3:6], atol=1e-12)
-    np.testing.assert_allclose(found["velocity"][0], mean[6:], atol=1e-12)
-    np.testing.assert_allclose(whole, spread, atol=1e-12)
+    np.testing.assert_allclose(found.position, mean[:3], atol=1e-12)
+    np.testing.assert_allclose(so3.log(found.rotation @ modes["rotation"][0].T), mean[3:6], atol=1e-12)
+    np.testing.assert_allclose(found.velocity, mean[6:], atol=1e-12)
+    np.testing.assert_allclose(found.covariance, spread, atol=1e-12)
 
 
 def mixed(modes, lasting):
-    """Let modes change into each other in so short a time that none moves, in place."""
-    nothing = np.zeros((3, 2))
-    motion.predict(1e-9, Motions(np.zeros(3, bool), nothing, nothing, lasting), modes, True)
+    """Modes after they changed into each other in so short a time that none moves."""
+    nothing, after = np.zeros((3, 2)), np.empty_like(modes)
+    motion.predict(1e-9, Motions(np.zeros(3, bool), nothing, nothing, lasting), modes, True, after)
+    return after
 
 
 def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
     modes = drawn_modes(rng)
-    first, before = modes["rotation"][0].copy(), moments(modes)
+    first, before = modes["rotation"][0], moments(modes)
     lasting = 1e-9 * rng.uniform(0.5, 2.0, 3)
     stay = np.exp(-1e-9 / lasting)
     transition = np.where(np.eye(3), stay, np.repeat((1 - stay)[:, None] / 2, 3, axis=1))
     expected = transition.T @ modes["weight"]
-    mixed(modes, lasting)
-    np.testing.assert_allclose(modes["weight"], expected, rtol=1e-12)
-    after = moments(modes)
+    found = mixed(modes, lasting)
+    np.testing.assert_allclose(found["weight"], expected, rtol=1e-12)
+    after = moments(found)
     # About another first rotation.
-    mean = after[0] + np.concatenate([np.zeros(3), so3.log(modes["rotation"][0] @ first.T), np.zeros(6)])
+    mean = after[0] + np.concatenate([np.zeros(3), so3.log(found["rotation"][0] @ first.T), np.zeros(6)])
     np.testing.assert_allclose(mean, before[0], atol=2e-6)
     np.testing.assert_allclose(after[1], before[1], atol=1e-6)
 
 
 def test_kinds_that_keep_to_themselves_are_not_changed_by_mixing(rng):
     modes = drawn_modes(rng)
-    before = modes.copy()
-    mixed(modes, np.full(3, np.inf))
+    found = mixed(modes, np.full(3, np.inf))
     for name in MODE.names:
-        np.testing.assert_allclose(modes[name], before[name], rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(found[name], modes[name], rtol=1e-12, atol=1e-9)
 
 
 def test_forecasts_of_a_carried_object_are_as_uncertain_as_they_are_wrong(rng):

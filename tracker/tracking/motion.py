@@ -18,6 +18,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
+from tracker.geometry.lens import copy_pose
 from tracker.geometry.linear import congruence, factorise, product, substitute
 
 STATE = 12
@@ -90,17 +91,17 @@ def _difference(one, other, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def moved(mode, error):  # type: ignore[no-untyped-def]
-    """Move a mode's state, in place, by an error (12,)."""
+def moved(position, rotation, velocity, error):  # type: ignore[no-untyped-def]
+    """Move a state, in place, by an error (12,)."""
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
     so3.exp_into(error[3:6], turn)
-    product(turn, mode.rotation, turned)
+    product(turn, rotation, turned)
     for i in range(3):
-        mode.position[i] += error[i]
+        position[i] += error[i]
         for k in range(3):
-            mode.rotation[i, k] = turned[i, k]
+            rotation[i, k] = turned[i, k]
     for i in range(6):
-        mode.velocity[i] += error[6 + i]
+        velocity[i] += error[6 + i]
 
 
 @compiled
@@ -126,12 +127,12 @@ def _pool(modes, weights, errors, mean, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _mix(dt, motions, modes):  # type: ignore[no-untyped-def]
-    """Let the kinds of motion change into each other for dt [s], in place.
+def _mix(dt, motions, old, modes):  # type: ignore[no-untyped-def]
+    """Let the kinds of motion `old` change into each other for dt [s]; modes: a copy of them, changed.
 
     See equation (23) of docs/how-it-works.md.
     """
-    count, old = len(modes), modes.copy()
+    count = len(modes)
     errors, mean, shares = np.empty((count, STATE)), np.empty(STATE), np.empty(count)
     for j in range(count):
         modes[j].weight = 0.0
@@ -143,17 +144,19 @@ def _mix(dt, motions, modes):  # type: ignore[no-untyped-def]
             shares[i] /= modes[j].weight
         _spread(old, shares, j, errors, mean)
         _pool(old, shares, errors, mean, modes[j].covariance)
-        moved(modes[j], mean)
+        moved(modes[j].position, modes[j].rotation, modes[j].velocity, mean)
 
 
 @compiled
-def predict(dt, motions, modes, mixed):  # type: ignore[no-untyped-def]
-    """Predict every mode's state and covariance over dt [s], in place; mixed: whether to `_mix` them first.
+def predict(dt, motions, old, mixed, modes):  # type: ignore[no-untyped-def]
+    """Fill modes with the states and covariances of `old` after dt [s]; mixed: whether to `_mix` them first.
 
     See equation (22) of docs/how-it-works.md.
     """
+    for k in range(len(old)):
+        modes[k] = old[k]
     if mixed:
-        _mix(dt, motions, modes)
+        _mix(dt, motions, old, modes)
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
     step, before = np.eye(STATE), np.empty((STATE, STATE))
     for k in range(len(modes)):
@@ -210,7 +213,7 @@ def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
         for j in range(6):
             error[i] += gain[i, j] * innovation[j]
             keep[i, j] -= gain[i, j]
-    moved(mode, error)
+    moved(mode.position, mode.rotation, mode.velocity, error)
     # The Joseph form keeps the covariance symmetric and positive definite.
     congruence(keep, before, covariance)
     congruence(gain, noise, covariance)
@@ -218,14 +221,19 @@ def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
-    """Update every mode with a measurement of covariance `noise` (6, 6), in place.
+def update(position, rotation, measured, old, modes):  # type: ignore[no-untyped-def]
+    """Fill modes with those of `old` after a measurement of covariance `measured` (6, 6).
 
     See equation (24) of docs/how-it-works.md.
     """
     count, best = len(modes), -np.inf
     likelihood, innovation, turned = np.empty(count), np.empty(6), np.empty((3, 3))
+    noise = np.empty((6, 6))
+    for i in range(6):
+        for k in range(6):
+            noise[i, k] = (1.0 - CONSTANT) * measured[i, k]
     for k in range(count):
+        modes[k] = old[k]
         for i in range(3):
             innovation[i] = position[i] - modes[k].position[i]
         product(rotation, modes[k].rotation.T, turned)
@@ -245,11 +253,11 @@ def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def combine(motions, modes, noise, mode, whole):  # type: ignore[no-untyped-def]
-    """Combine all modes: fill the state of mode (1,) and the covariance whole (12, 12).
+def combine(motions, modes, noise, position, rotation, velocity, covariance):  # type: ignore[no-untyped-def]
+    """Fill state and covariance (12, 12) of all modes together; return the probability of rest.
 
-    See equation (25) of docs/how-it-works.md. `mode` keeps covariance and weight of the likeliest mode.
-    noise: (6, 6) covariance of the last measurement. Return the probability that the object is at rest.
+    See equation (25) of docs/how-it-works.md.
+    noise: (6, 6) covariance of the last measurement.
     """
     best, at_rest = 0, 0.0
     for k in range(len(modes)):
@@ -260,12 +268,13 @@ def combine(motions, modes, noise, mode, whole):  # type: ignore[no-untyped-def]
     for k in range(len(modes)):
         weights[k] = modes[k].weight
     _spread(modes, weights, best, errors, mean)
-    _pool(modes, weights, errors, mean, whole)
-    mode[0] = modes[best]
-    moved(mode[0], mean)
+    _pool(modes, weights, errors, mean, covariance)
+    copy_pose(modes[best].rotation, modes[best].position, rotation, position)
     for i in range(6):
+        velocity[i] = modes[best].velocity[i]
         for j in range(6):
-            whole[i, j] += CONSTANT * noise[i, j]
+            covariance[i, j] += CONSTANT * noise[i, j]
+    moved(position, rotation, velocity, mean)
     return at_rest
 
 
@@ -304,23 +313,24 @@ class MotionFilter(NamedTuple):
 
     def predicted(self, dt: float) -> MotionFilter:
         """Return the filter predicted over dt [s]."""
-        modes = self.modes.copy()
-        predict(dt, MOTIONS, modes, True)
+        modes = np.empty_like(self.modes)
+        predict(dt, MOTIONS, self.modes, True, modes)
         return MotionFilter(modes, self.noise)
 
     def unseen(self, dt: float) -> MotionFilter:
         """Return the filter after dt > 0 [s] in which the object was not seen, and slowed down."""
-        modes, passed = self.modes.copy(), dt / DECAY
+        slowed, passed = self.modes.copy(), dt / DECAY
         mean = -math.expm1(-passed) / passed
-        modes["velocity"] *= mean
-        predict(dt, MOTIONS, modes, True)
+        slowed["velocity"] *= mean
+        modes = np.empty_like(slowed)
+        predict(dt, MOTIONS, slowed, True, modes)
         modes["velocity"] *= math.exp(-passed) / mean
         return MotionFilter(modes, self.noise)
 
     def updated(self, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
         """Return the filter updated with a measurement and its covariance (6, 6)."""
-        modes = self.modes.copy()
-        update(position, rotation, (1 - CONSTANT) * noise, modes)
+        modes = np.empty_like(self.modes)
+        update(position, rotation, noise, self.modes, modes)
         return MotionFilter(modes, noise)
 
     def forecast(self, dt: float) -> MotionFilter:
@@ -329,10 +339,10 @@ class MotionFilter(NamedTuple):
         Changes of the kind are predicted between images but not here: rare changes would hide what is nearly
         certain.
         """
-        modes = self.modes.copy()
+        modes = np.empty_like(self.modes)
         # Displaced by a dt²/2, the variance is that of white noise of this strength.
         push = np.sqrt(MOTIONS.push**2 + 0.75 * dt * ACCELERATION**2)
-        predict(dt, MOTIONS._replace(push=push), modes, False)
+        predict(dt, MOTIONS._replace(push=push), self.modes, False, modes)
         return MotionFilter(modes, self.noise)
 
     def kinds(self) -> list[tuple[int, float, MotionState]]:
@@ -368,7 +378,7 @@ class MotionFilter(NamedTuple):
     @property
     def state(self) -> MotionState:
         """The fused estimate."""
-        mean, covariance = np.empty(1, MODE), np.empty((STATE, STATE))
-        at_rest = combine(MOTIONS, self.modes, self.noise, mean, covariance)
-        position, rotation, velocity = (mean[name][0] for name in ("position", "rotation", "velocity"))
+        position, rotation, velocity = np.empty(3), np.empty((3, 3)), np.empty(6)
+        covariance = np.empty((STATE, STATE))
+        at_rest = combine(MOTIONS, self.modes, self.noise, position, rotation, velocity, covariance)
         return MotionState(position, rotation, velocity, covariance, at_rest)
