@@ -158,7 +158,7 @@ def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) 
         hint = remedy if stamps.dtype.kind == "M" else ""
         raise fault(f"{what}: found {shown(given)}, expected finite numbers of seconds{hint}")
     exact = stamps.astype(np.float64)
-    if stamps.dtype in (np.float16, np.float32) and (exact * np.finfo(stamps.dtype).eps > 1e-3).any():
+    if stamps.dtype.kind == "f" and stamps.itemsize < 8 and (exact * np.finfo(stamps.dtype).eps > 1e-3).any():
         raise fault(f"{what}: found {shown(given)} of {stamps.dtype}, expected float64, which is exact")
     return exact
 

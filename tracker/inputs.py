@@ -98,6 +98,8 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
 
 def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> list[Any]:
     """Return the given values in the rig's order; ImageError unless there is one (`one`) per camera."""
+    if isinstance(given, (list, tuple)) and len(given) == len(names):
+        return list(given)
     by_name, valid = isinstance(given, Mapping), f"{one} for each camera: {', '.join(names)}"
     ones: Sequence[Any] = _by_camera(what, given, names, ImageError, "None") if by_name else given
     check_sequence(ones, what, ImageError, valid)
@@ -126,22 +128,23 @@ def _by_camera(
     return [values[name] for name in names]
 
 
-def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) -> tuple[float, FloatArray]:
-    """Return the timestamp of the latest image [s], and by how much each camera's image is older (C,) [s].
+def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) -> tuple[float, list[float]]:
+    """Return the timestamp of the latest image [s], and by how much each camera's image is older [s].
 
     timestamp: one for all cameras or one per camera; given: whether each camera gave an image (if not, its
     delay is zero); names: the cameras' names. TrackerError if they are not numbers, not one per
     camera, or not finite for a camera that gave an image.
     """
+    same = [0.0] * len(given)
     if type(timestamp) is float and abs(timestamp) <= LATEST:
-        return timestamp, np.zeros(len(given))
+        return timestamp, same
     if isinstance(timestamp, Mapping):
         timestamp = _by_camera("timestamp", timestamp, names, TrackerError, "nan")
     if isinstance(timestamp, (list, tuple)) and any(one is None for one in timestamp):
         timestamp = [math.nan if one is None else one for one in timestamp]
     stamps = seconds(timestamp, "timestamp")
     if stamps.ndim == 0:
-        return float(in_range(stamps, "timestamp")), np.zeros(len(given))
+        return float(in_range(stamps, "timestamp")), same
     if stamps.shape != (len(given),):
         found = f"{len(stamps)} stamps" if stamps.ndim == 1 else f"an array of shape {stamps.shape}"
         raise TrackerError(f"timestamp: found {found}, expected one, or one for each of {len(given)} cameras")
@@ -151,5 +154,7 @@ def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) 
     ]
     if not counting:
         raise TrackerError(f"timestamp: {UNSTAMPED}")
-    latest = float(in_range(np.array(counting), "timestamp").max())
-    return latest, np.array([latest - one if seen else 0.0 for one, seen in zip(values, given, strict=True)])
+    if not all(abs(one) <= LATEST for one in counting):
+        in_range(np.array(counting), "timestamp")
+    latest = max(counting)
+    return latest, [latest - one if seen else 0.0 for one, seen in zip(values, given, strict=True)]

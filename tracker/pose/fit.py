@@ -120,7 +120,7 @@ class OwnViews(NamedTuple):
     """(C,) weight of the pieces of edge it rests on."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # frozen, it would take twice as long to create
 class Fit:
     """A refined pose and its support."""
 

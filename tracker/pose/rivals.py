@@ -45,11 +45,10 @@ def turned_about_face(
         half: (3,) half edge lengths [m].
         camera: (3,) position of the camera [m].
     """
-    sight = rotation.T @ (camera - position)
-    sight /= np.linalg.norm(sight)
-    area = np.abs(sight) * half.prod() / half
-    face = int(np.argmax(area))
-    if area.sum() - area[face] > ONE_FACE * area[face]:
+    sight = (rotation.T @ (camera - position)).tolist()
+    area = [abs(along) / size for along, size in zip(sight, half.tolist(), strict=True)]
+    face = area.index(max(area))
+    if sum(area) > (1.0 + ONE_FACE) * area[face]:
         return
     one, other = (half[k] for k in range(3) if k != face)
     square = abs(one - other) < SQUARE * max(one, other)
@@ -61,9 +60,10 @@ def turned_about_face(
 
 def shifted_along(fit: Fit, box: Box) -> Iterator[FloatArray]:
     """Yield other positions (3,) [m] that fit about as well if the ends of a long box are hidden."""
-    axis = int(np.argmax(box.half))
-    if box.half[axis] < LONG * np.partition(box.half, 1)[1]:
+    _, middle, longest = sorted(box.half.tolist())
+    if longest < LONG * middle:
         return
+    axis = int(np.argmax(box.half))
     ends = [2 * axis, 2 * axis + 1]
     if fit.cameras["faces"][:, ends, box.face_labels[ends]].max() < SHOWN:
         for shift in SHIFTS:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import Array, Image
 from tracker.errors import TrackerError
 from tracker.pose.agreement import spread
 from tracker.pose.estimate import PoseEstimator
@@ -100,13 +100,13 @@ class Follower:
         self,
         images: Sequence[Image | None],
         timestamp: float,
-        delays: FloatArray,
+        delays: Sequence[float],
         memory: Memory,
         hidden: Hidden = None,
     ) -> tuple[Observation, Memory]:
         """Return the answer to the images of a timestamp [s], and the state after them.
 
-        delays: (C,) age of each image [s]; hidden: masks of pixels that count neither for nor against a pose.
+        delays: age of each camera's image [s]; hidden: masks of pixels that are no evidence.
 
         Raises:
             TrackerError: the timestamp is earlier than the last one.
@@ -115,23 +115,22 @@ class Follower:
         cameras, given, uses = usable(memory.cameras, images)
         given = self._estimator.reader.unveiled(given)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
-        missing = [image is None for image in given]
-        if any(missing):  # what is not used makes nothing uncertain, however old it is
-            delays = np.where(missing, 0.0, delays)
-        if any(delays.tolist()):
+        # What is not used makes nothing uncertain, however old it is.
+        delays = [0.0 if image is None else delay for image, delay in zip(given, delays, strict=True)]
+        if (longest := max(delays)) > 0.0:
             velocity, covariance = np.zeros(6), START_VELOCITY
             if expected is not None and belief.motion is not None:
                 # The mean velocity since then varies as much as the velocity does in a third of the time.
-                ahead = belief.motion.predicted(float(delays.max()) / 3.0).state
+                ahead = belief.motion.predicted(longest / 3.0).state
                 velocity, covariance = expected.velocity, ahead.covariance[6:, 6:]
-            lag = Lag(delays, velocity, covariance)
+            lag = Lag(np.array(delays), velocity, covariance)
         timing: dict[str, float] = {}
         outcome, memory = self._measure(given, expected, lag, memory, timing, hidden)
         pose, status, reason = None, Status.COASTING, None
         if isinstance(outcome, Status):
             reason = outcome
         else:
-            agreement = memory.agreement.after(outcome, expected, lagging=float(delays.max()) > READ)
+            agreement = memory.agreement.after(outcome, expected, lagging=longest > READ)
             wide = spread(agreement.size, supporters(outcome)) if self._estimator.stated else 0.0
             belief, status = belief.see(outcome, expected, agreement.fitting, wide)
             uses = after(uses, outcome)
