@@ -71,7 +71,7 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
                 high, inner_high = min(high, u), min(inner_high, u + within)
         start = max(math.ceil(min(low, right + 1.0)), left)
         for i in range(start, max(start, math.ceil(max(high, left - 1.0)))):
-            label = min(labels[j, i], 7)
+            label = min(labels[np.uint64(j), np.uint64(i)], 7)
             counts[label] += 1
             if inner_low <= i <= inner_high and label < 7:
                 inner[label] += 1
