@@ -35,7 +35,6 @@ from tracker.pose.edge_model import (
     model,
     narrow_model,
     narrow_products,
-    slope_products,
 )
 from tracker.pose.strips import padded
 
@@ -234,8 +233,7 @@ def _add_up(strip, at, narrow, slopes, pixels, space):  # type: ignore[no-untype
     for g in range(parts):
         first, count = strip.first[g] - start, strip.count[g]
         last = first + padded(count)
-        edge_products(space, values, start, first, last, count, g, part)
-        slope_products(space, values, start, first, last, g, part, slopes)
+        edge_products(space, values, start, first, last, count, g, part, slopes)
         if narrow:
             narrow_products(space, values, start, first, last, g, part, slopes)
         eliminate_surfaces(space, g, part, narrow, slopes)

@@ -98,33 +98,47 @@ def narrow_model(strip, distance, first, last, shift, slopes, reach, blur, space
 
 
 @compiled(fastmath=SUMS)
-def _edge(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """Sums of share a inside, line e and blur w, and their products with each other and with a channel v."""
+def _edge(space, first, last):  # type: ignore[no-untyped-def]
+    """Sums of share a inside, line e and blur w, and their products with each other."""
     columns = space.columns
     a, e, w, aa, ae, aw, ee, ew, ww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
     for q in range(np.uint64(first), np.uint64(last)):
         inside, line, blur = columns[INSIDE, q], columns[LINE, q], columns[BLUR, q]
-        value = values[k, np.uint64(at) + q]
         a += inside
         e += line
         w += blur
-        v += value
         aa += inside * inside
         ae += inside * line
         aw += inside * blur
-        av += inside * value
         ee += line * line
         ew += line * blur
-        ev += line * value
         ww += blur * blur
-        wv += blur * value
-    return a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv
+    return a, e, w, aa, ae, aw, ee, ew, ww
 
 
 @compiled(fastmath=SUMS)
-def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """The sums of `_edge` that depend on the channel v, for another channel."""
+def _slope_sums(space, first, last):  # type: ignore[no-untyped-def]
+    """Sums of gradients i inside and o outside, and their products with each other, share and line."""
+    columns = space.columns
+    i, o, ai, ao, ei, eo, ii, io, oo = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        inner, outer = columns[SLOPE_IN, q], columns[SLOPE_OUT, q]
+        inside, line = columns[INSIDE, q], columns[LINE, q]
+        i += inner
+        o += outer
+        ai += inside * inner
+        ao += inside * outer
+        ei += line * inner
+        eo += line * outer
+        ii += inner * inner
+        io += inner * outer
+        oo += outer * outer
+    return i, o, ai, ao, ei, eo, ii, io, oo
+
+
+@compiled(fastmath=SUMS)
+def _channel(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """Sum of a channel v, and its products with share inside, line, blur."""
     columns = space.columns
     v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
     for q in range(np.uint64(first), np.uint64(last)):
@@ -137,29 +151,6 @@ def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped
 
 
 @compiled(fastmath=SUMS)
-def _slope_sums(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
-    """Sums of gradients i inside and o outside, and their products with each other, edge and channel."""
-    columns = space.columns
-    i, o, ai, ao, ei, eo = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    ii, io, oo, iv, ov = 0.0, 0.0, 0.0, 0.0, 0.0
-    for q in range(np.uint64(first), np.uint64(last)):
-        inner, outer = columns[SLOPE_IN, q], columns[SLOPE_OUT, q]
-        inside, line, value = columns[INSIDE, q], columns[LINE, q], values[k, np.uint64(at) + q]
-        i += inner
-        o += outer
-        ai += inside * inner
-        ao += inside * outer
-        ei += line * inner
-        eo += line * outer
-        ii += inner * inner
-        io += inner * outer
-        oo += outer * outer
-        iv += inner * value
-        ov += outer * value
-    return i, o, ai, ao, ei, eo, ii, io, oo, iv, ov
-
-
-@compiled(fastmath=SUMS)
 def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
     """Dot product of column i and row k of values."""
     columns, total = space.columns, 0.0
@@ -169,51 +160,35 @@ def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _fill_channel(raw, mean, k, area, rest, v, av, ev, wv):  # type: ignore[no-untyped-def]
-    """Fill the products with channel k; RIDGE pulls each surface's colour slightly to its pixels' mean."""
-    inside, outside = av / (area + 1e-9), (v - av) / (rest + 1e-9)
-    mean[INSIDE, k], mean[OUTSIDE, k] = inside, outside
-    raw[INSIDE, k], raw[OUTSIDE, k] = av + RIDGE * inside, v - av + RIDGE * outside
-    raw[LINE, k], raw[BLUR, k] = ev, wv
-
-
-@compiled
-def edge_products(space, values, start, first, last, count, g, part):  # type: ignore[no-untyped-def]
-    """Fill space.full[g] and .raw, for `part` channels from g on: two surfaces, line and blur.
+def edge_products(space, values, start, first, last, count, g, part, slopes):  # type: ignore[no-untyped-def]
+    """Fill space.full[g] and .raw, for `part` channels from g on: two surfaces, line, blur and gradients.
 
     Entries first … last - 1 of the columns belong to the values from start + first on; `count` are pixels.
+    Without slopes, the products with the gradients are zero.
     """
     full, raw, mean = space.full, space.raw, space.mean
-    a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv = _edge(space, values, g, start, first, last)
+    a, e, w, aa, ae, aw, ee, ew, ww = _edge(space, first, last)
     full[g, INSIDE, INSIDE], full[g, INSIDE, OUTSIDE] = aa + RIDGE, a - aa
     full[g, INSIDE, LINE], full[g, INSIDE, BLUR] = ae, aw
     full[g, OUTSIDE, OUTSIDE] = count - 2.0 * a + aa + RIDGE
     full[g, OUTSIDE, LINE], full[g, OUTSIDE, BLUR] = e - ae, w - aw
     full[g, LINE, LINE], full[g, LINE, BLUR], full[g, BLUR, BLUR] = ee, ew, ww
-    _fill_channel(raw, mean, g, a, count - a, v, av, ev, wv)
-    for k in range(g + 1, g + part):
-        v, av, ev, wv = _edge_channel(space, values, k, start, first, last)
-        _fill_channel(raw, mean, k, a, count - a, v, av, ev, wv)
-
-
-@compiled
-def slope_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
-    """Fill the products with the gradients: zero if there are none."""
-    full, raw = space.full, space.raw
-    if not slopes:
-        full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = 0.0, 0.0
-        full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = 0.0, 0.0
-        full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = 0.0, 0.0
-        return
-    i, o, ai, ao, ei, eo, ii, io, oo, iv, ov = _slope_sums(space, values, g, start, first, last)
+    i, o, ai, ao, ei, eo, ii, io, oo = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if slopes:
+        i, o, ai, ao, ei, eo, ii, io, oo = _slope_sums(space, first, last)
     full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = ai, ao
     full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = i - ai, o - ao
     full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = ei, eo
     full[g, SLOPE_IN, SLOPE_IN], full[g, SLOPE_IN, SLOPE_OUT], full[g, SLOPE_OUT, SLOPE_OUT] = ii, io, oo
-    raw[SLOPE_IN, g], raw[SLOPE_OUT, g] = iv, ov
-    for k in range(g + 1, g + part):
-        raw[SLOPE_IN, k] = _dot(space, SLOPE_IN, values, k, start, first, last)
-        raw[SLOPE_OUT, k] = _dot(space, SLOPE_OUT, values, k, start, first, last)
+    for k in range(g, g + part):
+        v, av, ev, wv = _channel(space, values, k, start, first, last)
+        if slopes:
+            raw[SLOPE_IN, k] = _dot(space, SLOPE_IN, values, k, start, first, last)
+            raw[SLOPE_OUT, k] = _dot(space, SLOPE_OUT, values, k, start, first, last)
+        # RIDGE pulls each surface's colour slightly to its pixels' mean.
+        mean[INSIDE, k], mean[OUTSIDE, k] = av / (a + 1e-9), (v - av) / (count - a + 1e-9)
+        raw[INSIDE, k], raw[OUTSIDE, k] = av + RIDGE * mean[INSIDE, k], v - av + RIDGE * mean[OUTSIDE, k]
+        raw[LINE, k], raw[BLUR, k] = ev, wv
 
 
 @compiled
