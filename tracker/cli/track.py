@@ -79,6 +79,7 @@ def track(
 
 def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, quiet: bool) -> None:
     from tracker.batch.run import described
+    from tracker.calibration.by_object.health import MOST
     from tracker.calibration.by_object.health import health as measured_health
     from tracker.recordings.track import chosen, rig_for, run
     from tracker.viz.calibration import page
@@ -98,7 +99,7 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
         with tracker.open_log(log, recover=recipe.recover) as opened, bar("film", count, quiet) as progress:
             write_tracked_film(outputs.video, opened, recipe.model, tracked.poses, progress)
     if health is not None:
-        count = min(len(tracked.poses), 200)
+        count = min(len(tracked.poses), MOST)
         with tracker.open_log(log, recover=recipe.recover) as opened, bar("health", count, quiet) as progress:
             about = tracked.poses.about
             finder = tracker.ObjectTracker(recipe.model, about.rig, recipe.colors)
