@@ -364,12 +364,14 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
     pushed.push([None] * 3, np.float64(4.0))
     assert pushed.next(0.0).stamps == (4.0,) * 3
     image = np.zeros((2, 2, 3), np.uint8)
-    pushed.push([None, image, image], [None, 5.0, 6.0])
-    assert pushed.next(0.0).stamps == (6.0, 5.0, 6.0)
-    with pytest.raises(LiveError, match="expected finite numbers of seconds"):
-        pushed.push([None, image, image], [5.0, 6.0, None])
-    with pytest.raises(LiveError, match="found none for any camera, expected one number"):
-        pushed.push([None] * 3, [None] * 3)
+    for without in (None, np.nan):
+        if without is not None or kind is not np.array:
+            pushed.push([None, image, image], kind([without, 5.0, 6.0]))
+            assert pushed.next(0.0).stamps == (6.0, 5.0, 6.0)
+        with pytest.raises(LiveError, match="expected finite numbers of seconds"):
+            pushed.push([None, image, image], [5.0, 6.0, without])
+        with pytest.raises(LiveError, match="found none for any camera, expected one number"):
+            pushed.push([None] * 3, [without] * 3)
     with pytest.raises(LiveError, match="3 images, 2 stamps"):
         pushed.push([None] * 3, kind([1.0, 2.0]))
 

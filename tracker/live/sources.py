@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import os
 import threading
 import time
@@ -200,21 +201,24 @@ class Pushed:
         Args:
             images: one image (H, W, 3) uint8 BGR per camera, None if there is none. They are not copied: do
                 not write to them afterwards.
-            timestamp: when they were taken [s], one for all cameras or one each (None without an image); by
-                default `time.time()`.
+            timestamp: when they were taken [s], one for all cameras or one each (None or NaN without an
+                image); by default `time.time()`.
 
         Raises:
             LiveError: the numbers of images and timestamps differ, there were more or fewer images before, a
                 timestamp is not in seconds, or nobody fetches images any more.
         """
-        stamp = time.time() if timestamp is None else timestamp
+        stamp: Any = time.time() if timestamp is None else timestamp
         check_sequence(images, "images", LiveError)
+        if isinstance(stamp, np.ndarray) and stamp.ndim == 1:
+            stamp = list(stamp)
         if isinstance(stamp, (list, tuple)) and len(stamp) == len(images):
             latest = max((one for one in stamp if is_number(one)), default=None)
-            pairs = zip(stamp, images, strict=True)
-            stamp = [latest if one is None and image is None else one for one, image in pairs]
-            if all(one is None for one in stamp):
+            unstamped = [one is None or (isinstance(one, float) and math.isnan(one)) for one in stamp]
+            if latest is None and all(unstamped):
                 raise LiveError(f"timestamp: {UNSTAMPED}")
+            each = zip(stamp, images, unstamped, strict=True)
+            stamp = [latest if image is None and missing else one for one, image, missing in each]
         given = in_range(seconds(stamp, "timestamp", LiveError), "timestamp", LiveError)
         stamps = given.ravel().tolist() * (1 if given.ndim else len(images))
         taken = ImageSet(tuple(images), tuple(stamps))
