@@ -197,6 +197,7 @@ def _eliminate(camera, share):  # type: ignore[no-untyped-def]
         doubt += offset[i] * held
         for j in range(UNKNOWNS):
             reduced[i, j] = information[i, j]
+        pivot = lower[i, i]
         for k in range(i):
             total = lower[i, k]
             for m in range(k):
@@ -204,11 +205,9 @@ def _eliminate(camera, share):  # type: ignore[no-untyped-def]
             total *= lower[k, k]
             lower[i, k] = total
             force -= total * change[k]
+            pivot -= total**2
             for j in range(UNKNOWNS):
                 reduced[i, j] -= total * reduced[k, j]
-        pivot = lower[i, i]
-        for k in range(i):
-            pivot -= lower[i, k] ** 2
         if not pivot > 0.0:
             return np.inf
         pivots *= pivot
@@ -281,13 +280,12 @@ def solve(solution, cameras, share):  # type: ignore[no-untyped-def]
             doubt += part
     inverse = np.empty(n)
     for i in range(n):
+        pivot, force = known[i, i], vector[i]
         for k in range(i):
             total = known[i, k]
             for m in range(k):
                 total -= lower[i, m] * lower[k, m]
             lower[i, k] = total * inverse[k]
-        pivot, force = known[i, i], vector[i]
-        for k in range(i):
             pivot -= lower[i, k] ** 2
             force -= lower[i, k] * vector[k]
         if not pivot > 0.0:

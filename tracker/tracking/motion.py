@@ -221,17 +221,13 @@ def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def update(position, rotation, measured, old, modes):  # type: ignore[no-untyped-def]
-    """Fill modes with those of `old` after a measurement of covariance `measured` (6, 6).
+def update(position, rotation, noise, old, modes):  # type: ignore[no-untyped-def]
+    """Fill modes with those of `old` after a measurement of covariance `noise` (6, 6).
 
     See equation (24) of docs/how-it-works.md.
     """
     count, best = len(modes), -np.inf
     likelihood, innovation, turned = np.empty(count), np.empty(6), np.empty((3, 3))
-    noise = np.empty((6, 6))
-    for i in range(6):
-        for k in range(6):
-            noise[i, k] = (1.0 - CONSTANT) * measured[i, k]
     for k in range(count):
         modes[k] = old[k]
         for i in range(3):
@@ -313,8 +309,11 @@ class MotionFilter(NamedTuple):
 
     def predicted(self, dt: float) -> MotionFilter:
         """Return the filter predicted over dt [s]."""
-        modes = np.empty_like(self.modes)
-        predict(dt, MOTIONS, self.modes, True, modes)
+        return self._after(dt, self.modes)
+
+    def _after(self, dt: float, old: Array, motions: Motions = MOTIONS, mixed: bool = True) -> MotionFilter:
+        modes = np.empty_like(old)
+        predict(dt, motions, old, mixed, modes)
         return MotionFilter(modes, self.noise)
 
     def unseen(self, dt: float) -> MotionFilter:
@@ -322,15 +321,14 @@ class MotionFilter(NamedTuple):
         slowed, passed = self.modes.copy(), dt / DECAY
         mean = -math.expm1(-passed) / passed
         slowed["velocity"] *= mean
-        modes = np.empty_like(slowed)
-        predict(dt, MOTIONS, slowed, True, modes)
-        modes["velocity"] *= math.exp(-passed) / mean
-        return MotionFilter(modes, self.noise)
+        found = self._after(dt, slowed)
+        found.modes["velocity"] *= math.exp(-passed) / mean
+        return found
 
     def updated(self, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
         """Return the filter updated with a measurement and its covariance (6, 6)."""
         modes = np.empty_like(self.modes)
-        update(position, rotation, noise, self.modes, modes)
+        update(position, rotation, (1 - CONSTANT) * noise, self.modes, modes)
         return MotionFilter(modes, noise)
 
     def forecast(self, dt: float) -> MotionFilter:
@@ -339,11 +337,9 @@ class MotionFilter(NamedTuple):
         Changes of the kind are predicted between images but not here: rare changes would hide what is nearly
         certain.
         """
-        modes = np.empty_like(self.modes)
         # Displaced by a dt²/2, the variance is that of white noise of this strength.
         push = np.sqrt(MOTIONS.push**2 + 0.75 * dt * ACCELERATION**2)
-        predict(dt, MOTIONS._replace(push=push), self.modes, False, modes)
-        return MotionFilter(modes, self.noise)
+        return self._after(dt, self.modes, MOTIONS._replace(push=push), mixed=False)
 
     def kinds(self) -> list[tuple[int, float, MotionState]]:
         """Return (kind, weight, state) of each kind of motion, the likeliest first."""
