@@ -98,8 +98,6 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
 
 def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> list[Any]:
     """Return the given values in the rig's order; ImageError unless there is one (`one`) per camera."""
-    if isinstance(given, (list, tuple)) and len(given) == len(names):
-        return list(given)
     by_name, valid = isinstance(given, Mapping), f"{one} for each camera: {', '.join(names)}"
     ones: Sequence[Any] = _by_camera(what, given, names, ImageError, "None") if by_name else given
     check_sequence(ones, what, ImageError, valid)
