@@ -14,7 +14,7 @@ from tests.helpers import contents
 from tests.helpers.recording_stubs import NoiseTracker, write_log
 from tracker.batch import jobs, results, run, tables
 from tracker.batch.results import output_of
-from tracker.batch.run import Batch, agreed, only_run, read_batch, run_batch
+from tracker.batch.run import Batch, only_run, read_batch, run_batch
 from tracker.batch.workers import engine
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed, whole_file
@@ -324,7 +324,7 @@ def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
 def test_to_look_at_a_recording_takes_no_longer_among_many(tmp_path, monkeypatch):
     log = write_log(tmp_path / "in" / "000", 3)
     recipe = Recipe.of(OPTIONS)
-    agreed(recipe)  # looks at the sources, once
+    _ = recipe.digest  # looks at the sources, once
     entries = []
     for lists in (os.scandir, os.listdir):
         monkeypatch.setattr(os, lists.__name__, lambda path, lists=lists: entries.append(path) or lists(path))

@@ -20,7 +20,7 @@ from tracker.batch import results
 from tracker.batch.workers import Engine
 from tracker.errors import LogError, TrackerError, reason
 from tracker.files import claimed, lock_of, read_bounded, write_whole
-from tracker.recordings.track import Job, Options, Recipe, Tracked, code, fingerprint, run
+from tracker.recordings.track import Job, Options, Recipe, Tracked, fingerprint, run
 from tracker.summaries.remarks import remark_on_recording
 from tracker.summaries.summary import goal_file, row, summary
 
@@ -33,7 +33,7 @@ class Task:
     output: str
     options: Options
     agreed: str
-    """Hash of the code and files that the worker must have: `agreed` in the process that makes the task."""
+    """Digest of the recipe that the worker must have, too: that of the process that makes the task."""
     part: str = ""
     """Description of the part of the recording to track; empty: all of it."""
 
@@ -46,11 +46,6 @@ class Task:
     def job(self) -> Job:
         """The job, with its files loaded; TrackerError if code or files differ from `agreed`."""
         return Job(Path(self.log), Path(self.output), _recipe(self.options, self.agreed))
-
-
-def agreed(recipe: Recipe) -> str:
-    """Return hashes of code and libraries, and of object, colours, calibration and options."""
-    return f"{code()} {recipe.digest}"
 
 
 def track_task(task: Task) -> dict[str, Any]:
@@ -106,7 +101,7 @@ def _write(path: Path, content: dict[str, Any]) -> None:
 @functools.lru_cache(maxsize=2)
 def _recipe(options: Options, expected: str) -> Recipe:
     recipe = Recipe.of(options)
-    if agreed(recipe) != expected:
+    if recipe.digest != expected:
         raise TrackerError(
             f"{options.object}: found another version of the tracker, its libraries, the object, the colours "
             "or the calibration in this worker than where the work is handed out; expected the same"
@@ -147,9 +142,8 @@ class Batch:
     def work(self) -> list[Work]:
         """Return one task per recording; TrackerError if files that the options name cannot be loaded."""
         recipe, root = Recipe.of(self.options), os.path.abspath(self.folder)
-        mark = agreed(recipe)
         outputs = ((log, os.path.join(root, output)) for log, output in self.pairs)
-        return [(Task(log, output, self.options, mark), recipe) for log, output in outputs]
+        return [(Task(log, output, self.options, recipe.digest), recipe) for log, output in outputs]
 
 
 def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tracker.batch import results
-from tracker.batch.run import Batch, Task, Work, agreed
+from tracker.batch.run import Batch, Task, Work
 from tracker.calibration.files.platform import pattern_of, robots_in
 from tracker.checks import optional
 from tracker.conventions import Array
@@ -89,7 +89,7 @@ class Retracking(Batch):
             recipe = dataclasses.replace(recipe_of(name), start=start, stop=stop)
             own = dataclasses.replace(options, pattern=pattern_of(name), start=start, stop=stop)
             output = str(results.output_of_episode(path, episode.number, Path(os.path.abspath(folder))))
-            task = Task(os.path.abspath(path), output, own, agreed(recipe), f"episode {episode.number}")
+            task = Task(os.path.abspath(path), output, own, recipe.digest, f"episode {episode.number}")
             return Planned(episode, name, task, recipe)
 
         paths = results.recordings_of(recordings, folder)

@@ -53,7 +53,7 @@ def track(
     are not replaced without --overwrite. docs/poses.md describes the files.
     """
     from tracker.batch.results import outputs_of
-    from tracker.batch.run import Task, agreed
+    from tracker.batch.run import Task
 
     if len(logs) > 1 and (outputs or health):
         raise click.UsageError(f"found {len(logs)} LOGs, expected one for other files than those of poses")
@@ -72,8 +72,8 @@ def track(
     if len(logs) == 1:
         _track_one(tracker.recordings.Job(logs[0], targets[0], recipe), outputs, health, as_json, quiet)
         return
-    mark = agreed(recipe)
-    tasks = [Task(str(log), str(path), sought, mark) for log, path in zip(logs, targets, strict=True)]
+    pairs = zip(logs, targets, strict=True)
+    tasks = [Task(str(log), str(target), sought, recipe.digest) for log, target in pairs]
     _track_all(tasks, jobs, as_json, quiet)
 
 

@@ -131,11 +131,11 @@ class Recipe(Reading):
 
     @functools.cached_property
     def digest(self) -> str:
-        """Hash of all fields, on which the poses depend."""
+        """Hash of all fields, code and libraries, on which the poses depend."""
         make = self.make_tracker
         name = f"{make.__module__}.{getattr(make, '__qualname__', make)}"
         reading = (self.correct_halved_principal_point, self.resize_calibration, self.recover)
-        digest = hashlib.sha256(repr((*reading, self.start, self.stop, name)).encode())
+        digest = hashlib.sha256(repr((code(), *reading, self.start, self.stop, name)).encode())
         cameras = () if self.rig is None else (*self.rig, self.rig.arena)
         for part in (self.model, self.colors, *cameras):
             for field in dataclasses.fields(part):
@@ -157,7 +157,7 @@ class Job:
 def fingerprint(job: Job) -> str:
     """Return a hexadecimal hash that differs whenever the poses might differ."""
     recipe = job.recipe
-    digest = hashlib.sha256(f"{code()}\0{recipe.digest}\0".encode())
+    digest = hashlib.sha256(recipe.digest.encode())
     digest.update(os.fsencode(os.path.abspath(job.log)))
     files = list(recording_files(job.log))
     if recipe.rig is None:
