@@ -106,13 +106,11 @@ def _told_pattern(board: Board) -> str:
     return f"{board}" if board.legacy else f"{board}, today's pattern"
 
 
-def _part(_: click.Context, option: click.Parameter, value: str | None) -> tuple[int, ...] | None:
+def _part(value: str) -> tuple[int, ...]:
     """Parse width, height, left and top [px] of --crop; UsageError if that fails."""
-    if value is None:
-        return None
     part = re.fullmatch(r"(\d{1,5})x(\d{1,5})\+(\d{1,5})\+(\d{1,5})", value)
     if part is None:
-        raise click.UsageError(f"{option.opts[0]} {value!r}: expected WxH+L+T, e.g. 540x540+88+0")
+        raise click.UsageError(f"--crop {value!r}: expected WxH+L+T, e.g. 540x540+88+0")
     return tuple(int(number) for number in part.groups())
 
 
@@ -124,7 +122,7 @@ class Smaller:
         "WxH+L+T",
         "Write NAME_cropped.yml too, of the photos' part of W×H px that starts at (L, T): on the platform "
         "540x540+88+0.",
-        callback=_part,
+        _part,
     )
     halve: bool = flag(
         "Write NAME_downsampled.yml too, with --crop NAME_cropped_and_downsampled.yml: of halved images, the "
@@ -258,7 +256,7 @@ def extrinsics(
     ),
     pattern: str | None = option("GLOB", "Which files of the folder to take, e.g. '*_full.yml'."),
     center: tuple[float, float] = option(
-        "X,Y", "The board's centre [m].", callback=numbers(2), default="0,0", show_default=True
+        "X,Y", "The board's centre [m].", numbers(2), default="0,0", show_default=True
     ),
     height: float = option(
         "Z", "Height of the board's print [m].", Range(-10, 10), default=0.0, show_default=True

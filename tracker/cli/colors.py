@@ -118,7 +118,7 @@ def adapt(
 def new(
     lesson: Lesson,
     size: tuple[float, float, float] | None = option(
-        "X,Y,Z", "Edge lengths along the object's axes [m].", callback=options.numbers(3)
+        "X,Y,Z", "Edge lengths along the object's axes [m].", options.numbers(3)
     ),
     faces: str | None = option("+X=COLOUR,...", "Colour of each face, e.g. +x=red,-x=magenta,..."),
     known: str | None = option(

@@ -118,19 +118,17 @@ def _name_or_file(name: str, folder: str, suffix: str, text: str, default: str) 
     return option("NAME", text, InFile(str), name=name, required=not default, shell_complete=complete)
 
 
-def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
-    """Return a callback that parses an option of `count` comma-separated numbers, such as X,Y,Z."""
+def numbers(count: int) -> Callable[[str], tuple[float, ...]]:
+    """Return a function that parses `count` comma-separated numbers, such as X,Y,Z: the type of an option."""
 
-    def read(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-        if value is None:
-            return None
+    def read(value: str) -> tuple[float, ...]:
         try:
             found = tuple(map(float, value.split(",")))
         except ValueError:
             found = ()
         if len(found) != count or not all(map(math.isfinite, found)):
             valid = ",".join("XYZ"[:count])
-            raise click.BadParameter(f"found {value!r}, expected {count} numbers, {valid}", ctx, param)
+            raise click.BadParameter(f"found {value!r}, expected {count} numbers, {valid}")
         return found
 
     return read
