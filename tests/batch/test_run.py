@@ -312,8 +312,9 @@ def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
     assert not found.keys() & {"batch.json", "summary.csv", "summary.parquet"}
     assert found.items() <= contents(here.folder).items()
     assert len([name for name in found if name.endswith(".poses.h5")]) == COUNT
-    for each in (0, -1, math.inf):
-        listed.write_text(json.dumps({**content, "each": each}))
+    tampered = {"options": {**content["options"], "make_tracker": "os.system"}}
+    for wrong in ({"each": 0}, {"each": -1}, {"each": math.inf}, tampered):
+        listed.write_text(json.dumps({**content, **wrong}))
         with pytest.raises(LogError, match="found no batch"):
             jobs.do_share(listed, 0)
     listed.write_text(json.dumps({**content, "agreed": "other"}))

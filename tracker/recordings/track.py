@@ -102,8 +102,9 @@ class Options(Reading):
 
     @classmethod
     def of_plain(cls, values: dict[str, Any]) -> Options:
-        """Make options from what `plain` returns."""
-        return cls(**{**values, "calibration": tuple(values.get("calibration", ()))})
+        """Make options from what `plain` returns; TypeError for other fields."""
+        values = {**values, "calibration": tuple(values.get("calibration", ()))}
+        return cls(make_tracker=ObjectTracker, **values)
 
 
 @dataclass(frozen=True, eq=False)
