@@ -108,7 +108,7 @@ def adapt(
         if idle >= PATIENCE and gate == GATES[-1]:
             break
     for one in footage:
-        few = [one.held_out[k] for k in evenly(len(one.held_out), SAMPLE)]
+        few = evenly(one.held_out, SAMPLE)
         if another := another_shown(ObjectTracker(model, one.rig, best.colors), few):
             raise NotBetterError(f"{start.name}: refused: {another}")
     if best.after is before and (fault or not first):

@@ -44,7 +44,7 @@ def frames_of(log: Log, rig: CameraRig, count: int, before: int = 0) -> Frames:
 
     before: number of frames already taken from other recordings, with which these alternate.
     """
-    frames = [frame.images for frame in picked(log, evenly(len(log), count))]
+    frames = [frame.images for frame in picked(log, evenly(range(len(log)), count))]
     frames = [images for images in frames if any(image is not None for image in images)]
     first = before % 2
     return Frames(rig, tuple(frames[first::2]), tuple(frames[1 - first :: 2]))

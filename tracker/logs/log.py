@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import overload
+from typing import TypeVar, overload
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.geometry.camera import check_name
 from tracker.logs.frame import LogFrame, StampOrder, with_stamps
+
+Item = TypeVar("Item")
 
 
 def default_names(count: int) -> tuple[str, ...]:
@@ -46,10 +48,10 @@ Settings = Mapping[str, str | int | float | bool]
 """Camera settings such as exposure, gain and white balance, by the manufacturer's names."""
 
 
-def evenly(count: int, most: int) -> list[int]:
-    """Return up to `most` of the numbers 0 … count - 1, evenly spaced."""
-    chosen = np.linspace(0, count - 1, min(most, count)).round().astype(int)
-    return [int(number) for number in np.unique(chosen)]
+def evenly(items: Sequence[Item], most: int) -> list[Item]:
+    """Return up to `most` of the items, evenly spaced."""
+    places = np.linspace(0, len(items) - 1, min(most, len(items)))
+    return [items[round(place)] for place in places.tolist()]
 
 
 class Source(ABC):

@@ -276,10 +276,8 @@ def check(
     tracker = ObjectTracker(model, rig, colors, table_prior=False)
     looks: list[Look] = []
     for one in footage:
-        chosen = list(_still(tracker, one, progress))
-        numbers = [chosen[k] for k in evenly(len(chosen), MOST)]
-        some = [numbers[k] for k in evenly(len(numbers), SAMPLE)]
-        if another := another_shown(tracker, list(one.images(some))):
+        numbers = evenly(list(_still(tracker, one, progress)), MOST)
+        if another := another_shown(tracker, list(one.images(evenly(numbers, SAMPLE)))):
             raise CalibrationError(another)
         for images in one.images(numbers):
             fit = tracker.fit(images)

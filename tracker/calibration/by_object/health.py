@@ -161,7 +161,7 @@ def health(
 
     LogError: the recording is damaged; ImageError: an image does not suit the tracker's cameras.
     """
-    rows = evenly(len(poses), MOST)
+    rows = evenly(range(len(poses)), MOST)
     count, rig, filtered = len(tracker.rig), tracker.rig, poses.filtered
     values = {key: np.full((len(rows), count), np.nan) for key in QUANTITIES}
     height = np.full(len(rows), np.nan)

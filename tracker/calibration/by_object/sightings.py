@@ -123,8 +123,7 @@ def all_sightings(
             seen.append(Sighting(one, shot.number, pose.position, pose.rotation, velocity, skew, begins))
             begins = False
             progress(1)
-    shown = [(one.footage, one.number) for one in seen] or every
-    some = [shown[k] for k in evenly(len(shown), SAMPLE)]
+    some = evenly([(one.footage, one.number) for one in seen] or every, SAMPLE)
     if another := another_shown(tracker, [next(one.images([number])) for one, number in some]):
         raise CalibrationError(another)
     return seen
@@ -198,4 +197,4 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
             f"{np.degrees(turn):.0f}° (expected {np.degrees(TURNED):.0f}): move and turn it all over the "
             f"arena{_FAR_OFF}"
         )
-    return [chosen[k] for k in evenly(len(chosen), most)]
+    return evenly(chosen, most)
