@@ -18,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, QUANTITIES, sample
+from tracker.calibration.by_object.health import QUANTITIES, sample
 from tracker.checks import naming
 from tracker.errors import LiveError
 from tracker.live.camera_check import MOST_MISSING, MOST_SKEW
@@ -40,8 +40,8 @@ PERCENTILES = (50, 90, 99, 100)
 LIMITS = {
     "missing": (0.0, 100 * MOST_MISSING),
     "skew": (0.0, 1e3 * MOST_SKEW),
-    "level": LEVELS,
-    "clipped": (0.0, 100 * MOST_CLIPPED),
+    "level": QUANTITIES["brightness"].limits,
+    "clipped": QUANTITIES["clipping"].limits,
     "blur": (0.0, MOST_BLUR),
     **{key: QUANTITIES[key].limits for key in ("residual", "disagreement")},
 }

@@ -232,14 +232,15 @@ class PictureLook(NamedTuple):
     @classmethod
     def of(cls, image: Image) -> PictureLook:
         """Measure an image (H, W, 3); takes a few milliseconds."""
-        return cls(health.brightness(image), 100 * health.clipped_share(image), photo_blur(grey(image)))
+        return cls(health.brightness(image), health.clipped_share(image), photo_blur(grey(image)))
 
     def faults(self) -> list[str]:
         """Return the faults with possible remedies."""
         found = []
-        if self.level < health.LEVELS[0]:
+        dark, bright = health.QUANTITIES["brightness"].limits
+        if self.level < dark:
             found.append(f"dark, median grey level {self.level:.0f}: expose longer; is the lens covered?")
-        if self.level > health.LEVELS[1] or self.clipped > 100 * health.MOST_CLIPPED:
+        if self.level > bright or self.clipped > health.QUANTITIES["clipping"].limits[1]:
             found.append(
                 f"over-exposed, median grey level {self.level:.0f}, {self.clipped:.0f} % of its pixels are "
                 "clipped: expose less"

@@ -32,12 +32,6 @@ from tracker.poses.poses import Poses
 from tracker.segmentation.light import CLIPPED, find_light
 from tracker.tracking.cameras import slow
 
-LEVELS = (30.0, 200.0)
-"""Range of brightness of a good image; recordings of the platform have 80 to 125."""
-
-MOST_CLIPPED = 0.15
-"""Largest share of clipped pixels in a good image; recordings of the platform have 0 to 0.06."""
-
 
 def brightness(image: Image) -> float:
     """Return the median grey level of an image (H, W, 3); lamps or dark fingers in view hardly affect it."""
@@ -45,8 +39,8 @@ def brightness(image: Image) -> float:
 
 
 def clipped_share(image: Image) -> float:
-    """Return the share of pixels of an image (H, W, 3) in which a channel is clipped."""
-    return float((image.max(axis=2) >= CLIPPED).mean())
+    """Return the share of pixels of an image (H, W, 3) in which a channel is clipped [%]."""
+    return 100.0 * float((image.max(axis=2) >= CLIPPED).mean())
 
 
 MOST = 200
@@ -80,11 +74,10 @@ QUANTITIES: Mapping[str, Quantity] = {
         (0.0, 1e3 * LIMIT), "tracker calibrate check names the camera that moved",
     ),
     "brightness": Quantity(
-        "Brightness of the picture, median grey level", "levels", LEVELS, "exposure, the lights of the arena"
+        "Brightness of the picture, median grey level", "levels", (30.0, 200.0),
+        "exposure, the lights of the arena",
     ),
-    "clipping": Quantity(
-        "Clipped pixels", "%", (0.0, 100.0 * MOST_CLIPPED), "exposure, reflections, a lamp in view"
-    ),
+    "clipping": Quantity("Clipped pixels", "%", (0.0, 15.0), "exposure, reflections, a lamp in view"),
     "blur": Quantity(
         "Sharpness: blur of the object's edges", "% of the picture's width", (0.0, 0.7),
         "focus, a dirty lens, exposure time where the object moves",
@@ -94,7 +87,10 @@ QUANTITIES: Mapping[str, Quantity] = {
         "the white balance is set at every start: start again with a grey scene in view",
     ),
 }  # fmt: skip
-"""Quantities measured for each camera, by key; docs/health.md explains the limits."""
+"""Quantities measured for each camera, by key; docs/health.md explains the limits.
+
+Recordings of the platform have a brightness of 80 to 125 and a clipping of 0 to 6 %.
+"""
 
 HEIGHT = Quantity(
     "Table: lowest point of the object at rest, over the arena's table", "mm", (-3.0, 3.0),
@@ -236,7 +232,7 @@ def of_pictures(images: Sequence[Image | None]) -> dict[str, FloatArray]:
         if image is not None:
             light = find_light(image)
             values["brightness"][c] = brightness(image)
-            values["clipping"][c] = 100.0 * clipped_share(image)
+            values["clipping"][c] = clipped_share(image)
             if light.share > 0.0:
                 values["white balance"][c] = 100.0 * (light.gains[0] / light.gains[2] - 1.0)
     return values
