@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import opencv_pixels
-from tests.viz.conftest import black
+from tests.viz.test_overlays import black
 from tracker.calibration.rig import CameraRig
 from tracker.tasks import rearrange_dice as dice
 from tracker.viz import dice_overlay, goal_picture

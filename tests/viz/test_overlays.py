@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from tests.helpers import make_camera, opencv_pixels
-from tests.viz.conftest import black
 from tracker.calibration.rig import CameraRig
 from tracker.geometry import cuboid, so3
 from tracker.objects.labels import DISPLAY_COLORS_BGR
@@ -18,6 +17,11 @@ MODEL = load_object("cube_v2")
 POSITION = np.array([0.03, -0.02, 0.06])
 ROTATION = so3.exp([-1.5, -0.3, 0.9])  # shows every camera three faces, none of them edge-on
 GAP = 6
+
+
+def black(rig: CameraRig) -> list[np.ndarray]:
+    """An image for each camera."""
+    return [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in rig]
 
 
 def found(position=POSITION, rotation=ROTATION) -> Observation:

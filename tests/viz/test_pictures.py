@@ -11,8 +11,7 @@ import pytest
 
 from tests.helpers import make_rig
 from tests.helpers.pose_logs import random_poses
-from tests.viz.conftest import black
-from tests.viz.test_overlays import MODEL, found
+from tests.viz.test_overlays import MODEL, black, found
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TaskError, TrackerError
 from tracker.tasks import rearrange_dice as dice
