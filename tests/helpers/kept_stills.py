@@ -3,6 +3,7 @@
 For tests of what is found in pictures; those of the renderer draw their own.
 """
 
+import dataclasses
 import functools
 import hashlib
 import io
@@ -37,7 +38,8 @@ def take(
     scene: PlatformScene, cameras: Sequence[Camera], sensor: Sensor, rng: np.random.Generator, **more: object
 ) -> Still:
     """As `synthetic.stills.take`, and `rng` is left as that leaves it."""
-    asked = pickle.dumps((scene, tuple(cameras), sensor, rng.bit_generator.state, sorted(more.items())))
+    fresh = tuple(map(dataclasses.replace, cameras))  # without values that others have cached in them
+    asked = pickle.dumps((scene, fresh, sensor, rng.bit_generator.state, sorted(more.items())))
     path = _folder() / f"{hashlib.sha256(asked).hexdigest()[:32]}.npz"
     if (kept := _read(path, scene, rng)) is not None:
         return kept
