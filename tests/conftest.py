@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from synthetic.camera.rigs import default_cameras
-from tests.helpers import ROOT, make_camera
+from tests.helpers import RIG, ROOT, make_camera
 from tests.helpers.command import Run
 from tests.helpers.needs import (  # noqa: F401
     lack,
@@ -61,7 +60,7 @@ def real() -> Path:
 @pytest.fixture(scope="session")
 def rig() -> CameraRig:
     """Three cameras like the platform's, 270×270, whose calibration is exact."""
-    return CameraRig(default_cameras())
+    return RIG
 
 
 @pytest.fixture

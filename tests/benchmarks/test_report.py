@@ -15,9 +15,8 @@ from benchmarks.report import documents, worst
 from benchmarks.report.documents import document
 from benchmarks.report.plots import write_plots
 from benchmarks.score.tables import BY_NAME, TABLES
-from synthetic.camera.rigs import default_cameras
 from tests.benchmarks.made_up import ABOUT, OBJECTS, answer, film, results
-from tests.helpers import opencv_pixels
+from tests.helpers import RIG, opencv_pixels
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
 
@@ -66,11 +65,10 @@ def test_false_finds_are_worse_than_wrong_poses_than_misses_than_right_poses():
 
 @pytest.fixture
 def shown(rng) -> worst.Shown:
-    rig = tracker.CameraRig(default_cameras())
     images = [rng.integers(0, 255, (270, 270, 3), dtype=np.uint8), None, np.zeros((270, 270, 3), np.uint8)]
     turn = so3.quaternion_from_matrix(so3.exp([0.1, 0.2, 0.3]))
     truth = tracker.PoseEstimate(np.array([0.02, 0.01, 0.04]), turn, np.eye(6), 1.0)
-    return worst.Shown(images, rig, tracker.load_object("cube_v2"), None, truth)
+    return worst.Shown(images, RIG, tracker.load_object("cube_v2"), None, truth)
 
 
 def test_one_page_holds_the_worst_answers_of_each_object(shown, tmp_path):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
+from tests.helpers import RIG
 from tests.helpers.command import assert_refused
 from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import random_poses
@@ -289,7 +289,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_hdf5(root / "log.h5", make_content(1))
     (root / "empty.dat").write_bytes(struct.pack("<IQ", 1, 0))
     write_picture(root / "imgs" / "camera60" / "000000.png", np.zeros((24, 28, 3), np.uint8))
-    tracker.CameraRig(default_cameras()).save(root / "other")
+    RIG.save(root / "other")
     write_poses(root / "poses.h5", random_poses(np.random.default_rng(20240607), 20))
     own = run(make_job(job, root / "own.h5")).poses
     write_poses(root / "other.h5", dataclasses.replace(own, timestamp=own.timestamp + 1.0))

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import tracker
+from tests.helpers import RIG
 from tests.helpers.command import assert_one_line_error, well
-from tests.helpers.dice_scenes import EDGE, RIG, painted
+from tests.helpers.dice_scenes import EDGE, painted
 from tracker.calibration.rig import CameraRig
 from tracker.cli.demo import DATA as DEMO
 from tracker.cli.stills import of_cameras

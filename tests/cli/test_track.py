@@ -18,10 +18,9 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_health import film  # noqa: F401
-from tests.helpers import ROOT, contents
+from tests.helpers import RIG, ROOT, contents
 from tests.helpers.command import assert_one_line_error, assert_refused, begin, until, well
 from tests.helpers.kept_stills import take
 from tests.helpers.log_writers import write_picture
@@ -43,19 +42,19 @@ def filmed(tmp_path_factory):
     """A folder of images of a moving cube with a calibration beside them, and the truth in truth.npy."""
     root = tmp_path_factory.mktemp("filmed")
     folder = root / "film"
-    model, rig = tracker.load_object("cube_v2"), tracker.CameraRig(default_cameras())
-    rig.save(root)
+    model = tracker.load_object("cube_v2")
+    RIG.save(root)
     rng = np.random.default_rng(5)
     start, rotation = np.array([-0.01, 0.02, model.size[2] / 2]), so3.exp([0.0, 0.0, rng.uniform(0, 6)])
     truth = [start + 0.1 * k * np.array([0.05, 0.02, 0.0]) for k in range(FRAMES)]
     for k, position in enumerate(truth):
         turned = so3.exp([0.0, 0.0, 0.02 * k]) @ rotation
         scene = posed_scene(model, (position, turned), np.random.default_rng(6))
-        images = take(scene, rig.cameras, Sensor.realistic(), rng).images
-        for name, image in zip(rig.names, images, strict=True):
+        images = take(scene, RIG.cameras, Sensor.realistic(), rng).images
+        for name, image in zip(RIG.names, images, strict=True):
             write_picture(folder / name / f"{k:06d}.png", image)
     np.save(root / "truth.npy", truth)
-    tracker.ObjectTracker(model, rig).detect(images)  # compiles, which processes would tell on stderr
+    tracker.ObjectTracker(model, RIG).detect(images)  # compiles, which processes would tell on stderr
     return folder
 
 

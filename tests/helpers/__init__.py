@@ -11,12 +11,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from synthetic.camera.rigs import default_cameras
 from tracker import Camera, CameraRig, ObjectTracker
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry import so3
 from tracker.pose.views import Sight
 
 ROOT = Path(__file__).resolve().parents[2]
+
+RIG = CameraRig(default_cameras())
+"""Three cameras like the platform's, 270×270, whose calibration is exact."""
 
 
 def run_python(

@@ -5,14 +5,12 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from synthetic.camera.rigs import default_cameras
 from tests.helpers import exposed, opencv_pixels
-from tracker import Camera, CameraRig
+from tracker import Camera
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import cuboid, so3
 
 EDGE = 0.022
-RIG = CameraRig(default_cameras(270))
 
 _FINE = 4
 _SHADES = {4: 1.0, 0: 0.62, 1: 0.52, 2: 0.57, 3: 0.48}

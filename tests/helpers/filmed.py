@@ -5,15 +5,13 @@ from pathlib import Path
 import numpy as np
 
 import tracker
-from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import Sensor
+from tests.helpers import RIG
 from tests.helpers.kept_stills import take
 from tests.helpers.log_writers import write_picture
 from tests.helpers.stills import Still, scene_with_fingers
 from tracker.color_learning.labelled import intersection_over_union
 from tracker.color_learning.lessons import Frames
-
-RIG = sized(standard_rig(), 270)
 
 
 def shots(object_name: str, count: int, seed: int) -> list[Still]:

@@ -6,8 +6,7 @@ import functools
 import numpy as np
 
 from synthetic.camera.sensor import Sensor
-from tests.helpers import misplaced
-from tests.helpers.filmed import RIG
+from tests.helpers import RIG, misplaced
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import Still, posed_scene
 from tracker import CameraRig, load_object

@@ -3,13 +3,12 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
+from tests.helpers import RIG
 from tests.helpers.kept_stills import bare
 from tests.helpers.pushed_cube import bits
 from tracker.errors import ImageError
 
 MODEL = tracker.load_object("cube_v2")
-RIG = tracker.CameraRig(default_cameras(270))
 TRACKER = tracker.ObjectTracker(MODEL, RIG)
 SHAPE = (270, 270)
 

@@ -5,15 +5,14 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
+from tests.helpers import RIG
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import posed_scene
 from tracker import Status
 from tracker.geometry import so3
 
 MODEL = tracker.load_object("cube_v2")
-RIG = tracker.CameraRig(default_cameras())
 PLACE = np.array([-0.03, -0.05, 0.0325])
 LIGHTS = (1000, 1001, 1002)
 """Seeds of colours, light and noise."""

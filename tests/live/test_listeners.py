@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT
-from tests.helpers.filmed import RIG
+from tests.helpers import RIG, ROOT
 from tests.helpers.moments import estimate, moment
 from tests.helpers.reading import change, put
 from tests.viz.test_rerun_scene import entities

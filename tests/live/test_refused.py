@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import tracker
-from tests.helpers.filmed import RIG
+from tests.helpers import RIG
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Live, Pushed, Replay
 from tracker.live.cameras import CameraSet

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.filmed import RIG
+from tests.helpers import RIG
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LiveError, LogError
 from tracker.live import Replay, SourceEnded

@@ -3,7 +3,7 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers.filmed import RIG
+from tests.helpers import RIG
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import posed_scene
 from tracker.calibration.by_object.edges import EdgeReader

@@ -9,7 +9,6 @@ from numpy.random import default_rng as rng
 from synthetic.camera import shot
 from synthetic.camera.compression import Compression
 from synthetic.camera.miscalibration import FLOAT, TILT, miscalibrated
-from synthetic.camera.rigs import standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, mosaicked
 from synthetic.camera.units import MOST, PERIOD, Timing, Unit
 from synthetic.frames import FrameMaker, FrameOptions, frames
@@ -17,11 +16,11 @@ from synthetic.render.raster import Layers
 from synthetic.scene import ObjectState
 from synthetic.world.motion import film
 from synthetic.world.platform import Platform
+from tests.helpers import RIG
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig
 from tracker.geometry import so3
 
-RIG = standard_rig().resized(270, 270)
 ONE = CameraRig(RIG.cameras[:1])
 
 

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.helpers import RIG
 from tests.helpers.synthetic_needs import missing, skip_without_platform
 from tracker.errors import TrackerError
 
@@ -9,14 +10,12 @@ if missing():
     skip_without_platform()
 
 from synthetic.camera.lens import Lens
-from synthetic.camera.rigs import sized, standard_rig
 from synthetic.look.appearance import random_lighting, random_look
 from synthetic.render.renderer import render
 from synthetic.silhouettes import FingerMasks
 from synthetic.world.fingers import REST
 from synthetic.world.platform import Platform
 
-RIG = sized(standard_rig(), 270)
 JOINTS = np.concatenate([REST, [0.2, 0.9, -1.7], [0.0, 0.7, -1.9]])
 
 

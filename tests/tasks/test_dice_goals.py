@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers.dice_scenes import RIG
+from tests.helpers import RIG
 from tracker.errors import TaskError
 from tracker.tasks import rearrange_dice as dice
 from tracker.tasks.job_goal import read_job_goal

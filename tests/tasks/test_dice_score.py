@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from tests.helpers import make_camera, opencv_pixels
-from tests.helpers.dice_scenes import RIG
+from tests.helpers import RIG, make_camera, opencv_pixels
 from tracker.calibration.rig import CameraRig
 from tracker.errors import TaskError
 from tracker.geometry import so3

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
+from tests.helpers import RIG, exposed
+from tests.helpers.dice_scenes import EDGE, dice_at, painted
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TaskError
@@ -42,8 +43,7 @@ def test_the_mask_covers_the_dice_with_their_pips_and_nothing_else(view):
 @pytest.mark.parametrize("gains", [(1.2, 1.0, 0.8), (0.8, 0.9, 1.2), (0.6, 0.6, 0.6), (1.3, 1.3, 1.3)])
 def test_light_of_another_colour_or_brightness_hardly_changes_the_mask(view, gains):
     image, truth = view
-    lit = np.clip(np.rint(image * np.array(gains)), 0, 255).astype(np.uint8)
-    assert overlap(segment_dice(lit), truth) > 0.88
+    assert overlap(segment_dice(exposed(image, gains)), truth) > 0.88
 
 
 def test_a_light_finger_before_a_die_is_no_die(view):
@@ -81,8 +81,7 @@ def test_both_resolutions_give_the_same_mask(view):
 
 @pytest.mark.parametrize("level", [0, 90, 255])
 def test_an_image_without_dice_has_an_empty_mask(level, rng):
-    image = np.clip(np.rint(level + rng.normal(0, 3, (270, 270, 3))), 0, 255).astype(np.uint8)
-    assert not segment_dice(image).any()
+    assert not segment_dice(exposed(level + rng.normal(0, 3, (270, 270, 3)))).any()
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
+from tests.helpers import RIG
+from tests.helpers.dice_scenes import EDGE, dice_at, painted
 from tracker.geometry import so3
 from tracker.tasks.rearrange_dice import finder, set_score
 from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import tracker
+from tests.helpers import RIG
 from tests.helpers.command import assert_one_line_error, well
-from tests.helpers.filmed import RIG
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import write_log
 from tracker.calibration.by_object.health import QUANTITIES, Sample

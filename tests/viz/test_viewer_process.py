@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import tracker
-from tests.helpers.filmed import RIG
+from tests.helpers import RIG
 from tests.helpers.needs import lack
 from tracker.pose.result import Observation, Status
 from tracker.viz import rerun_viewer
