@@ -10,11 +10,12 @@ from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.check import check
 from tracker.calibration.by_object.edges import OWN, Contour, seen_motion
 from tracker.calibration.by_object.refine import Unknowns, refine_cameras, relative_covariance, solve
-from tracker.calibration.by_object.sightings import Footage, Shot, Sighting, different, resting
+from tracker.calibration.by_object.sightings import Footage, Shot, Sighting, different, observed, resting
 from tracker.calibration.by_object.table import find_table, moved
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
+from tracker.logs.hdf5_writer import Hdf5LogWriter
 
 TRUE = make_rig()
 RIM = 0.2e-3, 0.3e-3
@@ -241,6 +242,15 @@ def test_rests_bring_the_world_to_the_table():
 
 
 EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
+
+
+def test_a_film_goes_on_where_a_camera_that_leads_by_more_than_a_period_misses_an_image(tmp_path):
+    with Hdf5LogWriter(tmp_path / "log.h5", RIG) as writer:
+        for stamp, first, leading in ((10.0, EMPTY[0], 10.15), (10.1, None, 10.15), (10.2, EMPTY[0], 10.35)):
+            writer.append([first, *EMPTY[1:]], stamp, [leading, stamp, stamp])
+    tracked = tracker.ObjectTracker(MODEL, RIG)
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        assert len(list(observed(tracked, Footage(log)))) == 3
 
 
 @pytest.mark.parametrize(

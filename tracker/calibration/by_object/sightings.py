@@ -27,7 +27,7 @@ class Shot(NamedTuple):
     number: int
     images: Images
     stamps: FloatArray | None
-    """Timestamps (C,) of the images [s]; None for stills, which are unrelated in time."""
+    """Timestamps (C,) for `ObjectTracker.update` [s]; None for stills, which are unrelated in time."""
     begins: bool
     """Whether the shot is unrelated to those before it."""
 
@@ -57,7 +57,7 @@ class Footage:
         alone = {index for index in starts if index + 1 in starts or index + 1 == len(log)}
         for frame in log:
             still = self._stills or frame.index in alone
-            stamps = None if still else frame.camera_timestamps
+            stamps = None if still else frame.stamps
             yield Shot(frame.index, frame.images, stamps, still or frame.index in starts)
 
     def images(self, numbers: Sequence[int]) -> Iterator[Images]:
@@ -119,7 +119,8 @@ def all_sightings(
             if lost or pose is None or pose.confidence < least:
                 continue
             velocity = None if motion is None else motion.velocity
-            skew = 0.0 if shot.stamps is None else float(np.ptp(shot.stamps[np.isfinite(shot.stamps)]))
+            shown = [image is not None for image in shot.images]
+            skew = 0.0 if shot.stamps is None else float(np.ptp(shot.stamps[shown]))
             seen.append(Sighting(one, shot.number, pose.position, pose.rotation, velocity, skew, begins))
             begins = False
             progress(1)
