@@ -146,8 +146,9 @@ class Hdf5LogWriter:
                 raise LogError(f"{where}: found stamps of shape {given.shape}, expected {stamps.shape}")
         # A driver error left the frame empty if it has neither: recorded as zeros.
         if camera_timestamps is None or not (np.isnan(given).all() and unseen.all()):
-            # A lagging camera's next image may be older than this frame: its last timestamp is repeated.
-            likely = np.where(unseen, np.fmin(stamp, self._order.camera_timestamps), stamp)
+            # A camera that lags or leads has other timestamps than the frame: its last one is repeated.
+            last = self._order.camera_timestamps
+            likely = np.where(unseen & ~np.isnan(last), last, stamp)
             stamps = np.where(np.isnan(given), likely, given)
             for value in stamps.tolist():
                 checked_stamp(value, what=where)
