@@ -16,7 +16,7 @@ from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.objects.model import load_object, to_toml
 from tracker.poses.exports import write_bop, write_csv, write_tum
 from tracker.poses.file import write_poses
-from tracker.poses.poses import CSV_HEADER, concatenate
+from tracker.poses.poses import concatenate
 from tracker.recordings import run
 from tracker.tasks import move_object, rearrange_dice
 from tracker.tasks.job_goal import read_job_goal
@@ -96,9 +96,10 @@ def test_parquet_and_data_frames_hold_the_bits_of_the_csv(poses, tmp_path, run_h
     run_here("export", "poses.h5", "--parquet", "a.parquet", "--csv", "a.csv", folder=tmp_path)
     table = pandas.read_parquet(tmp_path / "a.parquet")
     text = pandas.read_csv(tmp_path / "a.csv", float_precision="round_trip", keep_default_na=True)
-    assert list(table.columns) == list(CSV_HEADER)
+    names = list(poses.table())
+    assert list(table.columns) == names
     frame = poses.to_dataframe()
-    for name in CSV_HEADER[3:-1]:
+    for name in names[3:-1]:
         np.testing.assert_array_equal(table[name].to_numpy(), text[name].to_numpy())
         np.testing.assert_array_equal(frame[name].to_numpy(), text[name].to_numpy())
     assert frame.index.tolist() == poses.index.tolist()
@@ -110,8 +111,9 @@ def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
     model = load_object("cube_v2")
     well(run_here("export", "poses.h5", "--csv", "a.csv", "--keypoints", folder=tmp_path))
     table = pandas.read_csv(tmp_path / "a.csv", float_precision="round_trip")
-    assert list(table.columns[: len(CSV_HEADER)]) == list(CSV_HEADER)
-    assert len(table.columns) == len(CSV_HEADER) + 3 * 24
+    names = list(poses.table())
+    assert list(table.columns[: len(names)]) == names
+    assert len(table.columns) == len(names) + 3 * 24
     expected = keypoints(poses.filtered.position, poses.filtered.orientation, model.size)
     found = table[[f"filtered_keypoint{i}_{axis}_m" for i in range(8) for axis in "xyz"]]
     np.testing.assert_allclose(found.to_numpy().reshape(-1, 8, 3), expected, atol=1e-15)

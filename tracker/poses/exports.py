@@ -27,7 +27,7 @@ def write_csv(
     keypoints_of: CuboidModel | None = None,
     more: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write one row per frame under CSV_HEADER, whole or not at all; missing values give empty cells.
+    """Write one row per frame of the `poses.table`, whole or not at all; missing values give empty cells.
 
     keypoints_of: an object whose corners to add as columns. more: further columns (n,) by name, such as those
     of `tracker.logs.RobotState`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -43,13 +43,6 @@ _CELLS = {
     "velocity_covariance": tuple(f"std_{name}" for name in _TWIST),
 }
 """Table columns for each column of poses; covariances give standard deviations."""
-
-CSV_HEADER = (
-    *("frame", "timestamp_s", "status"),
-    *(f"{kind}_{cell}" for kind, one in KINDS.items() for name in one.ROW_SHAPES for cell in _CELLS[name]),
-    "cameras",
-)
-"""Columns of the CSV file with their units, the same for every recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,20 +148,28 @@ class Poses:
         return replace(self, **parts, about=replace(self.about, fingerprint=""))
 
     def table(self, keypoints_of: CuboidModel | None = None) -> dict[str, Array]:
-        """Return columns (n,) with the names of the CSV file: numbers (NaN if missing) and texts.
+        """Return columns (n,): numbers, NaN if missing, and texts. Names are the same for every recording.
 
         keypoints_of: an object whose corners to add as columns, such as `filtered_keypoint0_x_m`.
         """
-        numbers = [cells for kind in KINDS for cells in _cells(self._known(kind))]
+        table: dict[str, Array] = {"frame": self.index, "timestamp_s": self.timestamp, "status": self.status}
+        for kind in KINDS:
+            columns = self._known(kind)
+            for name in columns.ROW_SHAPES:
+                values = getattr(columns, name)
+                if values.ndim == 3:
+                    values = np.sqrt(np.diagonal(values, axis1=1, axis2=2))
+                rows = values.reshape(len(self), len(_CELLS[name]))
+                table |= {f"{kind}_{cell}": rows[:, k] for k, cell in enumerate(_CELLS[name])}
         uses = [CAMERA_SEPARATOR.join(row) if any(row) else "" for row in _cameras(self).tolist()]
-        columns = [self.index, self.timestamp, self.status, *numbers, np.array(uses, dtype=np.str_)]
+        table["cameras"] = np.array(uses, dtype=np.str_)
         corners = {
             f"{kind}_keypoint{i}_{axis}_m": points[:, i, k]
             for kind, points in self.keypoints(keypoints_of).items()
             for i in range(8)
             for k, axis in enumerate("xyz")
         }
-        return {**dict(zip(CSV_HEADER, columns, strict=True)), **corners}
+        return table | corners
 
     def keypoints(self, model: CuboidModel | None) -> dict[Kind, FloatArray]:
         """Return corners (n, 8, 3) [m] of the object for each kind of poses, NaN if missing; {} for None.
@@ -257,15 +258,6 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
 def _cameras(part: Poses) -> Array:
     """Return the uses (n, C) of the cameras' images; empty texts if a part has none."""
     return np.full((len(part), len(part.about.rig)), "") if part.cameras is None else part.cameras
-
-
-def _cells(columns: PoseColumns) -> Iterator[FloatArray]:
-    """Yield the columns (n,) of a table; see _CELLS."""
-    for name in columns.ROW_SHAPES:
-        values = getattr(columns, name)
-        if values.ndim == 3:
-            values = np.sqrt(np.diagonal(values, axis1=1, axis2=2))
-        yield from values.reshape(len(columns), len(_CELLS[name])).T
 
 
 def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
