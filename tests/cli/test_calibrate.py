@@ -10,6 +10,7 @@ import pytest
 
 import tracker
 from tests.calibration.board.test_extrinsics import GIVEN, PLACES, TRUE
+from tests.helpers import nudged
 from tests.helpers.boards import LENS, photo, pose_towards, write_photos
 from tests.helpers.command import assert_refused, well
 from tests.helpers.filmed import RIG, write_recording
@@ -18,7 +19,6 @@ from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.files.platform import Calibrated, read_calibrated, write_calibrated
 from tracker.cli.calibrate import save_object
-from tracker.geometry import so3
 
 CUBE = ("--object", "cube_v2")
 BOARD = ("--squares", "5x7", "--square", "0.04", "--marker", "0.03")
@@ -126,11 +126,8 @@ def pictures(rig, tmp_path_factory):
         for camera, image in zip(rig, bare("cube_v2", rig.cameras, [71, k]).images, strict=True):
             files.append(folder / f"{k}-{camera.name}.png")
             cv2.imwrite(str(files[-1]), image)
-    transform = rig[1].camera_from_world.copy()
-    transform[:3] = so3.exp([0.012, -0.009, 0.0]) @ transform[:3]
-    knocked = dataclasses.replace(rig[1], camera_from_world=transform)
     rig.save(folder / "right")
-    dataclasses.replace(rig, cameras=(rig[0], knocked, rig[2])).save(folder / "wrong")
+    nudged(rig, 1, [0.012, -0.009, 0.0]).save(folder / "wrong")
     return folder, files
 
 

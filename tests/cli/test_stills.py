@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import RIG
+from tests.helpers import RIG, nudged
 from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.dice_scenes import EDGE, painted
 from tracker.calibration.rig import CameraRig
@@ -175,10 +175,7 @@ def test_images_without_colours_are_named(detect, tmp_path):
 
 def test_cameras_that_contradict_each_other_get_a_warning_beside_the_pose(detect, tmp_path):
     rig = tracker.CameraRig.load(DEMO)
-    moved = rig[0].camera_from_world.copy()
-    moved[:3, 3] += [8e-3, 0.0, 0.0]
-    first = dataclasses.replace(rig[0], camera_from_world=moved)
-    tracker.CameraRig((first, *rig.cameras[1:])).save(tmp_path / "moved")
+    nudged(rig, 0, shift=[8e-3, 0.0, 0.0]).save(tmp_path / "moved")
     result, found = detect("--calibration", tmp_path / "moved", *photos(*NAMES))
     assert found["pose"] is not None
     assert "tracker calibrate check" in result.stderr

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from synthetic.camera.rigs import default_cameras
+from synthetic.camera.rigs import default_cameras, looking
 from tracker import Camera, CameraRig, ObjectTracker
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry import so3
@@ -59,12 +59,9 @@ def random_rotations(rng: np.random.Generator, count: int) -> FloatArray:
     return so3.matrix_from_quaternion(rng.normal(size=(count, 4)))
 
 
-def look_at(position: Array, target: Array = (0.0, 0.0, 0.0), up: Array = (0.0, 0.0, 1.0)) -> FloatArray:
+def look_at(position: Array, target: Array = (0.0, 0.0, 0.0)) -> FloatArray:
     """camera_from_world (4, 4) of a camera at `position` (3,) [m] that looks at `target` (3,) [m]."""
-    forward = np.subtract(target, position) / np.linalg.norm(np.subtract(target, position))
-    right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    return so3.transform(rotation, -rotation @ np.asarray(position))
+    return looking(np.asarray(position), target)
 
 
 LENSES = {
@@ -100,6 +97,15 @@ def misplaced(camera: Camera, rng: np.random.Generator, shift: float, turn: floa
     pose[:3, :3] = so3.exp(turn * rng.normal(size=3)) @ pose[:3, :3]
     pose[:3, 3] += shift * rng.normal(size=3)
     return dataclasses.replace(camera, camera_from_world=pose)
+
+
+def nudged(rig: CameraRig, c: int, turn: Array = (0, 0, 0), shift: Array = (0, 0, 0)) -> CameraRig:
+    """The rig with camera c shifted [m], then turned about itself [rad], along its own axes."""
+    cameras, pose = list(rig), rig[c].camera_from_world.copy()
+    pose[:3, 3] += shift
+    pose[:3] = so3.exp(turn) @ pose[:3]
+    cameras[c] = dataclasses.replace(rig[c], camera_from_world=pose)
+    return dataclasses.replace(rig, cameras=tuple(cameras))
 
 
 def make_rig(*size: int) -> CameraRig:

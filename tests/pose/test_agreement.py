@@ -6,9 +6,8 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 import tracker
-from tests.helpers import random_rotations
+from tests.helpers import nudged, random_rotations
 from tests.helpers.kept_stills import bare
-from tracker.geometry import so3
 from tracker.geometry.lens import LENS
 from tracker.pose.agreement import (
     ACROSS,
@@ -133,12 +132,8 @@ def moved(rig, c, shift, turn=(0.0, 0.0, 0.0)):
     """A rig with camera c off by a shift [m] and a turn [rad] in its own frame, which states errors."""
     std = np.full((4, 4), 1e-3)
     std[:3, 3] = 5e-4
-    cameras = [dataclasses.replace(camera, camera_from_world_std=std) for camera in rig]
-    transform = rig[c].camera_from_world.copy()
-    transform[:3, 3] += shift
-    transform[:3] = so3.exp(np.asarray(turn)) @ transform[:3]
-    cameras[c] = dataclasses.replace(cameras[c], camera_from_world=transform)
-    return dataclasses.replace(rig, cameras=tuple(cameras))
+    cameras = (dataclasses.replace(camera, camera_from_world_std=std) for camera in rig)
+    return nudged(dataclasses.replace(rig, cameras=tuple(cameras)), c, turn, shift)
 
 
 def fits(rig, stills, name="cube_v2"):

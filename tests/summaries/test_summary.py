@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import look_at
+from tests.helpers import look_at, nudged
 from tests.helpers.kept_stills import bare
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
@@ -175,10 +175,7 @@ def test_other_channels_and_other_objects_are_named(demo):
 
 def test_a_camera_that_moved_is_no_reason_to_doubt_the_object(demo):
     one, sets = demo
-    turn = np.eye(4)
-    turn[:3, :3] = so3.exp([0.0, np.radians(8.0), 0.0])
-    moved = dataclasses.replace(one.rig[2], camera_from_world=turn @ one.rig[2].camera_from_world)
-    finder = tracker.ObjectTracker("cube_v2", tracker.CameraRig((*one.rig.cameras[:2], moved)))
+    finder = tracker.ObjectTracker("cube_v2", nudged(one.rig, 2, [0.0, np.radians(8.0), 0.0]))
     answers = [finder.detect(images) for images in sets]
     assert min(answer.object_pose.confidence for answer in answers) > 0.9
     found = {remarks.misplaced(finder, *pair) for pair in zip(sets, answers, strict=True)}
