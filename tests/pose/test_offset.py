@@ -6,7 +6,7 @@ from scipy.special import ndtr
 from tests.helpers import BAYER
 from tracker.pose import edge_fit
 from tracker.pose.edge_fit import OFFSET
-from tracker.pose.edge_model import scratch
+from tracker.pose.edge_model import SCRATCH
 from tracker.pose.solution import CAMERA
 from tracker.pose.strips import PIXELS, STRIP, collect
 from tracker.pose.views import PICTURE
@@ -83,7 +83,7 @@ def measure(image, samples, blur=1.0, *, red=NO_MOSAIC, every=1, collected=(1,))
     mask = np.zeros(image.shape[:2], bool)
     for n in collected:
         collect((image, mask), picture, camera, strips, n, pixels)
-    edge_fit.measure(strips, camera, CHANNELS, TABLE, blur, every, pixels, scratch(), out)
+    edge_fit.measure(strips, camera, CHANNELS, TABLE, blur, every, pixels, np.zeros(1, SCRATCH), out)
     return out
 
 

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array
 from tracker.pose.strips import BLOCK, FAR, MAX_PIXELS, SUMS
 
 RIDGE = 0.003
@@ -31,12 +30,6 @@ SCRATCH = np.dtype(
     ]
 )
 """Workspace for one strip's least squares; a record, so that the compiler knows its memory layout."""
-
-
-def scratch() -> Array:
-    """Return a new workspace (1,)."""
-    return np.zeros(1, SCRATCH)
-
 
 _PER_UNIT = 256
 _SPAN = 4.0

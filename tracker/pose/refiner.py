@@ -14,7 +14,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.edge_fit import OFFSET
-from tracker.pose.edge_model import scratch
+from tracker.pose.edge_model import SCRATCH
 from tracker.pose.evidence import NUMBERS, judge
 from tracker.pose.fit import LIKELY, SEEN, Evidence, Fit, Lag, OwnViews, Start
 from tracker.pose.refine import refine
@@ -64,20 +64,7 @@ class Workspace(NamedTuple):
     widths: FloatArray
     """(MAX_STRIPS,)"""
     scratch: Array
-    """(1,) of `edge_fit.SCRATCH`."""
-
-
-def workspace(cameras: int) -> Workspace:
-    """Return a new workspace."""
-    return Workspace(
-        np.zeros((cameras, MAX_STRIPS), STRIP),
-        np.zeros((cameras, MAX_STRIPS), OFFSET),
-        np.empty((cameras, PIXELS)),
-        np.empty((cameras, 3, PIXELS)),
-        np.empty(cameras * MAX_STRIPS),
-        np.empty(MAX_STRIPS),
-        scratch(),
-    )
+    """(1,) of `edge_model.SCRATCH`."""
 
 
 class LocalSpace(threading.local):
@@ -85,7 +72,15 @@ class LocalSpace(threading.local):
 
     def __init__(self, cameras: int) -> None:
         self.cameras = cameras
-        self.work = workspace(cameras)
+        self.work = Workspace(
+            np.zeros((cameras, MAX_STRIPS), STRIP),
+            np.zeros((cameras, MAX_STRIPS), OFFSET),
+            np.empty((cameras, PIXELS)),
+            np.empty((cameras, 3, PIXELS)),
+            np.empty(cameras * MAX_STRIPS),
+            np.empty(MAX_STRIPS),
+            np.zeros(1, SCRATCH),
+        )
 
     def __reduce__(self) -> tuple[type, tuple[int]]:
         # A copy of a tracker, in this process or another, has a workspace of its own.
