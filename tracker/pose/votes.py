@@ -175,7 +175,10 @@ def gather(lenses, labels, pictures, position, radius, stats):  # type: ignore[n
 
 @compiled
 def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
-    """Move a position (3,) [m] in place so that it projects to the centroids of stats (C, 7, 3)."""
+    """Move a position (3,) [m] in place so that it projects to the centroids of stats (C, 7, 3).
+
+    It moves by at most 0.8 radii along each axis.
+    """
     jacobian, matrix = np.empty((2, 3)), np.zeros((3, 3))
     vector, step = np.zeros(3), np.empty(3)
     for i in range(3):
@@ -198,7 +201,7 @@ def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
                 matrix[i, k] += weight * (jacobian[0, i] * jacobian[0, k] + jacobian[1, i] * jacobian[1, k])
     solve_positive(matrix, vector, step)
     for i in range(3):
-        position[i] += step[i]
+        position[i] += min(0.8 * radius, max(-0.8 * radius, step[i]))
 
 
 @compiled
@@ -208,14 +211,10 @@ def next_place(points, votes, lenses, labels, pictures, radius, position):  # ty
     A centred point projects to the centroids of the face-coloured pixels around it.
     """
     best = _take_best(points, votes, 2.0 * SEPARATION * radius, position)
-    stats, before = np.empty((len(pictures), 7, 3)), np.empty(3)
+    stats = np.empty((len(pictures), 7, 3))
     for _ in range(CENTRING_ROUNDS):
         gather(lenses, labels, pictures, position, radius, stats)
-        for i in range(3):
-            before[i] = position[i]
         _toward(lenses, stats, radius, position)
-        for i in range(3):
-            position[i] = before[i] + min(0.8 * radius, max(-0.8 * radius, position[i] - before[i]))
     return best
 
 
