@@ -28,7 +28,7 @@ from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pose.agreement import CONTRADICTION, size, spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
-from tracker.pose.judge import apparent, supporters
+from tracker.pose.judge import apparent, fits, supporters
 from tracker.pose.result import CameraUse, Forecast, Observation, Status
 from tracker.segmentation.color_model import ColorModel
 from tracker.tracking.belief import TrackingOptions, measured
@@ -100,7 +100,7 @@ class ObjectTracker:
             return Observation(None, None, fit, timing, cameras=uses)
         off = size(fit.disagreement)
         wide = spread(off, supporters(fit)) if self._estimator.stated else 0.0
-        pose = measured(fit, spread=wide, size=self.model.size)
+        pose = measured(fit, fits(fit), wide, self.model.size)
         reason = Status.INCONSISTENT_VIEWS if off > CONTRADICTION else None
         return Observation(pose, None, Status.FOUND, timing, reason, after(uses, fit))
 
@@ -195,8 +195,8 @@ def another_shown(tracker: ObjectTracker, sets: Sequence[Sequence[Image | None]]
     size = np.sort(tracker.model.size)
     names = [name for name in object_names() if not np.allclose(np.sort(load_object(name).size), size)]
     trackers = [tracker, *(ObjectTracker(name, tracker.rig, table_prior=False) for name in names)]
-    fits = [[one.fit(images) for one in trackers] for images in sets]
-    sure = [[apparent(fit) if isinstance(fit, Fit) else 0.0 for fit in row] for row in fits]
+    found = [[one.fit(images) for one in trackers] for images in sets]
+    sure = [[apparent(fit) if isinstance(fit, Fit) else 0.0 for fit in row] for row in found]
     own, *theirs = np.mean(sure, axis=0) if sets else [0.0]
     rather = [name for name, mean in zip(names, theirs, strict=bool(sets)) if mean > own + RATHER]
     return f"the images show {' or '.join(rather)} rather than {tracker.model.name}" if rather else ""

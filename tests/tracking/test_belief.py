@@ -10,7 +10,7 @@ from tests.helpers.fits import HOME, made_fit
 from tracker import Status, TrackerError
 from tracker.geometry import so3
 from tracker.objects.box import Box
-from tracker.pose.judge import confidence
+from tracker.pose.judge import confidence, fits
 from tracker.tracking.belief import Belief, TrackingOptions, measured
 
 DT = 0.1
@@ -272,7 +272,7 @@ def test_estimates_are_read_only_and_do_not_change_later(track):
 
 def test_measured_pose_is_that_of_the_fit():
     fit = made_fit(rotation=random_rotations(np.random.default_rng(2), 1)[0])
-    pose = measured(fit)
+    pose = measured(fit, fits(fit), 0.0, 2 * BOX.half)
     np.testing.assert_array_equal(pose.position, fit.position)
     np.testing.assert_allclose(pose.rotation, fit.rotation, atol=1e-12)
     np.testing.assert_array_equal(pose.covariance, fit.covariance)

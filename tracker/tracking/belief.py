@@ -14,7 +14,7 @@ from tracker.errors import TrackerError, shown
 from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.pose.fit import Fit
-from tracker.pose.judge import alone, apparent, fits, nearness, trust
+from tracker.pose.judge import alone, apparent, nearness, trust
 from tracker.pose.result import Forecast, MotionEstimate, MotionKind, PoseEstimate, Status
 from tracker.tracking.motion import KINDS, MotionFilter, MotionState
 
@@ -264,18 +264,9 @@ def widened(covariance: FloatArray, spread: float) -> FloatArray:
     return covariance + spread * _ALONG_POSITION if spread > 0.0 else covariance
 
 
-def measured(
-    fit: Fit, fitting: float | None = None, spread: float = 0.0, size: FloatArray | None = None
-) -> PoseEstimate:
-    """Return a fit as a pose estimate.
-
-    Args:
-        fit: the measurement.
-        fitting: as for `Belief.see`; None: judged by the fit itself.
-        spread: as for `Belief.see`.
-        size: the object's edge lengths (3,) [m].
-    """
-    confidence = (fits(fit) if fitting is None else fitting) * apparent(fit)
+def measured(fit: Fit, fitting: float, spread: float, size: FloatArray) -> PoseEstimate:
+    """Return a fit as a pose estimate; size: edge lengths (3,) [m]; the others are as for `Belief.see`."""
+    confidence = fitting * apparent(fit)
     orientation = so3.quaternion(fit.rotation)
     covariance = widened(fit.covariance, spread)
     return PoseEstimate(fit.position, orientation, covariance, confidence, size=size)
