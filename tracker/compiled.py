@@ -252,12 +252,8 @@ class _Implementation(CompileResultCacheImpl):
     _locator_classes = _PLACES
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
         super().__init__(function)  # type: ignore[no-untyped-call]
-
-    @functools.cached_property
-    def locator(self) -> _Locator:
-        return _Locator(self._locator, self._function)
+        self._locator = _Locator(self._locator, function)
 
 
 class _Cache(FunctionCache):
