@@ -11,14 +11,14 @@ from tracker.objects.box import Box
 from tracker.pose import refine
 from tracker.pose.refine import LIKELY, begin
 from tracker.pose.refiner import Refiner
-from tracker.pose.views import PICTURE, reader_of
+from tracker.pose.views import PICTURE, Reader
 
 MODEL = tracker.load_object("cube_v2")
 
 
 def refiner_of(rig):
     box = Box.of(MODEL)
-    return Refiner(box, rig, reader_of(box, rig, tracker.load_colors("cube_v2")))
+    return Refiner(box, rig, Reader(box, rig, tracker.load_colors("cube_v2")), support=False)
 
 
 @pytest.fixture(scope="module")

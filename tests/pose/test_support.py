@@ -11,7 +11,7 @@ from tracker.pose.solution import ROWS, SOLUTION, UNKNOWNS
 from tracker.pose.support import FLAT, FREE, LEANING, apply_table, contacts_of, reduce_by_table, table_of
 
 HALF = np.array([0.02, 0.0325, 0.05])
-TABLE = table_of(Arena(center=(0.03, -0.02), table=0.01, table_std=(1e-3, 5e-3)))
+TABLE = table_of(Arena(center=(0.03, -0.02), table=0.01, table_std=(1e-3, 5e-3)), support=True)
 
 
 def standing(rng, gap, tilt):

@@ -34,8 +34,7 @@ from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
 from tracker.pose.rivals import lead, shifted_along, turned_about_face
 from tracker.pose.schedule import FIRST, FOLLOWING, FROM_THERE, SCHEDULE, Schedule
-from tracker.pose.support import table_of
-from tracker.pose.views import Hidden, Sight, reader_of
+from tracker.pose.views import Hidden, Reader, Sight
 from tracker.segmentation.color_model import ColorModel
 
 REFINED = 3
@@ -88,9 +87,9 @@ class PoseEstimator:
         self.box, self._radius = box, box.radius
         # Whether any file states deviations; otherwise the calibration counts as exact.
         self.stated = any(map(is_stated, rig.cameras))
-        self.reader = reader_of(box, rig, colors)
+        self.reader = Reader(box, rig, colors)
         self.search = Search(box, rig, self.reader)
-        self.refiner = Refiner(box, rig, self.reader, table_of(rig.arena, support))
+        self.refiner = Refiner(box, rig, self.reader, support)
 
     def find(
         self,

@@ -21,7 +21,7 @@ from tracker.pose.refine import refine
 from tracker.pose.schedule import MEASURING, SCHEDULE, Schedule
 from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNOWNS
 from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
-from tracker.pose.support import NO_TABLE, Table
+from tracker.pose.support import Table, table_of
 from tracker.pose.views import Reader, Sight
 
 SHOWN_RIM_STD = 1e-4
@@ -94,14 +94,14 @@ class Refiner:
         box: the object.
         rig: the cameras.
         reader: what read the images.
-        table: the table that the object may stand on.
+        support: whether the object is expected to rest on the arena's table.
     """
 
-    def __init__(self, box: Box, rig: CameraRig, reader: Reader, table: Table = NO_TABLE) -> None:
+    def __init__(self, box: Box, rig: CameraRig, reader: Reader, support: bool) -> None:
         self._box, self._arena = box, rig.arena
         known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in rig.cameras]))
         colors, lenses = reader.colors.label_table, stack_lenses(rig.cameras)
-        self.model = Model(box.half, box.face_labels, lenses, known, colors, table)
+        self.model = Model(box.half, box.face_labels, lenses, known, colors, table_of(rig.arena, support))
         self.likely = LIKELY._replace(rim=box.rim[0], rim_std=box.rim[1])
         self._maps, self._faces = stack_lenses(reader.label_cameras(rig)), (box.half, box.face_labels)
         self._local, self._still = LocalSpace(len(lenses)), np.zeros((len(lenses), 6))

@@ -53,16 +53,13 @@ class Table(NamedTuple):
     """(3,) of its height [m²] and of its slopes [rad²]."""
 
 
-def table_of(arena: Arena, support: bool = True) -> Table:
+def table_of(arena: Arena, support: bool) -> Table:
     """The table of an arena, if any; support: whether objects are expected to rest on it."""
     height, slope = arena.table_std
     at = -math.inf if arena.table is None else arena.table
     return Table(
         support and math.isfinite(at), np.array(arena.center), at, np.array([height, slope, slope]) ** 2
     )
-
-
-NO_TABLE = table_of(Arena(table=None))
 
 
 @compiled

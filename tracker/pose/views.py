@@ -192,13 +192,13 @@ class Reader:
     """Reads images with one colour model, without memory.
 
     Args:
+        box: the object, whose size decides by how much each camera's images are reduced for label maps.
         rig: the cameras.
         colors: the colour model.
-        factors: by which each camera's images are reduced for label maps.
     """
 
-    def __init__(self, rig: CameraRig, colors: ColorModel, factors: Sequence[int]) -> None:
-        self.colors, self.factors = colors, tuple(factors)
+    def __init__(self, box: Box, rig: CameraRig, colors: ColorModel) -> None:
+        self.colors, self.factors = colors, label_factors(rig.cameras, box, rig.arena)
         small = self.label_cameras(rig)
         self.shape = len(small), max(c.height for c in small), max(c.width for c in small)
 
@@ -272,8 +272,3 @@ def _hide(labels: Array, mask: Array, by: int) -> int:
     lost = int(np.count_nonzero(part[covered]))
     part[covered] = UNKNOWN
     return lost
-
-
-def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> Reader:
-    """Return the reader of a rig's images of an object."""
-    return Reader(rig, colors, label_factors(rig.cameras, box, rig.arena))

@@ -25,8 +25,7 @@ from tracker.pose.refiner import Refiner
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.sizes import FOOT_STD
 from tracker.pose.solve import FLOOR, trust_of
-from tracker.pose.support import table_of
-from tracker.pose.views import Reader, Sight, reader_of
+from tracker.pose.views import Reader, Sight
 from tracker.segmentation.color_model import ColorModel
 
 
@@ -135,8 +134,8 @@ class EdgeReader:
     ) -> None:
         self.model, self.rig, self._colors = model, rig, colors
         box = Box.of(model)
-        self._reader = reader or reader_of(box, rig, colors)
-        self._refiner = Refiner(box, rig, self._reader, table_of(rig.arena, support=False))
+        self._reader = reader or Reader(box, rig, colors)
+        self._refiner = Refiner(box, rig, self._reader, support=False)
 
     def of(self, rig: CameraRig) -> EdgeReader:
         """Return a reader for the same images with another calibration of the cameras."""
