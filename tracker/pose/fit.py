@@ -136,8 +136,6 @@ class Fit:
     """Whether the refinement's last step was negligible."""
     evidence: Evidence = UNHEARD
     """Evidence for and against it; until the label maps are counted, that there is nothing."""
-    iterations: int = 0
-    """Number of refinement steps."""
     end: Start = LIKELY
     """Final values of the unknowns other than the pose."""
     inside: bool = True

@@ -333,7 +333,6 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
             if turn == 0 and not rough:
                 share, stated = sizes(solution, cameras, doubtful, late)
             if not _solved(model, solution, cameras, share, late):
-                solution.steps = len(schedule.blur)
                 return
             own_changes(solution, cameras)
             _move(solution, cameras, radius)
@@ -344,7 +343,6 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
         if solution.converged:
             _weigh(solution, cameras, schedule.tukey[step - 1], scatter, work, seen)
             _solved(model, solution, cameras, stated, late)
-    solution.steps = step
     if not (schedule.moves and marginal(solution)):
         solution.converged = False
     elif model.table.known and late:

@@ -28,7 +28,7 @@ SHOWN_RIM_STD = 1e-4
 """Smallest standard deviation of a rim estimated from images [m]: the rim differs from side to side."""
 
 
-_NUMBERS = SOLUTION[["blur", "rim", "stands", "converged", "steps"]]
+_NUMBERS = SOLUTION[["blur", "rim", "stands", "converged"]]
 
 
 class Model(NamedTuple):
@@ -147,7 +147,7 @@ class Refiner:
         (solution, cameras), start = self.begun(rotation, position, lag), start or self.likely
         pictures = sight.without(*left_out).pictures
         seen, own = self._run(pictures, schedule, start, solution, cameras, len(cameras) if ask else 0)
-        ((blur, rim, stands, converged, steps),) = solution.view(_NUMBERS).tolist()
+        ((blur, rim, stands, converged),) = solution.view(_NUMBERS).tolist()
         rotation, position, covariance = (solution[key][0] for key in ("rotation", "position", "covariance"))
         if converged:
             exponent, width = solution["shared"][0, EXPONENT : RIM + 1].tolist()
@@ -165,7 +165,6 @@ class Refiner:
             seen,
             converged,
             Evidence(body, nothing, ahead, resized),
-            iterations=steps,
             end=start,
             inside=self._arena.holds(position, lowest, std),
             stands=stands,

@@ -73,7 +73,6 @@ SOLUTION = np.dtype(
         ("blur", np.float64),  # median over the images [px at reference size]
         ("stands", np.float64),  # log odds that it stands, over an object that may be anywhere
         ("converged", np.bool_),  # whether the last step was negligible
-        ("steps", np.int64),  # number of steps
     ]
 )
 """The part of the solution that all cameras share."""
