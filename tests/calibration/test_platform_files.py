@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from tests.helpers import LENSES, make_camera
-from tracker.calibration.files.platform import (
+from tracker.calibration.files import (
     MAX_FILE_SIZE,
     Calibrated,
     focal_deviations,

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from tests.helpers import make_camera
-from tracker.calibration.files.platform import Calibrated, write_calibrated
+from tracker.calibration.files import Calibrated, write_calibrated
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 from tracker.geometry.arena import Arena

@@ -17,7 +17,7 @@ from tests.helpers.filmed import RIG, write_recording
 from tests.helpers.kept_stills import bare
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.table import moved
-from tracker.calibration.files.platform import Calibrated, read_calibrated, write_calibrated
+from tracker.calibration.files import Calibrated, read_calibrated, write_calibrated
 from tracker.cli.calibrate import save_object
 
 CUBE = ("--object", "cube_v2")

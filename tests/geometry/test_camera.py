@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.helpers import image_grid, look_at, make_camera, opencv_pixels
-from tracker.calibration.files.platform import read_calibrated
+from tracker.calibration.files import read_calibrated
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 

@@ -18,7 +18,7 @@ from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, writ
 from tracker.batch.run import Batch, run_batch
 from tracker.batch.tables import state
 from tracker.batch.workers import engine
-from tracker.calibration.files.platform import Calibrated, write_calibrated
+from tracker.calibration.files import Calibrated, write_calibrated
 from tracker.errors import LogError, TrackerError
 from tracker.logs import open_log
 from tracker.logs.folder import write_folder

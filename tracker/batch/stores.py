@@ -28,7 +28,7 @@ import numpy as np
 
 from tracker.batch import results
 from tracker.batch.run import Batch, Task, Work
-from tracker.calibration.files.platform import pattern_of, robots_in
+from tracker.calibration.files import pattern_of, robots_in
 from tracker.checks import optional
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError, TrackerError, install

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.calibration.files.platform import rotation_of
+from tracker.calibration.files import rotation_of
 from tracker.checks import naming
 from tracker.errors import LogError
 from tracker.files import hdf5

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.calibration.files.platform import Calibrated, file_name, read_all_calibrated, write_calibrated
+from tracker.calibration.files import Calibrated, file_name, read_all_calibrated, write_calibrated
 from tracker.checks import naming, of_kind, path_of
 from tracker.errors import CalibrationError, shown
 from tracker.files import told_as, write_whole

@@ -95,7 +95,7 @@ def _planned(recordings: tuple[str, ...], output: Path, asked: Options, robot: s
     """Plan the work, by episodes if the recordings are image stores of several robots."""
     from tracker.batch.run import Batch
     from tracker.batch.stores import Retracking, are_stores
-    from tracker.calibration.files.platform import robots_in
+    from tracker.calibration.files import robots_in
 
     one_folder = len(asked.calibration) == 1 and asked.pattern is None
     if one_folder and robots_in(Path(asked.calibration[0])):

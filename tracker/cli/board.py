@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tracker.calibration.board.extrinsics import Photo, Placed
     from tracker.calibration.board.intrinsics import Lens
     from tracker.calibration.board.sighting import BoardView
-    from tracker.calibration.files.platform import Calibrated
+    from tracker.calibration.files import Calibrated
     from tracker.conventions import FloatArray
 
 
@@ -131,7 +131,7 @@ class Smaller:
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
         """Write all files for the cameras and list them; CalibrationError if --crop exceeds the image."""
-        from tracker.calibration.files.platform import write_calibrated
+        from tracker.calibration.files import write_calibrated
 
         files: dict[Path, Calibrated] = {}
         for calibrated, path in cameras:
@@ -279,7 +279,7 @@ def extrinsics(
     the result more accurate.
     """
     from tracker.calibration.board.extrinsics import place_cameras
-    from tracker.calibration.files.platform import file_name, read_all_calibrated
+    from tracker.calibration.files import file_name, read_all_calibrated
 
     lenses = read_all_calibrated(intrinsics, pattern)
     names = [lens.camera.name for lens in lenses]

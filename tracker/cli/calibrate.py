@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tracker.calibration.by_object.refine import Refined
     from tracker.calibration.by_object.sightings import Footage
     from tracker.calibration.by_object.table import FoundTable
-    from tracker.calibration.files.platform import Calibrated
+    from tracker.calibration.files import Calibrated
 
     Opened = tuple[
         tracker.CuboidModel, list[Footage], tracker.CameraRig, tracker.ColorModel, Callable[[int], None]
@@ -98,19 +98,19 @@ class Filmed:
         """Return the files that the cameras of an opened rig were read from, and what they hold."""
         import numpy as np
 
-        from tracker.calibration.files import platform
+        from tracker.calibration import files
         from tracker.logs.opening import calibration_files
 
         paths = [Path(path) for path in self.cameras.calibration]
         if len(paths) == 1 and paths[0].is_dir():
-            paths = platform.calibration_files(paths[0], self.cameras.pattern)
+            paths = files.calibration_files(paths[0], self.cameras.pattern)
         for recording in () if paths else self.inputs:
             with suppress(OSError):  # opening it reports what cannot be read
                 paths += calibration_files(Path(recording))
         found, cameras = {}, {camera.name: camera for camera in rig}
         for path in paths:
             with suppress(TrackerError):
-                one = platform.read_calibrated(path)
+                one = files.read_calibrated(path)
                 # Files of other cameras, or of other parts of the images, may lie beside them.
                 camera = cameras.get(one.camera.name)
                 if camera is None or (one.camera.camera_from_world != camera.camera_from_world).any():
@@ -123,7 +123,7 @@ class Filmed:
 
     def save(self, moved: tracker.CameraRig, rig: tracker.CameraRig, folder: Path) -> None:
         """Write the cameras of an opened rig, moved, with what their files state of their lenses."""
-        from tracker.calibration.files.platform import file_name, write_calibrated
+        from tracker.calibration.files import file_name, write_calibrated
 
         moved.save(folder)
         places = dict(zip(moved.names, moved, strict=True))
@@ -170,7 +170,7 @@ def check(
     The exit code is 1 if the calibration does not fit.
     """
     from tracker.calibration.by_object.check import check as look
-    from tracker.calibration.files.platform import focal_deviations, halved_by_rows
+    from tracker.calibration.files import focal_deviations, halved_by_rows
 
     with filmed.opened() as (model, footage, rig, colors, progress):
         files = filmed.files(rig)

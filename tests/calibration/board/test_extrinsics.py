@@ -10,7 +10,7 @@ from tracker.calibration.board.board import Board
 from tracker.calibration.board.extrinsics import place_cameras
 from tracker.calibration.board.intrinsics import fit_lens
 from tracker.calibration.board.sighting import find_board
-from tracker.calibration.files.platform import Calibrated, read_calibrated
+from tracker.calibration.files import Calibrated, read_calibrated
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 
 from tracker.calibration.board.sighting import MANY_TIMES, BoardView, Optics, rms, without_wrong
 from tracker.calibration.deviations import rotation_slopes
-from tracker.calibration.files.platform import Calibrated
+from tracker.calibration.files import Calibrated
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry import so3

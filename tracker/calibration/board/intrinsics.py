@@ -22,7 +22,7 @@ from tracker.calibration.board.sighting import (
     squares_shown,
     without_wrong,
 )
-from tracker.calibration.files.platform import Calibrated
+from tracker.calibration.files import Calibrated
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera

@@ -1,1 +1,0 @@
-"""Calibration files: the platform's cameras and the arena."""
