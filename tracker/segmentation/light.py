@@ -86,15 +86,21 @@ def unveiled(image: Image) -> Image:
 
 
 @compiled
-def _sample(image, step, points):  # type: ignore[no-untyped-def]
-    """Fill points (5, N): log chroma b/g and r/g, x and y from -1 to 1, level of green; return N."""
+def _sample(image, step, points, clipped):  # type: ignore[no-untyped-def]
+    """Fill points (5, N): log chroma b/g and r/g, x and y from -1 to 1, level of green; return N.
+
+    Clipped greys have no known chromaticity: they are counted by their level of green in clipped (256,).
+    """
     height, width = image.shape[0], image.shape[1]
     count = 0
     for j in range(step // 2, height, step):
         for i in range(step // 2, width, step):
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
-            high = max(b, g, r)
-            if high >= CLIPPED or min(b, g, r) < 6 or high < 12:
+            high, low = max(b, g, r), min(b, g, r)
+            if high >= CLIPPED:
+                clipped[g] += low > 100
+                continue
+            if low < 6 or high < 12:
                 continue
             points[0, count], points[1, count] = _LOG[b] - _LOG[g], _LOG[r] - _LOG[g]
             points[2, count], points[3, count] = 2.0 * i / width - 1.0, 2.0 * j / height - 1.0
@@ -187,8 +193,8 @@ def _fit_plane(points, count, plane, reach, flat):  # type: ignore[no-untyped-de
 @compiled
 def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
     """Fill plane (2, 3) with the log chroma of the scene's greys; return their level of green and share."""
-    plane[:] = 0.0
-    count = _sample(image, step, points)
+    plane[:], levels = 0.0, np.zeros(256, np.int64)
+    count = _sample(image, step, points, levels)
     if count < 50:
         return 0.0, 0.0
     plane[0, 0], plane[1, 0] = _mode(points, count)
@@ -208,19 +214,12 @@ def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
             return 0.0, 0.0
         if turn == 0:
             middle = plane[0, 0], plane[1, 0]
-    levels = np.zeros(256, np.int64)
     for n in range(count):
         x, y = points[2, n], points[3, n]
         du = points[0, n] - plane[0, 0] - plane[0, 1] * x - plane[0, 2] * y
         dv = points[1, n] - plane[1, 0] - plane[1, 1] * x - plane[1, 2] * y
         if abs(du) < 0.15 and abs(dv) < 0.15:
             levels[int(points[4, n])] += 1
-    # Clipped greys have no known chromaticity, but count as bright.
-    for j in range(step // 2, image.shape[0], step):
-        for i in range(step // 2, image.shape[1], step):
-            b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
-            if max(b, g, r) >= CLIPPED and min(b, g, r) > 100:
-                levels[g] += 1
     total, running, level = 0, 0, 0
     for k in range(256):
         total += levels[k]
