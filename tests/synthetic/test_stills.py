@@ -78,6 +78,13 @@ def test_object_covers_what_opencv_projects(width: int, scenes: int) -> None:
     assert np.abs(areas).mean() < 0.001
 
 
+def test_camera_of_twice_the_width_sees_the_same() -> None:
+    points = rng(0).uniform(-0.1, 0.1, (20, 3))
+    for small, large in zip(CAMERAS, default_cameras(540), strict=True):
+        expected = 2 * opencv_pixels(small, points) + 0.5
+        np.testing.assert_allclose(opencv_pixels(large, points), expected, atol=1e-9)
+
+
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_faces_lie_on_their_axes(model: CuboidModel) -> None:
     camera, position = CAMERAS[1], np.array([0.01, -0.02, 0.06])
