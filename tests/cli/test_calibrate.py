@@ -10,10 +10,10 @@ import pytest
 
 import tracker
 from tests.calibration.board.test_extrinsics import GIVEN, PLACES, TRUE
-from tests.helpers import nudged
+from tests.helpers import RIG, nudged
 from tests.helpers.boards import LENS, photo, pose_towards, write_photos
 from tests.helpers.command import assert_refused, well
-from tests.helpers.filmed import RIG, write_recording
+from tests.helpers.filmed import write_recording
 from tests.helpers.kept_stills import bare
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.table import moved

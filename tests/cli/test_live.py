@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import tracker
+from tests.helpers import RIG
 from tests.helpers.command import assert_one_line_error, well
-from tests.helpers.filmed import RIG, shots, write_recording
+from tests.helpers.filmed import shots, write_recording
 from tests.helpers.moments import estimate, moment
 from tracker.cli.live_outputs import Lookout, Statistics
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.filmed import RIG, footage_of, overlap, shots
+from tests.helpers import RIG
+from tests.helpers.filmed import footage_of, overlap, shots
 from tracker.color_learning import lessons
 from tracker.color_learning.adapt import adapt, from_names, nearest, refit
 from tracker.color_learning.fit import FitOptions

@@ -22,10 +22,10 @@ from synthetic.cli import commands as synthetic_commands
 from synthetic.export.workers import run_tasks
 from tests.calibration.board.test_extrinsics import PLACES, TRUE
 from tests.docs.samples import COMMANDS, FENCED, INLINE_COMMANDS, PAGES, SAMPLES, blocks
-from tests.helpers import ROOT, robot_stores
+from tests.helpers import RIG, ROOT, robot_stores
 from tests.helpers.boards import photo, pose_towards, write_photos
 from tests.helpers.command import Run
-from tests.helpers.filmed import RIG, write_recording
+from tests.helpers.filmed import write_recording
 from tests.helpers.log_writers import make_content, write_native, write_picture
 from tests.helpers.moving_cube import carried, knocked, rests
 from tests.helpers.pose_logs import random_poses

@@ -5,7 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers.filmed import RIG, shots
+from tests.helpers import RIG
+from tests.helpers.filmed import shots
 from tests.live.test_live import Given
 from tracker.calibration.rig import CameraRig
 from tracker.live import ImageSet

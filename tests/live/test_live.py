@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_rig, run_python
-from tests.helpers.filmed import RIG, shots
+from tests.helpers import RIG, make_rig, run_python
+from tests.helpers.filmed import shots
 from tests.helpers.log_writers import make_content, write_native
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Live, Pushed, SourceEnded

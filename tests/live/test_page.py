@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.filmed import RIG, shots
+from tests.helpers import RIG
+from tests.helpers.filmed import shots
 from tests.helpers.moments import estimate, moment
 from tracker.errors import LiveError
 from tracker.live.web_page import WebPage, WebPageState

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.filmed import RIG, shots
+from tests.helpers import RIG
+from tests.helpers.filmed import shots
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.moments import estimate
 from tests.live.test_live import Given

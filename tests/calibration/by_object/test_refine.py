@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_rig, random_rotations
-from tests.helpers.filmed import RIG, shots
+from tests.helpers import RIG, make_rig, random_rotations
+from tests.helpers.filmed import shots
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.check import check
 from tracker.calibration.by_object.edges import OWN, Contour, seen_motion
