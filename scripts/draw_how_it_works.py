@@ -34,7 +34,7 @@ from tracker.pose.hypotheses import EVERYWHERE, Round
 from tracker.pose.rotations import rank_rotations
 from tracker.pose.solve import residual
 from tracker.pose.views import Sight
-from tracker.pose.votes import gather, vote
+from tracker.pose.votes import gather, view_points, vote
 
 SEED = 6
 """Seed of the scene: that of examples/still.py."""
@@ -99,7 +99,9 @@ def draw_labels(scene: Scene) -> Figure:
 
 def found_positions(scene: Scene) -> list[FloatArray]:
     """Return the candidate positions (3,) [m], best vote first."""
-    return list(scene.estimator.search.positions(scene.sight.labels, scene.sight.pictures, EVERYWHERE.places))
+    positions, sight = scene.estimator.search.positions, scene.sight
+    views = positions.views(sight.labels, sight.pictures)
+    return list(positions(views, sight.labels, sight.pictures, EVERYWHERE.places))
 
 
 def draw_votes(scene: Scene, quick: bool) -> Figure:
@@ -111,8 +113,10 @@ def draw_votes(scene: Scene, quick: bool) -> Figure:
     )
     y, x, z = np.meshgrid(side, side, heights, indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-    votes = np.empty(len(points), np.float32)
-    vote(sight.labels, search.lenses, sight.pictures, search.boxes_at(points), votes)
+    boxes, votes = search.boxes_at(points), np.empty(len(points), np.float32)
+    views = np.empty(boxes.shape, np.float32)
+    view_points(sight.labels, search.lenses, sight.pictures, boxes, views)
+    vote(views, sight.pictures, votes)
     level = votes.reshape(x.shape).max(axis=2)
     level[np.hypot(x, y)[..., 0] >= scene.rig.arena.radius] = np.nan
     figure = Figure(figsize=(10.5, 4.9), layout="constrained")

@@ -43,7 +43,7 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
-KERNELS = 20
+KERNELS = 21
 """Number of machine code files that compilation produces."""
 
 _THRESHOLDS = (100_000, 50, 100)
@@ -204,7 +204,9 @@ def _read() -> None:
 
 def _search() -> None:
     estimator, sight, place = _estimator(), _sight(), (np.eye(3), _POSITION, np.zeros((1, 6)))
-    next(estimator.search.positions(sight.labels, sight.pictures, 1), None)
+    positions = estimator.search.positions
+    views = positions.views(sight.labels, sight.pictures)
+    next(positions(views, sight.labels, sight.pictures, 1), None)
     first = estimator.search.begun(sight, _POSITION, range(1))[0]
     estimator.search.near(sight, [(first.rotation, first.position)])
     estimator.search.window(0, _POSITION)

@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 
 import cv2
 import numpy as np
@@ -71,7 +72,8 @@ def pictures_of(labels):
 def test_search_finds_position_and_rotation(scene):
     cameras, labels, truth = scene
     pictures = pictures_of(labels)
-    positions = list(PositionSearch(cameras, BOX, Arena())(labels, pictures, 3))
+    search = PositionSearch(cameras, BOX, Arena())
+    positions = list(search(search.views(labels, pictures), labels, pictures, 3))
     assert np.linalg.norm(positions[0] - truth.position) < 0.015
     rotations = np.empty((5, 3, 3))
     likely_rotations(stack_lenses(cameras), labels, pictures, FACES, positions[0], rotation_grid(), rotations)
@@ -137,15 +139,17 @@ def test_votes_are_what_the_cameras_show_around_the_points():
         small = [label_camera(camera, factor) for camera, factor in zip(cameras, factors, strict=True)]
         search = PositionSearch(small, BOX, Arena())
         labels = scattered(rng, search.lenses, small)
-        votes = np.empty(len(search.points), np.float32)
-        most = vote(labels, search.lenses, pictures_of(labels), search.boxes, votes)
-        total, seen = 0.0, DOUBT
-        for one, camera in zip(labels, small, strict=True):
-            shares, inside = counted(one, camera, search.points)
-            total, seen = total + np.where(inside, shares.sum(axis=1), 0.0), seen + inside
-        # A pixel on the border of a square is in or out by rounding.
-        assert np.mean(np.abs(votes - total / seen) < 1e-5) > 0.999
-        assert most == votes.max() > 0.5
+        pictures, votes = pictures_of(labels), np.empty(len(search.points), np.float32)
+        views = search.views(labels, pictures)
+        shown = [counted(*pair, search.points) for pair in zip(labels, small, strict=True)]
+        for left_out in (None, *range(count if count > 1 else 0)):
+            pictures["used"] = np.arange(count) != left_out
+            most, total, seen = vote(views, pictures, votes), 0.0, DOUBT
+            for shares, inside in itertools.compress(shown, pictures["used"]):
+                total, seen = total + np.where(inside, shares.sum(axis=1), 0.0), seen + inside
+            # A pixel on the border of a square is in or out by rounding.
+            assert np.mean(np.abs(votes - total / seen) < 1e-5) > 0.999
+            assert most == votes.max() > 0.5
 
 
 def test_points_fill_the_arena_and_nothing_else():

@@ -130,7 +130,8 @@ class Search:
 
     def rounds(self, sight: Sight) -> Callable[[Round], list[Hypothesis]]:
         """Return a function that gives the new hypotheses of a round, best first."""
-        likeliest = self.positions(sight.labels, sight.pictures, EVERYWHERE.places)
+        views = self.positions.views(sight.labels, sight.pictures)
+        likeliest = self.positions(views, sight.labels, sight.pictures, EVERYWHERE.places)
         places, tried = list[FloatArray](), list[int]()
 
         def next_of(wide: Round) -> list[Hypothesis]:
@@ -143,7 +144,7 @@ class Search:
                 tried[k] = max(tried[k], most)
             used = np.flatnonzero(sight.used).tolist() if wide.without else []
             for c in used if len(used) > ENOUGH else ():
-                for place in self.positions(sight.labels, sight.without(c).pictures, 1):
+                for place in self.positions(views, sight.labels, sight.without(c).pictures, 1):
                     found += self.begun(sight, place, range(wide.without), (c,))
             if len(found) <= ALIGNED:
                 return self._aligned(sight, found, REACHES)

@@ -101,27 +101,36 @@ def _shown(integrals, c, box, share):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def]
-    """Fill votes (N,): share of the object seen around a point, over the cameras that view it and DOUBT.
+def view_points(labels, lenses, pictures, boxes, views):  # type: ignore[no-untyped-def]
+    """Fill views (N, C): what each camera shows of an object around a point; -1: the point is out of view.
 
-    This is equation (4) of docs/how-it-works.md.
+    This is V of equation (4) of docs/how-it-works.md.
     labels (C, h, w) of pictures (C,) of PICTURE; boxes (N, C) of BOXES. The tight box centres the vote, the
-    wide one tolerates occlusion. Return the largest vote.
+    wide one tolerates occlusion.
     """
     count, height, width = labels.shape
     integrals = np.empty((count, height // CELL + 1, width // CELL + 1, 2), np.int64)
     _integrate(labels, lenses, pictures, integrals)
+    for p in range(len(views)):
+        for c in range(len(pictures)):
+            at, views[p, c] = boxes[p, c], -1.0
+            if pictures[c].used and at.share > 0.0:
+                wide = _shown(integrals, c, at.wide, at.share)
+                views[p, c] = wide + _shown(integrals, c, at.tight, at.share) if wide > 0.0 else wide
+
+
+@compiled
+def vote(views, pictures, votes):  # type: ignore[no-untyped-def]
+    """Fill votes (N,): the sum of views (N, C) over the number of cameras that view a point and DOUBT.
+
+    Cameras that pictures (C,) of PICTURE leaves out have no vote. Return the largest vote.
+    """
     most = np.float32(0.0)
     for p in range(len(votes)):
         total, number = np.float32(0.0), DOUBT
         for c in range(len(pictures)):
-            at = boxes[p, c]
-            if not pictures[c].used or at.share == 0.0:
-                continue
-            number += 1.0
-            wide = _shown(integrals, c, at.wide, at.share)
-            if wide > 0.0:
-                total += wide + _shown(integrals, c, at.tight, at.share)
+            if pictures[c].used and views[p, c] >= 0.0:
+                total, number = total + views[p, c], number + 1.0
         # A camera that does not view the point does not count, but the more cameras agree, the better.
         votes[p] = total / number
         most = max(most, votes[p])
@@ -253,13 +262,20 @@ class PositionSearch:
         one = [_boxes(camera, points, self.radius, self._area) for camera in self._cameras]
         return np.stack(one, axis=1)
 
-    def __call__(self, labels: Array, pictures: Array, most: int) -> Iterator[FloatArray]:
-        """Up to `most` centred positions (3,) [m], for label maps (C, h, w) of pictures (C,) of PICTURE.
+    def views(self, labels: Array, pictures: Array) -> Array:
+        """Return `view_points` (N, C) of label maps (C, h, w) of pictures (C,) of PICTURE."""
+        views = np.empty(self.boxes.shape, np.float32)
+        view_points(labels, self.lenses, pictures, self.boxes, views)
+        return views
 
+    def __call__(self, views: Array, labels: Array, pictures: Array, most: int) -> Iterator[FloatArray]:
+        """Up to `most` centred positions (3,) [m], from `views` and label maps (C, h, w).
+
+        Cameras that pictures (C,) of PICTURE leaves out do not count.
         Best first; each is computed when it is asked for.
         """
         votes = np.empty(len(self.points), np.float32)
-        least = max(MIN_VOTE, RELATIVE_VOTE * vote(labels, self.lenses, pictures, self.boxes, votes))
+        least = max(MIN_VOTE, RELATIVE_VOTE * vote(views, pictures, votes))
         separation = SEPARATION * self.radius
         found: list[FloatArray] = []
         while len(found) < most:
