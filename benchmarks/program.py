@@ -182,7 +182,7 @@ def report(output: Path) -> None:
 @click.argument("before", type=click.Path(exists=True, path_type=Path))
 @click.argument("after", type=click.Path(exists=True, path_type=Path))
 def compare(before: Path, after: Path) -> None:
-    """Compare two runs of the same pictures, answer by answer: files of results, or their folders."""
+    """Compare two runs on the same images, answer by answer: files of results, or their folders."""
     click.echo(comparison.text(comparison.compare(read_results(before), read_results(after))))
 
 

@@ -100,9 +100,9 @@ def accuracy(run: Run) -> Frames:
 
 
 def recorded(run: Run) -> Frames:
-    """Poses, single cameras and segmentation of recorded pictures."""
+    """Poses, single cameras and segmentation of recorded images."""
     if run.real is None:
-        run.skip("recorded pictures", "there are none")
+        run.skip("recorded images", "there are none")
         return {}
     draws = max(5, run.plan.scenes // 4)
     found = measure_triplets(run.real, draws) | measure_agreement(run.real, run.films)
@@ -120,7 +120,7 @@ def motion(run: Run) -> Frames:
 
 
 def dice(run: Run) -> Frames:
-    """Masks, positions and time of the dice task; the recorded picture where there is one."""
+    """Masks, positions and time of the dice task; the recorded image where there is one."""
     return measure_dice(run.plan, run.real)
 
 

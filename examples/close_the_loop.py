@@ -4,7 +4,7 @@
 
 Three cameras take pictures at 10 Hz, which arrive 90 ms later. The fingers follow, in turn, the true poses,
 poses predicted from the pictures to the moment at which they act (`Live.at`), the newest poses as they come,
-and the true ones late and with the errors of the platform's present tracker. Writes a plot of all, and a film
+and the true ones late and with the errors of the platform's own tracker. Writes a plot of all, and a film
 of what the cameras saw where poses were predicted, of the first episode; prints the rewards, and over several
 episodes what each costs beside the true poses.
 """

@@ -26,7 +26,7 @@ FILMED = 2
 """Every so many sets are in the film."""
 
 ERROR_MM, ERROR_DEGREES, REPEATED = 1.4, 2.0, 0.1
-"""Median errors of the platform's present tracker, and the share of its poses that repeat the one before."""
+"""Median errors of the platform's own tracker, and the share of its poses that repeat the one before."""
 
 _SIGMA = 1.538  # median length of a vector of three normal numbers, in their standard deviation
 
@@ -75,7 +75,7 @@ class Late(Truth):
 
 
 class Predecessor(Late):
-    """Knows the true poses late, with the errors of the platform's present tracker."""
+    """Knows the true poses late, with the errors of the platform's own tracker."""
 
     def __init__(self, platform: Platform, seed: int) -> None:
         super().__init__()

@@ -88,7 +88,7 @@ def draw_labels(scene: Scene) -> Figure:
         axes[0, c].imshow(scene.images[c][..., ::-1])
         labels = scene.sight.labels[c]
         axes[1, c].imshow(TINTS[labels], interpolation="nearest")
-        axes[0, c].set_title(f"{camera.name}: picture, {camera.width} × {camera.height}")
+        axes[0, c].set_title(f"{camera.name}: image, {camera.width} × {camera.height}")
         axes[1, c].set_title(f"labels, {labels.shape[1]} × {labels.shape[0]}")
     for label in range(1, len(COLOR_NAMES)):
         axes[1, 0].scatter([], [], marker="s", s=60, color=TINTS[label], label=COLOR_NAMES[label])
@@ -146,7 +146,7 @@ def draw_votes(scene: Scene, quick: bool) -> Figure:
         0, 0.5,
         f"Full square: a radius ({1e3 * search.radius:.0f} mm)\naround the point; dashed: 0.6 of it.\n\n"
         "V: pixels of each colour in them\nover the number expected of the\nobject, a third at most for\n"
-        "each colour and square; mean of\nthe cameras that see the point.",
+        "each colour and square; summed over\nthe cameras that see the point,\nover their number plus ½.",
         va="center", fontsize=10,
     )  # fmt: skip
     return figure
@@ -352,7 +352,8 @@ def draw_residuals(scene: Scene, before: Edges, after: Edges) -> Figure:
         median = float(np.median(np.abs(left)))
         axes[2].hist(np.clip(left, -1.0, 1.0), bins, color=color, alpha=0.65,
                      label=f"{name}: median size {median:.3f} px")  # fmt: skip
-    axes[2].set(xlabel="residual $r$ [px]", ylabel="strips", title="what is left to explain, of all cameras")
+    axes[2].set(xlabel="residual $r$ [px]; beyond ±1: at ±1", ylabel="strips")
+    axes[2].set_title("what is left to explain, of all cameras")
     axes[2].set_ylim(top=1.3 * axes[2].get_ylim()[1])
     axes[2].legend(fontsize=9, loc="upper left")
     return figure

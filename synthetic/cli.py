@@ -48,12 +48,12 @@ def commands() -> None:
     is_flag=True,
     help="Add the BOP layout (undistorted, millimetres, true cameras) in the folder bop.",
 )
-@click.option("--raw", is_flag=True, help="Pictures are the cameras' RGGB mosaics; of size 540.")
-@click.option("--size", type=click.Choice(["270", "540"]), default="270", help="Height of the pictures [px].")
+@click.option("--raw", is_flag=True, help="Images are the cameras' RGGB mosaics; of size 540.")
+@click.option("--size", type=click.Choice(["270", "540"]), default="270", help="Height of the images [px].")
 @click.option(
     "--calibration",
     default="simulation",
-    metavar="simulation|perturbed|random|r1…r8|FOLDER",
+    metavar="simulation|perturbed|random|r1|r3…r8|FOLDER",
     help="The simulation's cameras, another platform's or a random rig drawn from the seed, a robot's of the "
     "recorded data, or the files of a folder.",
 )

@@ -173,7 +173,7 @@ def test_inverted_transforms_are_pointed_out(pictures, rig, tmp_path, run_here):
     dataclasses.replace(rig, cameras=tuple(back)).save(tmp_path)
     result = run_here("check", *pictures[1][:3], *CUBE, "--calibration", tmp_path)
     assert result.returncode == 2
-    assert "warning: the calibration has the arena in no image or few" in result.stderr
+    assert "warning: the calibration shows the arena in few or no images" in result.stderr
 
 
 def test_a_camera_without_a_first_image_is_scaled_by_its_next(pictures, rig, tmp_path, run_here):

@@ -173,7 +173,7 @@ REFUSED = {
         ("log -o other/camera60.yml --calibration other", "that is an input"),
         ("log -o new", "no suffix"),
         ("log -o ''", "'-o'|found an empty path"),
-        ("'' -o new.h5", "LOG...|found an empty path"),
+        ("'' -o new.h5", "RECORDING...|found an empty path"),
         ("log -o linked.h5", "that is the recording"),
         ("log -o hard.h5", "that is the recording's calibration"),
         ("log -o goal.h5", "that is a file of the recording's folder"),

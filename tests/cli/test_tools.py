@@ -69,7 +69,7 @@ def test_info_tells_that_a_calibration_has_the_arena_out_of_view(tmp_path, run_h
     tracker.CameraRig(tuple(inverse)).save(tmp_path / "log")
     found = json.loads(run_here("info", tmp_path / "log", "--json").stdout)
     assert found["calibration"] == ["camera60", "camera180", "camera300"]
-    assert "the arena in no image" in found["calibration_fault"]
+    assert "the arena in few or no images" in found["calibration_fault"]
 
 
 def test_info_tells_what_is_in_a_file_of_poses(poses, tmp_path, run_here):

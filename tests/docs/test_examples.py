@@ -82,7 +82,7 @@ def test_what_was_tracked_is_plotted_and_not_tracked_again(working, run_script):
     printed = run_script(EXAMPLES / "retrack.py", folder=working).stdout
     assert printed.count("100 % of them sure, 4 tracked now") == 2
     assert run_script(EXAMPLES / "retrack.py", folder=working).stdout.count(", 0 tracked now") == 2
-    (working / "tracker-demo.h5").rename(working / "poses.h5")
+    (working / "tracker-demo.poses.h5").rename(working / "poses.h5")
     run_script(EXAMPLES / "plot_poses.py", folder=working)
     assert (working / "height.png").stat().st_size > 10_000
 

@@ -149,7 +149,7 @@ def export(
     parquet: Path | None = file_option("The table in Parquet.", ".parquet", ".pq"),
     keypoints: bool = flag("Add the object's corners to --csv and --parquet."),
     robot_log: Path | None = option("FILE", "Add the robot's states to --csv and --parquet.", InFile()),
-    log: Path | None = option("LOG", "The recording of the POSES, for the images of --video.", Recording()),
+    log: Path | None = option("RECORDING", "The recording of the POSES, for --video.", Recording()),
     object_name: str | None = options.object_name("that of the POSES"),
     quiet: bool = flag("No progress bar."),
 ) -> None:
@@ -194,7 +194,7 @@ def export(
 @command()
 def convert(
     *,
-    source: Path = argument("LOG", Recording()),
+    source: Path = argument("RECORDING", Recording()),
     output: Path = option(
         "FILE|DIR",
         "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
@@ -251,8 +251,8 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 @command(short_help="Show a recording in time and space.")
 def view(
     *,
-    source: Path = argument("LOG|POSES", Recording()),
-    log: Path | None = option("LOG", "The recording of the POSES, for its images.", Recording()),
+    source: Path = argument("RECORDING|POSES", Recording()),
+    log: Path | None = option("RECORDING", "The recording of the POSES, for its images.", Recording()),
     object_name: str | None = options.object_name("that of the POSES"),
     cameras: options.Cameras,
     output: Path | None = file_option(
@@ -267,7 +267,7 @@ def view(
     """Show a recording and its poses in the viewer Rerun.
 
     Shows cameras, images, poses, uncertainty, status and rig health. POSES is a file that `tracker track`
-    wrote; --log adds the images of its recording. A LOG alone is tracked first, which needs --object.
+    wrote; --log adds the images of its recording. A RECORDING alone is tracked first, which needs --object.
 
     The viewer is Rerun: python3 -m pip install -e '.[rerun]'. `rerun FILE.rrd` opens a file.
     """

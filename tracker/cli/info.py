@@ -20,7 +20,7 @@ _GAP = 1.5  # a time between frames is a gap if it exceeds this multiple of the 
 
 @command()
 def info(
-    source: Path = argument("LOG|POSES", InFile()),
+    source: Path = argument("RECORDING|POSES", InFile()),
     recover: bool = flag("Leave out damaged parts of a recording, and report them."),
     as_json: bool = options.as_json,
 ) -> None:

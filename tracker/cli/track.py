@@ -31,7 +31,7 @@ CONTRADICTED = 0.02
 @command()
 def track(
     *,
-    logs: tuple[Path, ...] = several("LOG", Recording()),
+    logs: tuple[Path, ...] = several("RECORDING", Recording()),
     output: Path = option("FILE|DIR", "File of poses (.h5), or a folder.", AnyPath(), required=True),
     overwrite: bool = flag("Replace poses of another object."),
     asked: options.Asked,
@@ -45,9 +45,9 @@ def track(
 ) -> None:
     """Find an object's pose in every frame of a recording.
 
-    LOG is a camera log of the platform (.dat, .h5), a job's folder, or a folder of images. Its calibration is
-    the one in it or beside it, unless --calibration names another. If you give several LOGs, each gets a file
-    of poses under its own path in the folder of -o.
+    RECORDING is a camera log of the platform (.dat, .h5), a job's folder, or a folder of images. Its
+    calibration is the one in it or beside it, unless --calibration names another. If you give several
+    RECORDINGs, each gets a file of poses under its own path in the folder of -o.
 
     Poses of the same recording, object, calibration and code are not computed again. Poses of another object
     are not replaced without --overwrite. docs/poses.md describes the files.

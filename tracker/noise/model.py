@@ -74,7 +74,7 @@ class NoiseModel:
         """Load a preset by name, or your own model by the path of its TOML file.
 
         `platform` is this tracker with the platform's calibrations, `platform_refined` the same with refined
-        calibrations, `predecessor` the platform's previous tracker.
+        calibrations, `predecessor` the platform's own tracker.
 
         Raises:
             TrackerError: the name is unknown (the message lists the known ones), or the file is missing or

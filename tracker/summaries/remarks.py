@@ -43,8 +43,8 @@ DOUBTFUL = (
 )
 
 OUT_OF_VIEW = (
-    "the calibration has the arena in no image or few, or too small: tf_world_to_camera must be in metres, "
-    "from world to camera, not back, with OpenCV's axes, z forward and y down; arena.toml in that world"
+    "the calibration shows the arena in few or no images, or too small: tf_world_to_camera must be in "
+    "metres, from world to camera, not back, with OpenCV's axes, z forward, y down; arena.toml in that world"
 )
 
 

@@ -74,12 +74,12 @@ QUANTITIES: Mapping[str, Quantity] = {
         (0.0, 1e3 * LIMIT), "tracker calibrate check names the camera that moved",
     ),
     "brightness": Quantity(
-        "Brightness of the picture, median grey level", "levels", (30.0, 200.0),
+        "Brightness of the image, median grey level", "levels", (30.0, 200.0),
         "exposure, the lights of the arena",
     ),
     "clipping": Quantity("Clipped pixels", "%", (0.0, 15.0), "exposure, reflections, a lamp in view"),
     "blur": Quantity(
-        "Sharpness: blur of the object's edges", "% of the picture's width", (0.0, 0.7),
+        "Sharpness: blur of the object's edges", "% of the image's width", (0.0, 0.7),
         "focus, a dirty lens, exposure time where the object moves",
     ),
     "white balance": Quantity(
