@@ -1,11 +1,14 @@
 import contextlib
 import errno
+import io
 import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,6 +39,20 @@ def test_what_is_no_regular_file_is_refused_without_waiting(read, tmp_path):
         read(tmp_path)
     with pytest.raises(FileNotFoundError):
         read(tmp_path / "none")
+
+
+def test_an_interrupt_while_a_file_is_opened_is_not_taken_for_a_fault_of_it(tmp_path, monkeypatch):
+    """The interrupt comes when the file object exists, which is forgotten, and so closed."""
+    (tmp_path / "file").write_bytes(b"12345")
+
+    def interrupted(*given: Any, opened: Callable[..., Any] = io.open, **options: Any) -> None:
+        opened(*given, **options).close()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(io, "open", interrupted)
+    monkeypatch.setattr("tracker.files.open", interrupted, raising=False)
+    with pytest.raises(KeyboardInterrupt):
+        open_regular(tmp_path / "file")
 
 
 def test_files_and_links_to_files_are_read_up_to_their_bound(tmp_path):
