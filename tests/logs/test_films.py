@@ -135,6 +135,19 @@ def test_a_file_says_which_pictures_are_whose(tmp_path, left, right):
     assert {tmp_path / "recording.toml", tmp_path / left.format(2)} < set(files)
 
 
+def test_a_recordings_files_are_those_that_its_patterns_reach_through_links(tmp_path):
+    write_numbers(tmp_path / "elsewhere" / "l", 0, 2)
+    write_numbers(tmp_path / "elsewhere" / "r", 1, 2)
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "data").symlink_to(tmp_path / "elsewhere")
+    stated = tmp_path / "here" / "recording.toml"
+    stated.write_text(PATTERNS.format("data/l/*.png", "data/r/*.png"))
+    images = [tmp_path / "here" / "data" / side / f"00000{k}.png" for side in "lr" for k in range(2)]
+    assert sorted(recording_files(tmp_path / "here")) == sorted([stated, *images])
+    stated.write_text("cameras = 3")
+    assert recording_files(tmp_path / "here") == [stated]
+
+
 def test_films_and_pictures_go_together_and_stamps_may_be_given(tmp_path):
     write_film(tmp_path / "some.mp4", pictures(0, 3))
     write_numbers(tmp_path / "r", 1, 3)

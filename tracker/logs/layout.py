@@ -15,6 +15,7 @@ docs/recordings.md describes both.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
@@ -205,16 +206,29 @@ def check_rate(value: Any, what: str) -> float:
     return float(value)
 
 
-def _of_stated(root: Path, rate: float) -> Layout:
-    """Find the frames of a folder with a RECORDING_FILE."""
-    path = root / RECORDING_FILE
+def _stated(path: Path) -> tuple[dict[str, Any], dict[str, list[tuple[str, Path]]]]:
+    """Return what a RECORDING_FILE states, and the files that fit each camera's pattern."""
     values = read_toml(path, LogError, ("cameras", "rate"))
     patterns = values.get("cameras")
     if not isinstance(patterns, dict) or not 0 < len(patterns) <= MAX_CAMERAS:
         raise LogError(f"{path}: cameras: expected a table of 1 to {MAX_CAMERAS} patterns by cameras' names")
+    return values, {name: _fitting(path, name, pattern) for name, pattern in patterns.items()}
+
+
+def stated_files(root: Path) -> list[Path]:
+    """List the images and films that a folder's RECORDING_FILE names; none if it is invalid."""
+    with contextlib.suppress(LogError):  # opening the recording raises it
+        return [file for fitting in _stated(root / RECORDING_FILE)[1].values() for _, file in fitting]
+    return []
+
+
+def _of_stated(root: Path, rate: float) -> Layout:
+    """Find the frames of a folder with a RECORDING_FILE."""
+    path = root / RECORDING_FILE
+    values, fitting = _stated(path)
     rate = check_rate(values.get("rate", rate), f"{path}: rate")
-    stamps = _stamps(root / STAMPS_FILE, len(patterns))
-    streams = {name: _fitting(path, name, pattern) for name, pattern in patterns.items()}
+    stamps = _stamps(root / STAMPS_FILE, len(fitting))
+    streams = {name: _stream(path, name, files) for name, files in fitting.items()}
     films = {name for name in streams if isinstance(next(iter(streams[name].values())), FilmPicture)}
     texts = [key for name in streams.keys() - films for key in streams[name]]
     if films and (stamps is not None or "rate" in values or (texts and not stamps_of_names(texts))):
@@ -232,8 +246,8 @@ def _of_stated(root: Path, rate: float) -> Layout:
     return dataclasses.replace(layout, stamps=np.where(np.isnan(layout.stamps), np.nan, stamps))
 
 
-def _fitting(path: Path, camera: str, pattern: Any) -> Mapping[str, Picture]:
-    """Return a camera's images by the text in place of the pattern's `*`, or those of its film."""
+def _fitting(path: Path, camera: str, pattern: Any) -> list[tuple[str, Path]]:
+    """List a camera's images or films, each after the text in place of the pattern's `*`."""
     what, given = f"{path}: {camera}", f"{pattern!r:.60}"
     if not isinstance(pattern, str) or not pattern or "\0" in pattern:
         raise LogError(f"{what}: found {given}, expected a pattern such as 'left/*.png'")
@@ -247,9 +261,14 @@ def _fitting(path: Path, camera: str, pattern: Any) -> Mapping[str, Picture]:
         readable = file.suffix.lower() in (*SUFFIXES, *FILM_SUFFIXES) and file.is_file()
         if readable and "/." not in f"/{name}" and (match := shape.fullmatch(name)):
             fitting.append(("_".join(match.groups()), file))
-    found = _by_name(fitting, "moment")
-    if not found:
+    if not fitting:
         raise LogError(f"{what}: found no file that fits {given}, expected images or a film")
+    return fitting
+
+
+def _stream(path: Path, camera: str, fitting: list[tuple[str, Path]]) -> Mapping[str, Picture]:
+    """Return a camera's images by their names, or those of its film."""
+    found = _by_name(fitting, "moment")
     first = next(iter(found.values()))
     if first.suffix.lower() not in FILM_SUFFIXES:
         return {key: found[key] for key in sorted(found, key=_natural)}

@@ -15,7 +15,7 @@ from tracker.files import HDF5_MAGIC, on_error, open_regular, told_of
 from tracker.geometry.camera import Camera
 from tracker.logs.datasets import STORE_FILE, DatasetSource, is_store
 from tracker.logs.folder import TRUTH_FILE, FolderSource
-from tracker.logs.layout import RECORDING_FILE, STAMPS_FILE, check_rate
+from tracker.logs.layout import RECORDING_FILE, STAMPS_FILE, check_rate, stated_files
 from tracker.logs.layout import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.log import Log, Source
 from tracker.logs.native import NativeSource
@@ -65,7 +65,9 @@ def recording_files(path: Path) -> list[Path]:
         folders[:] = sorted(name for name in folders if here and not name.startswith("."))
         files = (Path(folder, name) for name in sorted(names) if not name.startswith("."))
         found += [file for file in files if file.suffix.lower() in suffixes or file.name in descriptions]
-    return found
+    if (path / RECORDING_FILE).is_file():  # its patterns lead through links, too
+        found += stated_files(path)
+    return list(dict.fromkeys(found))
 
 
 def calibration_files(path: Path) -> list[Path]:
