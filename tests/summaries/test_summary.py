@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import look_at, nudged
+from tests.helpers import RIG, look_at, nudged
 from tests.helpers.kept_stills import bare
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
 from tracker.cli.demo import DATA as DEMO
 from tracker.errors import LogError
 from tracker.geometry import so3
+from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.objects.model import load_object
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.poses import Poses
@@ -89,6 +90,22 @@ def test_poses_of_another_recording_are_distinguished_from_its_own(packed, tmp_p
             other = dataclasses.replace(own, **change)
             with pytest.raises(LogError, match=r"poses\.h5: found poses of another recording \(camera_data"):
                 refuse(other)
+
+
+def test_poses_are_a_recordings_own_if_its_last_images_are_older_than_those_before(tmp_path):
+    stamps = [[10.0, 9.75, 10.25], [10.1, 9.85, 10.35], [10.2, 9.95, np.nan]]
+    images = [np.full((270, 270, 3), 110, np.uint8)] * 3
+    with Hdf5LogWriter(tmp_path / "log.h5", RIG) as writer:
+        for row in stamps:
+            given = [None if np.isnan(stamp) else image for image, stamp in zip(images, row, strict=True)]
+            writer.append(given, row[0], row)
+    poses = tracker.track(tmp_path / "log.h5", "cube_v2", rig=RIG).poses
+    assert poses.timestamp[-1] > 10.35
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        summary.refuse_others(tmp_path / "poses.h5", poses, tmp_path / "log.h5", log)
+        later = dataclasses.replace(poses, timestamp=poses.timestamp + 0.2)
+        with pytest.raises(LogError, match="another recording"):
+            summary.refuse_others(tmp_path / "poses.h5", later, tmp_path / "log.h5", log)
 
 
 def test_rewards_last_until_the_next_and_are_held_where_nothing_was_seen():

@@ -117,7 +117,9 @@ def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
     """Raise LogError if numbers and timestamps of first and last frame show poses of another recording."""
     if not len(poses):
         return
-    for row in (0, -1):
+    # A frame whose images are all older than those before has a time of its own.
+    advancing = np.flatnonzero(np.diff(poses.timestamp, prepend=-np.inf) >= SAME)
+    for row in (0, advancing[-1]):
         number = int(poses.index[row])
         stamps = np.array([np.inf])
         if number < len(log):
