@@ -110,6 +110,8 @@ REFUSED = {
         (f"{ONE} {TWO} {THREE} --goal nowhere.json", "nowhere.json|cannot be read"),
         (f"{ONE} {TWO} {THREE} --goal demo/camera60.yml", "camera60.yml|row 1"),
         (f"{ONE} {TWO} {THREE} --masks dice.json", "dice.json"),
+        (f"named/dice_camera60.png {TWO} named/goal_camera300.png --masks named", "that is an input"),
+        ("demo --masks demo", "folder of images"),
         (f"{ONE} {TWO} {THREE} --pattern *.yaml", "*.yaml"),
         (f"{ONE} {TWO} {THREE} --colors x", "--colors"),
     ],
@@ -165,6 +167,7 @@ REFUSED = {
         ("imgs -o new.h5 --plot imgs/camera60/000000.png", "that is the recording"),
         ("imgs -o new.h5 --plot imgs/camera60_overlay.png", "folder of images"),
         ("imgs -o new.h5 --video imgs/camera60.mp4", "folder of images"),
+        ("imgs -o new.h5 --csv imgs/stamps.csv", "folder of images"),
         ("imgs -o imgs/camera_data.h5", "would be read in place of imgs"),
         ("log -o no/new.h5", "there is no folder"),
         ("log -o log/camera60.yml", "that is the recording's calibration"),
@@ -286,6 +289,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for name in pictures.split():
             (root / name).parent.mkdir(exist_ok=True)
             shutil.copy(root / ONE, root / name)
+    (root / "named").mkdir()
+    for name in ("dice_camera60", "goal_camera300"):
+        shutil.copy(root / ONE, root / "named" / f"{name}.png")
     write_hdf5(root / "log.h5", make_content(1))
     (root / "empty.dat").write_bytes(struct.pack("<IQ", 1, 0))
     write_picture(root / "imgs" / "camera60" / "000000.png", np.zeros((24, 28, 3), np.uint8))

@@ -78,13 +78,15 @@ def test_nothing_found_is_an_answer_and_no_error(detect, tmp_path, run_here):
     "given",
     [
         [DEMO, "--frame", "3"],
+        ["folder.png", "--frame", "3"],
         ["--calibration", DEMO, *photos(*sorted(NAMES))],
         ["--calibration", DEMO, "a.jpg", "b.jpg", "c.jpg"],
         [*(f"--calibration={DEMO}/{name}.yml" for name in NAMES[::-1]), "c.jpg", "b.jpg", "a.jpg"],
     ],
-    ids=["a folder's frame", "named in another order", "without names", "in the order of calibrations"],
+    ids=["a folder's frame", "of an image's name", "in another order", "without names", "by calibrations"],
 )
 def test_pictures_are_those_of_their_cameras_however_they_are_given(given, detect, tmp_path):
+    (tmp_path / "folder.png").symlink_to(DEMO)
     for name, letter in zip(NAMES, "abc", strict=True):
         shutil.copy(PHOTOS / f"{name}.jpg", tmp_path / f"{letter}.jpg")
     _, expected = detect("--calibration", DEMO, *photos(*NAMES))

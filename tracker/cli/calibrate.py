@@ -16,8 +16,8 @@ import tracker
 from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
 from tracker.cli.options import command, file_option, flag, option, several
-from tracker.cli.outputs import DRAWN, IMAGES, OutFolder, Recording
-from tracker.cli.stills import NO_IMAGE, read_images
+from tracker.cli.outputs import DRAWN, OutFolder, Recording
+from tracker.cli.stills import NO_IMAGE, is_recording, read_images
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError
 
@@ -66,7 +66,7 @@ class Filmed:
         from tracker.summaries.remarks import OUT_OF_VIEW, in_view
 
         model, colors = self.subject.load()
-        pictures = [path for path in self.inputs if path == NO_IMAGE or Path(path).suffix.lower() in IMAGES]
+        pictures = [path for path in self.inputs if path == NO_IMAGE or not is_recording(path)]
         rig = self.cameras.load() if self.cameras.calibration else None
         footage: list[Footage] = []
         frames = 0

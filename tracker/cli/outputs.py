@@ -176,6 +176,7 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
 def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
     """Refuse outputs that the next run would read as an input folder's recording, or as images of it."""
+    from tracker.logs.layout import STAMPS_FILE
     from tracker.logs.opening import JOB_LOGS
 
     opened = {os.path.realpath(recording): recording for recording in recordings if recording.is_dir()}
@@ -186,7 +187,8 @@ def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]
             raise click.UsageError(
                 f"{name} {path}: would be read in place of {recording}, expected another name"
             )
-        if not folders.isdisjoint(parents) and path.suffix.lower() in (*DRAWN, ".mp4"):
+        read = path.suffix.lower() in (*DRAWN, ".mp4") or path.name == STAMPS_FILE
+        if read and not folders.isdisjoint(parents):
             raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
 
 

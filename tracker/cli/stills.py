@@ -19,7 +19,7 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.options import command, file_option, flag, option, several
-from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording
+from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording, refuse_overwriting
 from tracker.cli.terminal import listing, say, table
 from tracker.errors import ImageError, LogError
 
@@ -33,11 +33,16 @@ _images = several("IMAGE", Recording(str))
 _frame = options.whole("Which frame of a recording or folder.  [default: 0]", least=0)
 
 
+def is_recording(path: str) -> bool:
+    """Whether a path given to a command is that of a recording, not of an image."""
+    return Path(path).suffix.lower() not in IMAGES or Path(path).is_dir()
+
+
 def _one_set(
     images: Sequence[str], cameras: options.Cameras, frame: int | None
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
     """Return the cameras and their images in order; a path alone that is no image is a recording."""
-    if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in IMAGES:
+    if len(images) == 1 and images[0] != NO_IMAGE and is_recording(images[0]):
         path, number = Path(images[0]), frame or 0
         with tracker.open_log(path) as log:
             rig = cameras.rig_of(path, log)
@@ -238,6 +243,10 @@ def dice(
     """
     goal = None if goal_path is None else tracker.tasks.rearrange_dice.read_goal(goal_path)
     rig, pictures = _one_set(images, cameras, frame)
+    if masks is not None:
+        names = (f"{kind}_{name}.png" for kind in ("dice", "goal") for name in rig.names)
+        given = [Path(path) for path in images if path != NO_IMAGE]
+        refuse_overwriting({f"--masks ({name})": masks / name for name in names}, given)
     _evaluate(rig, pictures, goal, exact)  # load compiled code, so that times are those of a running loop
     found, dice_masks, goal_masks, assignment = _evaluate(rig, pictures, goal, exact)
     if masks is not None:
