@@ -82,7 +82,8 @@ def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) ->
         with told_as(ImageError, f"view {target}"), whole_file(target) as temporary:
             temporary.write_bytes(b"")  # raises if it cannot be created; Rerun does not report the reason
             try:
-                stream.save(temporary, default_blueprint=blueprint)
+                stream.save(temporary)  # with a blueprint, it may wait for ever if the disk is full
+                stream.send_blueprint(blueprint, make_active=False)
                 yield
                 stream.flush(timeout_sec=30.0)
             finally:
