@@ -17,14 +17,14 @@ from tracker.geometry.arena import LARGEST, LARGEST_STD
 
 ELSEWHERE = Arena((0.7, -0.4), 0.06, 0.05, 0.25, (0.001, 0.002))
 
-FINITE = st.floats(allow_nan=False, allow_infinity=False)
+PLACES = st.floats(-7e3, 7e3)
 POSITIVE = st.floats(min_value=0.0, max_value=LARGEST, exclude_min=True)
 ARENAS = st.builds(
     Arena,
-    st.tuples(FINITE, FINITE),
+    st.tuples(PLACES, PLACES),
     POSITIVE,
     POSITIVE,
-    st.none() | FINITE,
+    st.none() | PLACES,
     st.tuples(*(st.floats(0.0, most) for most in LARGEST_STD)),
 )
 
@@ -50,6 +50,8 @@ def test_numbers_of_any_kind_become_floats():
         ("height", [0.0, 185.0], "more than 0 and at most 10 metres"),
         ("height", [(0.1,)], "a finite number"),
         ("table", [math.nan, "here"], "a finite number"),
+        ("table", [1e17, -1.1e4], "at most 10000 metres from the world's origin"),
+        ("center", [(1e300, 1e300), (0.0, -1.1e4)], "at most 10000 metres from the world's origin"),
         ("table_std", [(0.01, -0.01)], "standard deviations from 0 to 1 metre and 1.6 rad"),
         ("table_std", [(8.0, 0.02), (0.01, 2.0)], "standard deviations from 0 to 1 metre and 1.6 rad"),
         ("table_std", [(0.01,), (0.01, math.inf), (0.01, False)], "two finite numbers"),

@@ -152,6 +152,13 @@ def test_votes_are_what_the_cameras_show_around_the_points():
             assert most == votes.max() > 0.5
 
 
+def test_small_arenas_have_points_too():
+    for radius in np.linspace(0.001, 0.05, 99):
+        points = PositionSearch(default_cameras(), BOX, Arena(radius=float(radius))).points
+        assert len(points) > 0
+        assert np.hypot(points[:, 0], points[:, 1]).max() <= max(radius, 0.36 * BOX.radius)
+
+
 def test_points_fill_the_arena_and_nothing_else():
     arena = Arena(center=(0.1, -0.2), radius=0.3, height=0.2)
     points = PositionSearch(default_cameras(), BOX, arena).points

@@ -11,6 +11,7 @@ import numpy as np
 from tracker.checks import is_number
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, shown
+from tracker.geometry.camera import FARTHEST
 
 LARGEST = 10.0
 """Largest radius and height [m]: a larger value is probably in millimetres."""
@@ -49,6 +50,10 @@ class Arena:
         for key in ("radius", "height"):
             if not 0 < getattr(self, key) <= LARGEST:
                 raise _error(key, getattr(self, key), f"more than 0 and at most {LARGEST:g} metres")
+        for key, away in (("center", math.hypot(*self.center)), ("table", abs(self.ground))):
+            if away > FARTHEST:
+                valid = f"at most {FARTHEST:g} metres from the world's origin"
+                raise _error(key, getattr(self, key), valid)
         if not all(0 <= std <= most for std, most in zip(self.table_std, LARGEST_STD, strict=True)):
             valid = "standard deviations from 0 to {:g} metre and {:g} rad".format(*LARGEST_STD)
             raise _error("table_std", self.table_std, valid)

@@ -235,7 +235,8 @@ def _grid(arena: Arena, step: float) -> FloatArray:
     side = (np.arange(across) - (across - 1) / 2) * step
     heights = (bottom + top) / 2 + (np.arange(up) - (up - 1) / 2) * step
     x, y, z = np.meshgrid(side, side, heights, indexing="ij")
-    inside = np.hypot(x, y) <= arena.radius
+    # A column more or less wide than the arena always stands inside.
+    inside = np.hypot(x, y) <= max(arena.radius, 0.71 * step)
     return np.stack([x[inside] + arena.center[0], y[inside] + arena.center[1], z[inside]], axis=-1)
 
 
