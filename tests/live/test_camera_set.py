@@ -128,6 +128,24 @@ def test_a_picture_that_fails_is_missing_in_its_set_only():
     bad.open.assert_called_once()
 
 
+@pytest.mark.parametrize(
+    "given", [None, IMAGE.astype(np.uint16), IMAGE / 9, IMAGE[0, 0], IMAGE[:0], IMAGE[..., :2]]
+)
+def test_what_is_no_image_of_eight_bits_is_a_fault_of_its_camera(given):
+    sets_given = first(5, Scripted(), Scripted(IMAGE, given, IMAGE))
+    (fault,) = (shot.faults[1] for shot in sets_given if shot.images[1] is None)
+    assert "expected uint8 (H, W, 3), or (H, W) if raw" in fault
+    assert all(shot.images[0] is not None for shot in sets_given)
+
+
+def test_images_of_sixteen_bits_by_opencv_are_a_fault(monkeypatch):
+    image = np.full((48, 56, 3), 4000, np.uint16)
+    capture = Mock(**{"read.return_value": (True, image), "get.return_value": 0.0})
+    monkeypatch.setattr(cv2, "VideoCapture", lambda _: capture)
+    with closing(open_cameras("opencv:0", CameraRig(make_rig().cameras[:1]))) as source:
+        assert "found uint16" in sets(source, 1)[0].faults[0]
+
+
 def test_a_camera_that_is_lost_is_opened_again(times):
     lost, absent = Scripted(IMAGE, CameraLost("unplugged")), LiveError("not there")
     opener = Mock(side_effect=[lost, absent, absent, lost])

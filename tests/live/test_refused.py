@@ -1,6 +1,7 @@
 import os
 import re
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -48,6 +49,11 @@ WRONG = [
     (lambda: Live(Pushed(), FINDER, listeners=3), "listeners: found 3, expected a sequence of functions"),
     (lambda: Live(Pushed(), FINDER, listeners=["print"]), "listeners: found 'print', expected functions"),
     (lambda: waiting(after="newest"), "after: found 'newest', expected a Moment, its sequence number"),
+    (lambda: Live(Pushed(), Mock(spec=["update"])), "tracker: found .*, expected a tracker.ObjectTracker"),
+    *(
+        (lambda t=t: Frontend(Pushed(), FINDER).get_observation(t), "t: found .*, expected a whole number")
+        for t in ("a", None, 1.5)
+    ),
     (lambda: waiting(timeout="1"), "timeout: found '1', expected seconds, or None"),
     (lambda: Recorder(Path(os.devnull), RIG), "there is such a file"),
 ]

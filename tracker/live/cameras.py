@@ -7,12 +7,12 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
-from tracker.checks import is_number
+from tracker.checks import described_input, is_number
 from tracker.conventions import Image
 from tracker.errors import LiveError, shown
 from tracker.files import on_error
@@ -246,7 +246,7 @@ class CameraSet:
                 return
             picture, fault, there, final = None, None, True, None
             try:
-                picture = camera.grab(_GRAB)
+                picture = _checked(camera.grab(_GRAB))
             except Exception as error:
                 fault = " ".join(str(error).split())
                 there = isinstance(error, LiveError) and not isinstance(error, CameraLost | SourceEnded)
@@ -257,6 +257,15 @@ class CameraSet:
                 slot.picture, slot.fault, slot.spare = picture, fault, not camera.triggered
                 slot.there, slot.final = there, final
                 self._changed.notify_all()
+
+
+def _checked(picture: Grabbed) -> Grabbed:
+    """Return a picture if its image is uint8, BGR (H, W, 3) or raw (H, W); else raise LiveError."""
+    image: Any = picture.image
+    fits = isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.size
+    if not fits or (image.shape[2:] != (3,) and image.ndim != 2):
+        raise LiveError(f"found {described_input(image)}, expected uint8 (H, W, 3), or (H, W) if raw")
+    return picture
 
 
 def _developed(image: Image, size: tuple[int, int]) -> Image:

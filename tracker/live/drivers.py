@@ -187,7 +187,8 @@ class OpenCvCamera:
 
     def grab(self, timeout: float) -> Grabbed:
         """See `LiveCamera`; OpenCV's own time limit applies instead of `timeout`."""
-        there, image = self._capture.read()
+        given: tuple[bool, Any] = self._capture.read()
+        there, image = given
         stamp = time.time()
         if not there:
             if self.film:
@@ -195,7 +196,7 @@ class OpenCvCamera:
             raise CameraLost(f"opencv: {self._what} gives no image")
         if image.ndim == 2:
             image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-        return Grabbed(np.asarray(image, np.uint8), stamp)
+        return Grabbed(image, stamp)
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """See `LiveCamera`; the values that OpenCV reports, in the driver's units. A film has none."""

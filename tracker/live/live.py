@@ -34,7 +34,7 @@ PATIENCE = 0.1
 
 def check_arguments(tracker: object, history: object, listeners: Sequence[object] = ()) -> None:
     """Raise LiveError if one of the arguments of Live with these names is none."""
-    if not callable(getattr(tracker, "update", None)):
+    if not (callable(getattr(tracker, "update", None)) and hasattr(tracker, "rig")):
         raise LiveError(f"tracker: found {shown(tracker)}, expected a tracker.ObjectTracker")
     if not is_whole(history) or history < 1:
         raise LiveError(f"history: found {shown(history)}, expected a whole number of at least 1")
@@ -148,7 +148,8 @@ class Live:
             raise LiveError(f"timeout: found {shown(timeout)}, expected seconds, or None")
         with self._changed:
             seen = self._count if number is None else int(number) + 1
-            self._changed.wait_for(lambda: self._count > seen or not self._running, timeout)
+            longest = None if timeout is None else min(float(timeout), threading.TIMEOUT_MAX)
+            self._changed.wait_for(lambda: self._count > seen or not self._running, longest)
             if self._count > seen:
                 return self._moments[-1][0]
             if isinstance(self._error, Exception):

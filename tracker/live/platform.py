@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import is_whole
 from tracker.conventions import FloatArray, Image
-from tracker.errors import LiveError
+from tracker.errors import LiveError, shown
 from tracker.live.live import PATIENCE, Live, check_arguments
 from tracker.live.moment import ImageSource, Moment
 from tracker.logs import open_log
@@ -181,6 +182,8 @@ class Frontend:
 
     def _waited(self, t: int = 0) -> list[tuple[int, float, CameraObjectObservation]]:
         """Wait for time index t or later, then return all observations kept."""
+        if not is_whole(t):
+            raise LiveError(f"t: found {shown(t)}, expected a whole number")
         with self._changed:
             while not (self._kept and self._kept[-1][0] >= t):
                 reason = self._fault or self._live.error
