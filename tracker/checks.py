@@ -104,10 +104,12 @@ def described_input(given: object) -> str:
 
 
 def array_of(given: object) -> Array:
-    """Convert to an array; a ragged sequence gives one of dtype object."""
+    """Convert to an array; one of dtype object if it is ragged, refuses, or has masked values."""
+    if isinstance(given, np.ndarray) and type(given) is not np.ndarray and np.ma.is_masked(given):
+        return np.asarray(None)
     try:
         return np.asarray(given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RuntimeError):
         return np.asarray(None)
 
 

@@ -78,12 +78,19 @@ def test_arrays_serve_as_a_log_and_gaps_are_told():
         ([0.0, np.nan], [[1.0], [2.0]], "timestamp"),
         ([0.0, 1.0], [[1.0], [np.inf]], "position: found values that are not finite"),
         ([0.0, 1.0], [1.0, 2.0], r"position: found shape \(2,\)"),
+        ([0.0, 1.0], [[1.0, 2.0], [3.0]], r"position: found shape \(\)"),
         (["a", "b"], [[1.0], [2.0]], "timestamp"),
     ],
 )
 def test_arrays_that_are_no_states_are_refused(times, position, message):
     with pytest.raises(LogError, match=message):
         RobotLog(times, position)
+
+
+@pytest.mark.parametrize("log", ["camera_data.dat", None])
+def test_states_are_paired_with_an_opened_log(log):
+    with pytest.raises(LogError, match=f"log: found {log!r}, expected Log, as tracker.open_log gives"):
+        paired(log, RobotLog([0, 1], [[1], [2]]))
 
 
 @pytest.mark.parametrize(

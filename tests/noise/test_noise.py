@@ -152,12 +152,22 @@ def test_environments_together_are_distributed_as_each_alone():
 P, Q, V = truths(2)
 
 
+class Refusing:
+    """An array that cannot be converted, as a tensor with a gradient."""
+
+    def __array__(self, *_: object, **options: object) -> None:
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad.")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ((P[:1], Q, V, 0.1), r"position: found shape \(1, 3\), expected"),
         ((P * np.nan, Q, V, 0.1), "position: found values that are not finite"),
         ((P, 0 * Q, V, 0.1), "orientation: found one of length 0"),
+        ((P, 1e200 * Q, V, 0.1), "orientation: found one of length inf"),
+        ((P, Q, np.ma.masked_array(V, mask=[0, 1]), 0.1), "visible: found .*, expected numbers of shape"),
+        ((P, Q, Refusing(), 0.1), "visible: found .*, expected numbers of shape"),
         ((P, Q, V + 1, 0.1), "visible: found 2 to 2, expected shares"),
         ((P, Q, V, 0.0), "dt: found 0.0, expected"),
     ],
@@ -171,8 +181,9 @@ def test_what_is_no_model_or_start_is_refused_with_the_reason(tmp_path):
     load, rng = tracker.noise.NoiseModel.load, np.random.default_rng(0)
     with pytest.raises(tracker.TrackerError, match="valid are platform, platform_refined, predecessor"):
         load("robot")
-    with pytest.raises(tracker.TrackerError, match="count: found 0"):
-        load("platform").start(rng, 0)
+    for count in (0, 10**8, 10**30):
+        with pytest.raises(tracker.TrackerError, match=r"count: found .*, expected .* from 1 to 10,000,000"):
+            load("platform").start(rng, count)
     with pytest.raises(tracker.TrackerError, match="rng: found 3"):
         load("platform").start(3, 1)  # type: ignore[arg-type]
     for which in ([2], [[0], [1, 0]], ["a", None]):

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -284,6 +285,7 @@ def test_measured_pose_is_that_of_the_fit():
     [
         *[("coast_seconds", value) for value in (-1.0, math.nan, math.inf, "1", None, (1.0, 2.0), True)],
         ("min_confidence", 40),
+        ("min_confidence", Fraction(3, 2)),
         *[("max_jump", value) for value in (0.04, (0.04,), (0.04, -1.0), (0.04, math.inf), "ab", None)],
         ("min_confidence", 1j),
     ],

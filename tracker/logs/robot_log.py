@@ -16,7 +16,17 @@ from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from tracker.checks import described, float_array, freeze, in_range, naming, path_of, seconds
+from tracker.checks import (
+    array_of,
+    described,
+    float_array,
+    freeze,
+    in_range,
+    naming,
+    of_kind,
+    path_of,
+    seconds,
+)
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
@@ -90,7 +100,7 @@ class RobotLog:
             k = int(np.argmax(back)) + 1
             raise LogError(f"timestamp: step {k}: found {times[k]:.6f} s after {times[k - 1]:.6f} s")
         freeze(self, "timestamp", times)
-        shape = np.shape(self.position)
+        shape = array_of(self.position).shape
         if len(shape) != 2:
             raise LogError(f"position: found shape {shape}, expected (n, J)")
         for field in fields(self)[1:]:
@@ -130,6 +140,7 @@ def paired(log: Log, robot_log: RobotLog | str | os.PathLike[str]) -> Iterator[P
     Raises:
         LogError: one of them is malformed or damaged.
     """
+    of_kind(log, Log, "log", LogError, "tracker.open_log")
     states = robot_log if isinstance(robot_log, RobotLog) else read_robot_log(robot_log)
     return (Paired(frame, states.at(frame.newest)) for frame in log)
 

@@ -27,6 +27,9 @@ UNITS: Mapping[str, Mapping[str, str]] = {
 }
 """The numbers of a model by group, and the unit of each."""
 
+MOST_ENVIRONMENTS = 10**7
+"""Largest number of environments, which need 0.6 kB each."""
+
 RADIUS = 0.05
 """Distance that counts as much as a rotation by one radian [m]."""
 
@@ -105,8 +108,9 @@ class NoiseModel:
         """
         if not isinstance(rng, np.random.Generator):
             raise TrackerError(f"rng: found {shown(rng)}, expected a numpy.random.Generator")
-        if not is_whole(count) or count < 1:
-            raise TrackerError(f"count: found {shown(count)}, expected a whole number of at least 1")
+        if not is_whole(count) or not 1 <= count <= MOST_ENVIRONMENTS:
+            valid = f"a whole number from 1 to {MOST_ENVIRONMENTS:,}"
+            raise TrackerError(f"count: found {shown(count)}, expected {valid}")
         values = {
             group: {name: number.value for name, number in numbers.items()}
             for group, numbers in self.numbers.items()
@@ -247,8 +251,9 @@ class NoiseState:
         q = float_array(orientation, (self.count, 4), "orientation", TrackerError)
         v = float_array(visible, (self.count,), "visible", TrackerError)
         length = np.sqrt(np.einsum("ij,ij->i", q, q))
-        if not length.min() > 1e-6:
-            raise TrackerError("orientation: found one of length 0, expected quaternions (x, y, z, w)")
+        if not (length.min() > 1e-6 and length.max() < 1e100):
+            found = f"{length.max():g}" if length.min() > 1e-6 else "0"
+            raise TrackerError(f"orientation: found one of length {found}, expected quaternions (x, y, z, w)")
         if v.min() < -ROUNDED or v.max() > 1.0 + ROUNDED:
             raise TrackerError(f"visible: found {v.min():.7g} to {v.max():.7g}, expected shares from 0 to 1")
         return p, q / length[:, None], v.clip(0.0, 1.0)

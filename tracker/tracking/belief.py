@@ -60,7 +60,7 @@ class TrackingOptions:
             object.__setattr__(self, field.name, tuple(value) if pair else value)
         if self.min_confidence > 1.0:
             valid = "a number that is not negative, and at most 1"
-            raise TrackerError(f"min_confidence: found {self.min_confidence:g}, expected {valid}")
+            raise TrackerError(f"min_confidence: found {shown(self.min_confidence)}, expected {valid}")
 
 
 @dataclass(frozen=True, eq=False)
