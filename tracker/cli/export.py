@@ -236,7 +236,7 @@ def convert(
                 if suffix:
                     write_hdf5(output, frames, rig, progress)
                 elif (written := write_folder(output, frames, rig, progress)) != len(frames):
-                    why = "those without images are left out"
+                    why = "those without readable images are left out"
                     say(f"warning: {output}: {len(frames)} frames become {written}: {why}")
                 if count := sum(chosen.start < first < chosen.stop for first in log.episode_starts):
                     say(f"warning: {source}: its {count + 1} episodes become one recording without a break")

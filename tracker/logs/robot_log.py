@@ -16,17 +16,7 @@ from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from tracker.checks import (
-    array_of,
-    described,
-    float_array,
-    freeze,
-    in_range,
-    naming,
-    of_kind,
-    path_of,
-    seconds,
-)
+from tracker.checks import array_of, float_array, freeze, in_range, naming, of_kind, path_of, seconds
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
@@ -94,7 +84,7 @@ class RobotLog:
     def __post_init__(self) -> None:
         times = in_range(np.array(seconds(self.timestamp, "timestamp", LogError)), "timestamp", LogError)
         if times.ndim != 1 or len(times) < 2:
-            raise LogError(f"timestamp: found {described(times)}, expected times of two steps or more")
+            raise LogError(f"timestamp: found shape {times.shape}, expected times of two steps or more")
         back = np.diff(times) < 0
         if back.any():
             k = int(np.argmax(back)) + 1
