@@ -121,6 +121,8 @@ def test_a_waiter_gets_what_is_newer_and_never_the_same_again():
         assert live.wait(after=first, timeout=0.1) is None
         threading.Timer(0.3, lambda: pushed.push(images(9), 2.0)).start()
         assert live.wait(timeout=60).object_pose == (9, 9, 9)
+        threading.Timer(0.1, lambda: pushed.push(images(5), 3.0)).start()
+        assert live.wait(timeout=1e10).object_pose == (5, 5, 5)
 
 
 def test_of_sets_that_wait_only_the_newest_counts():
@@ -258,7 +260,7 @@ def test_a_source_that_breaks_says_so_to_those_who_wait(second, error, words):
     assert len(moments) == 1
     assert live.latest() is not None
     with pytest.raises(LiveError, match=words):
-        live.wait(timeout=1e10)
+        live.wait(timeout=1)
 
 
 @pytest.mark.parametrize("asked", [KeyboardInterrupt, SystemExit])
