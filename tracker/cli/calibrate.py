@@ -16,8 +16,8 @@ import tracker
 from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
 from tracker.cli.options import command, file_option, flag, option, several
-from tracker.cli.outputs import DRAWN, OutFolder, Recording
-from tracker.cli.stills import NO_IMAGE, is_recording, read_images
+from tracker.cli.outputs import DRAWN, OutFolder, Recording, is_recording
+from tracker.cli.stills import NO_IMAGE, read_images
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError
 

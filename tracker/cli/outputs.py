@@ -104,6 +104,11 @@ class Command(click.Command):
         return super().invoke(ctx)
 
 
+def is_recording(path: str | Path) -> bool:
+    """Whether a path given to a command is that of a recording, not of an image."""
+    return Path(path).suffix.lower() not in IMAGES or Path(path).is_dir()
+
+
 def refuse_overwriting(
     files: Mapping[str, Path], recordings: Sequence[Path], others: Iterable[str | Path | None] = ()
 ) -> None:
@@ -161,7 +166,7 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
     for recording in filter(Path.exists, recordings):
         with suppress(OSError):  # opening it reports what cannot be read
-            what = "an input" if recording.suffix.lower() in IMAGES else "the recording"
+            what = "the recording" if is_recording(recording) else "an input"
             for path in (recording, *recording_files(recording)):
                 yield what, path
             folder = recording if recording.is_dir() else recording.parent

@@ -19,7 +19,7 @@ import click
 import tracker
 from tracker.cli import options
 from tracker.cli.options import command, file_option, flag, option, several
-from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording, refuse_overwriting
+from tracker.cli.outputs import DRAWN, InFile, OutFolder, Recording, is_recording, refuse_overwriting
 from tracker.cli.terminal import listing, say, table
 from tracker.errors import ImageError, LogError
 
@@ -31,11 +31,6 @@ NO_IMAGE = "none"  # stands for a missing image
 
 _images = several("IMAGE", Recording(str))
 _frame = options.whole("Which frame of a recording or folder.  [default: 0]", least=0)
-
-
-def is_recording(path: str) -> bool:
-    """Whether a path given to a command is that of a recording, not of an image."""
-    return Path(path).suffix.lower() not in IMAGES or Path(path).is_dir()
 
 
 def _one_set(
@@ -243,25 +238,19 @@ def dice(
     """
     goal = None if goal_path is None else tracker.tasks.rearrange_dice.read_goal(goal_path)
     rig, pictures = _one_set(images, cameras, frame)
-    if masks is not None:
-        names = (f"{kind}_{name}.png" for kind in ("dice", "goal") for name in rig.names)
-        given = [Path(path) for path in images if path != NO_IMAGE]
-        refuse_overwriting({f"--masks ({name})": masks / name for name in names}, given)
+    files = [masks / f"{kind}_{name}.png" for kind in ("dice", "goal") for name in rig.names] if masks else []
+    given = [Path(path) for path in images if path != NO_IMAGE]
+    refuse_overwriting({f"--masks ({file.name})": file for file in files}, given)
     _evaluate(rig, pictures, goal, exact)  # load compiled code, so that times are those of a running loop
     found, dice_masks, goal_masks, assignment = _evaluate(rig, pictures, goal, exact)
     if masks is not None:
         masks.mkdir(parents=True, exist_ok=True)
-        kinds: dict[str, Sequence[Image | None]] = {
-            "dice": dice_masks,
-            "goal": goal_masks or [None] * len(rig),
-        }
-        for kind, its in kinds.items():
-            for name, mask in zip(rig.names, its, strict=True):
-                path = masks / f"{kind}_{name}.png"
-                if mask is None:
-                    path.unlink(missing_ok=True)  # of an earlier set of images
-                else:
-                    tracker.viz.write_image(path, mask)
+        goals: Sequence[Image | None] = goal_masks or [None] * len(rig)
+        for file, mask in zip(files, (*dice_masks, *goals), strict=True):
+            if mask is None:
+                file.unlink(missing_ok=True)  # of an earlier set of images
+            else:
+                tracker.viz.write_image(file, mask)
     if overlay is not None:
         shown, centers = (pictures, rig, goal_masks, dice_masks), [die["position"] for die in found["dice"]]
         picture = tracker.viz.dice_overlay(*shown, positions=centers, assignment=assignment)
