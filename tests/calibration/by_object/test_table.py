@@ -116,7 +116,7 @@ def test_the_covariance_covers_errors_of_the_cameras():
     assert 1.5 < np.mean(values) < 4.0
 
 
-@pytest.mark.parametrize("placed", [world(-0.005, 1.2), world(0, 0)])
+@pytest.mark.parametrize("placed", [world(-0.005, 1.2), world(0.75, 1.0), world(0, 0)])
 def test_in_the_new_world_the_table_is_level_and_the_rest_as_before(placed, rng):
     found = fit_table(rests(8, rng, placed=placed, noise=0.0), SIZES[0], RIG)
     rig = levelled(RIG, found)
@@ -132,11 +132,24 @@ def test_in_the_new_world_the_table_is_level_and_the_rest_as_before(placed, rng)
         np.testing.assert_allclose(moved[:, 2], 0.0, atol=1e-9)
         np.testing.assert_allclose(moved[0, :2], 0.0, atol=1e-9)
         assert abs(so3.log(new_from_old[:3, :3])[2]) < 1e-9
-        np.testing.assert_allclose(after.camera_from_world_std[:3, 3], before.camera_from_world_std[:3, 3])
+        # Deviations of a position are those of the new origin in the camera: an error turns it about the old.
+        origin = np.linalg.inv(new_from_old)[:3, 3]
+        rotation, std = before.camera_from_world[:3, :3], before.camera_from_world_std
+        swing = so3.hat(rotation @ origin)
+        turns = swing @ np.diag(rotation_vector_variance(rotation, std[:3, :3])) @ swing.T
+        expected = np.sqrt(std[:3, 3] ** 2 + np.diag(turns))
+        np.testing.assert_allclose(after.camera_from_world_std[:3, 3], expected, rtol=1e-6)
         if not placed[1].any():
             np.testing.assert_allclose(new_from_old, np.eye(4), atol=1e-9)
             before, after = calibration_covariance(before), calibration_covariance(after)
             np.testing.assert_allclose(after, before, rtol=1e-4, atol=1e-12)
+
+
+def test_without_a_stated_table_the_arena_stays_where_it_is(rng):
+    arena = dataclasses.replace(RIG.arena, table=None)
+    found = fit_table(rests(8, rng, placed=world(-0.15, 0), noise=0.0), SIZES[0], RIG)
+    assert levelled(dataclasses.replace(RIG, arena=arena), found).arena.height == pytest.approx(0.335)
+    assert levelled(RIG, found).arena.height == RIG.arena.height
 
 
 def in_a_line(rng):

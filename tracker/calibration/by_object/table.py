@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.calibration.by_object.edges import EdgeReader, Frame, pose_errors
+from tracker.calibration.by_object.edges import EdgeReader, Frame, pose_errors, seen_motion
 from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, require_two, resting
-from tracker.calibration.deviations import calibration_covariance, rotation_std, rotation_vector_variance
+from tracker.calibration.deviations import calibration_covariance, element_std, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError
@@ -122,28 +122,32 @@ def levelled(rig: CameraRig, plane: TablePlane) -> CameraRig:
     """Return the same cameras in a world whose z = 0 is the plane; x, y and yaw stay as they are.
 
     The world is turned by the tilt about a horizontal axis through the plane's centre, and moved along z. The
-    cameras keep their uncertainty; the arena states that of the plane.
+    cameras keep their uncertainty; the arena states that of the plane, and its top stays where it is if no
+    table was stated.
     """
     axis = np.array([-plane.slope[1], plane.slope[0], 0.0])
     length = np.linalg.norm(axis)
     turn = so3.exp(axis / length * plane.tilt) if length > 0.0 else np.eye(3)
     place = np.array([*plane.center, 0.0])
     world_from_level = so3.transform(turn.T, np.array([*plane.center, plane.height]) - turn.T @ place)
-    arena = dataclasses.replace(rig.arena, table=0.0, table_std=plane.std)
+    height = rig.arena.height - (plane.height if rig.arena.table is None else 0.0)
+    arena = dataclasses.replace(rig.arena, height=height, table=0.0, table_std=plane.std)
     return dataclasses.replace(moved(rig, world_from_level), arena=arena)
 
 
 def moved(rig: CameraRig, world_from_new: FloatArray) -> CameraRig:
-    """Return the same cameras in a new world, given world_from_new (4, 4), with deviations transformed."""
-    cameras = []
+    """Return the same cameras in a new world, given world_from_new (4, 4), with deviations transformed.
+
+    Deviations of a position are those at the world's origin; their correlation with the rotation's is lost.
+    """
+    cameras, turn = [], np.kron(np.eye(2), world_from_new[:3, :3].T)
     for camera in rig:
         transform = camera.camera_from_world @ world_from_new
         transform[:3, :3] = so3.nearest_rotation(transform[:3, :3])
         std = camera.camera_from_world_std
-        if std is not None:
-            std = std.copy()
-            variances = rotation_vector_variance(camera.camera_from_world[:3, :3], std[:3, :3])
-            std[:3, :3] = rotation_std(transform[:3, :3], variances)
+        if is_stated(camera):
+            motion = turn @ seen_motion(world_from_new[:3, 3])
+            std = element_std(transform[:3, :3], motion @ calibration_covariance(camera) @ motion.T)
         cameras.append(dataclasses.replace(camera, camera_from_world=transform, camera_from_world_std=std))
     return dataclasses.replace(rig, cameras=tuple(cameras))
 
