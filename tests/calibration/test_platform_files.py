@@ -10,11 +10,11 @@ from tests.helpers import LENSES, make_camera
 from tracker.calibration.files import (
     MAX_FILE_SIZE,
     Calibrated,
+    calibration_text,
     focal_deviations,
     halved_by_rows,
     read_all_calibrated,
     read_calibrated,
-    write_calibrated,
 )
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -28,7 +28,7 @@ def read_camera(path: str | Path) -> Camera:
 
 def written(tmp_path: Path, camera: Camera | None = None) -> tuple[Path, str]:
     file = tmp_path / "camera60.yml"
-    write_calibrated(Calibrated(camera or make_camera()), file)
+    file.write_text(calibration_text(Calibrated(camera or make_camera())))
     return file, file.read_text()
 
 
@@ -182,14 +182,14 @@ def calibrated(camera):
 
 def test_deviations_are_read_as_written_and_a_lens_alone_is_no_camera_yet(calibrated, tmp_path):
     file = tmp_path / "camera60.yml"
-    write_calibrated(calibrated, file)
+    file.write_text(calibration_text(calibrated))
     read = read_calibrated(file)
     assert_same_bits(read.camera, calibrated.camera)
     assert np.array_equal(read.matrix_std, MATRIX_STD)
     assert np.array_equal(read.distortion_std, DISTORTION_STD)
     assert read.placed
     camera = dataclasses.replace(calibrated.camera, camera_from_world=np.eye(4), camera_from_world_std=None)
-    write_calibrated(dataclasses.replace(calibrated, camera=camera, placed=False), file)
+    file.write_text(calibration_text(dataclasses.replace(calibrated, camera=camera, placed=False)))
     read = read_calibrated(file)
     assert not read.placed
     assert not read_all_calibrated([tmp_path], "*.yml")[0].placed
@@ -213,11 +213,11 @@ def test_a_principal_point_halved_with_its_rows_is_distinguished_from_one_that_w
     right = whole.resized(270, 270)
     files = {"camera60.yml": whole, "camera60_wrong.yml": wrong, "camera60_right.yml": right}
     for name, camera in files.items():
-        write_calibrated(Calibrated(camera), tmp_path / name)
+        (tmp_path / name).write_text(calibration_text(Calibrated(camera)))
     assert [halved_by_rows(tmp_path / name) for name in files] == [False, True, False]
     (tmp_path / "alone").mkdir()
     for name, std in (("a_downsampled.yml", None), ("b_downsampled.yml", np.eye(3)), ("c.yml", None)):
-        write_calibrated(Calibrated(wrong, std), tmp_path / "alone" / name)
+        (tmp_path / "alone" / name).write_text(calibration_text(Calibrated(wrong, std)))
         assert halved_by_rows(tmp_path / "alone" / name) == name.startswith("a_")
 
 

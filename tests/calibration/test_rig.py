@@ -1,5 +1,6 @@
 import dataclasses
 import errno
+import os
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -8,7 +9,7 @@ import pytest
 import yaml
 
 from tests.helpers import make_camera
-from tracker.calibration.files import Calibrated, write_calibrated
+from tracker.calibration.files import Calibrated, calibration_text
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 from tracker.geometry.arena import Arena
@@ -36,12 +37,16 @@ def test_saving_and_loading_keeps_cameras_and_order(azimuths, tmp_path):
         ({"camera_a": "camera300", "camera_b": "camera60", "camera_c": "camera180"}, (60, 180, 300)),
         ({"camera_10": "left", "camera_2": "right", "camera_300": "above"}, ("right", "left", "above")),
         ({"camera_right": "right", "camera_left": "left"}, ("left", "right")),
+        (
+            {f"camera{n}": f"rig1_cam{n}" for n in (10, 11, 2)},
+            ("rig1_cam2", "rig1_cam10", "rig1_cam11"),
+        ),
     ],
-    ids=["by the cameras' numbers", "by their files' numbers", "by name"],
+    ids=["by the cameras' numbers", "by their files' numbers", "by name", "by all numbers of a name"],
 )
 def test_a_folder_has_an_order_and_listed_files_keep_theirs(files, order, tmp_path):
     for file, name in files.items():
-        write_calibrated(Calibrated(make_camera(60, name)), tmp_path / f"{file}.yaml")
+        (tmp_path / f"{file}.yaml").write_text(calibration_text(Calibrated(make_camera(60, name))))
     assert CameraRig.load(tmp_path).names == tuple(n if isinstance(n, str) else f"camera{n}" for n in order)
     paths = [tmp_path / f"{file}.yaml" for file in files]
     for listed in (paths, map(str, paths)):
@@ -76,7 +81,8 @@ def test_other_files_in_a_folder_do_not_disturb(tmp_path):
 def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, message, patterns, tmp_path):
     for name in names:
         for azimuth in (60, 180, 300):
-            write_calibrated(Calibrated(make_camera(azimuth)), tmp_path / f"{name.format(azimuth)}.yml")
+            file = tmp_path / f"{name.format(azimuth)}.yml"
+            file.write_text(calibration_text(Calibrated(make_camera(azimuth))))
     with pytest.raises(CalibrationError, match=f"{message}.*select with") as caught:
         CameraRig.load(tmp_path)
     for pattern in patterns:
@@ -110,7 +116,7 @@ def test_a_folder_that_may_not_be_read_is_named(tmp_path, monkeypatch):
 
 def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_the_error_names(tmp_path):
     for name in ("left", "right"):
-        write_calibrated(Calibrated(make_camera(60, name)), tmp_path / f"{name}.yml")
+        (tmp_path / f"{name}.yml").write_text(calibration_text(Calibrated(make_camera(60, name))))
     with pytest.raises(CalibrationError) as caught:
         CameraRig.load(tmp_path)
     assert "found left.yml, right.yml, expected a file like camera60.yml" in str(caught.value)
@@ -174,13 +180,13 @@ def test_a_name_that_could_be_more_than_a_name_is_refused_where_it_is_read_and_w
     with pytest.raises(CalibrationError, match=message):
         dataclasses.replace(make_camera(), name=name)
     file = tmp_path / "camera60.yml"
-    write_calibrated(Calibrated(make_camera()), file)
+    file.write_text(calibration_text(Calibrated(make_camera())))
     file.write_text(yaml.safe_dump({**yaml.safe_load(file.read_text()), "camera_name": name}))
     with pytest.raises(CalibrationError, match=message):
         CameraRig.load(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["camera60", "links ä", "0", "-", "a.b_c-d", "カメラ1"])
+@pytest.mark.parametrize("name", ["camera60", "links ä", "0", "-", "a.b_c-d", "カメラ1", "12e4", "-1e3"])
 def test_names_of_letters_digits_and_marks_are_kept(name, tmp_path):
     CameraRig((make_camera(60, name),)).save(tmp_path)
     assert CameraRig.load(tmp_path).names == (name,)
@@ -195,6 +201,23 @@ def test_a_rig_that_cannot_be_saved_is_reported_and_leaves_nothing(tmp_path):
     with pytest.raises(CalibrationError, match=r"found two cameras for camera_left\.yml"):
         rig.save(tmp_path / "new")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_rig_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):
+    make_rig(60, 180, 300).save(tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    write, left = Path.write_bytes, iter(range(2))
+
+    def filling(path, content):
+        if next(left, None) is None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", filling)
+    other = CameraRig(tuple(make_camera(azimuth + 5, f"camera{azimuth}") for azimuth in (60, 180, 300)))
+    with pytest.raises(CalibrationError, match=r"camera300\.yml: cannot be written: No space left"):
+        other.save(tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_resizing_and_correcting_a_rig_changes_every_camera(tmp_path):

@@ -17,8 +17,10 @@ from tests.helpers.filmed import write_recording
 from tests.helpers.kept_stills import bare
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.table import moved
-from tracker.calibration.files import Calibrated, read_calibrated, write_calibrated
-from tracker.cli.calibrate import save_object
+from tracker.calibration.files import Calibrated, calibration_text, file_name, read_calibrated
+from tracker.cli.board import Smaller
+from tracker.cli.calibrate import object_text
+from tracker.errors import CalibrationError
 
 CUBE = ("--object", "cube_v2")
 BOARD = ("--squares", "5x7", "--square", "0.04", "--marker", "0.03")
@@ -75,14 +77,14 @@ def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
     yaw = np.rad2deg(np.arctan2(GIVEN[1, 0], GIVEN[0, 0]))
     place = ("--center", ",".join(map(str, GIVEN[:2, 3])), "--height", GIVEN[2, 3], "--yaw", yaw)
     arguments = (*BOARD, "--intrinsics", triplets / "lenses", *place, "-o", tmp_path / "rig")
-    well(run_here("extrinsics", *arguments, "--plot", tmp_path, triplets / "0", triplets / "1"))
+    well(run_here("extrinsics", *arguments, "--plot", tmp_path / "plots", triplets / "0", triplets / "1"))
     rig = tracker.CameraRig.load(tmp_path / "rig")
     assert rig.names == NAMES
     for camera, true in zip(rig, TRUE, strict=True):
         error = np.abs(camera.camera_from_world - true)[:3, 3]
         assert (error < 4 * camera.camera_from_world_std[:3, 3]).all()
         assert error.max() < 2e-3
-        assert (tmp_path / f"{camera.name}.png").is_file()
+        assert (tmp_path / "plots" / f"{camera.name}.png").is_file()
 
 
 @pytest.mark.parametrize(
@@ -98,6 +100,13 @@ def test_a_fault_of_a_lens_and_of_photos_is_named(arguments, first, words, photo
     assert_refused(run_here, tmp_path, ["intrinsics", *given], *words)
 
 
+def test_cameras_whose_files_would_have_one_name_are_refused(tmp_path):
+    cameras = [Calibrated(dataclasses.replace(RIG[0], name=name)) for name in ("left", "camera_left")]
+    with pytest.raises(CalibrationError, match=r"camera_left\.yml: found two cameras for it"):
+        Smaller(None, False).write((one, tmp_path / file_name(one.camera.name)) for one in cameras)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("files", "folder", "words"),
     [
@@ -107,6 +116,7 @@ def test_a_fault_of_a_lens_and_of_photos_is_named(arguments, first, words, photo
         (["camera60", "camera60b"], "two", ["camera60.tif, camera60b.tif", "one photo of camera60"]),
         (["camera60", "camera90"], "other", ["camera90.tif: named after camera90", ", ".join(NAMES)]),
         ([], "0 -o lenses", ["lenses: in use, expected a new or an empty folder"]),
+        ([], "0 --plot lenses", ["lenses: in use, expected a new or an empty folder"]),
     ],
 )
 def test_a_fault_of_photos_of_the_arena_is_named(files, folder, words, triplets, run_here):
@@ -232,7 +242,7 @@ def test_a_rim_below_nothing_is_written_as_none_and_colours_are_found_from_elsew
     tracker.load_colors("cube_v2").save(tmp_path / "mine.npz")
     mine = dataclasses.replace(tracker.load_object("cube_v2"), colors="mine.npz")
     (tmp_path / "mended").mkdir()
-    save_object(mine, (-2e-5, 5e-5), tmp_path / "mended" / "object.toml")
+    (tmp_path / "mended" / "object.toml").write_text(object_text(mine, (-2e-5, 5e-5)))
     found = tracker.load_object(tmp_path / "mended" / "object.toml")
     assert (found.rim, found.rim_std) == (0.0, 5e-5)
     monkeypatch.chdir("/")
@@ -251,7 +261,7 @@ def resting(tmp_path_factory):
     high[2, 3] = -0.004
     for camera in moved(RIG, high):
         known = Calibrated(camera, np.full((3, 3), 0.3), np.full(5, 1e-3))
-        write_calibrated(known, folder / f"{camera.name}.yml")
+        (folder / f"{camera.name}.yml").write_text(calibration_text(known))
     return folder
 
 

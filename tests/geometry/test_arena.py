@@ -11,7 +11,7 @@ import tracker
 from synthetic.camera.rigs import perturbed_rig, sized
 from tests.helpers import make_camera
 from tracker import Arena, CameraRig
-from tracker.calibration.rig import ARENA_FILE, read_arena, write_arena
+from tracker.calibration.rig import ARENA_FILE, read_arena
 from tracker.errors import CalibrationError
 from tracker.geometry.arena import LARGEST, LARGEST_STD
 
@@ -96,7 +96,7 @@ def test_a_table_whose_tilt_is_uncertain_may_be_lower_beside_its_centre():
 @given(ARENAS)
 def test_every_arena_survives_its_file(tmp_path_factory, arena):
     folder = tmp_path_factory.getbasetemp()
-    write_arena(arena, folder)
+    CameraRig((make_camera(60),), arena).save(folder)
     assert read_arena(folder) == arena
 
 
@@ -140,6 +140,10 @@ def test_a_malformed_file_is_named_with_its_fault(content, fault, tmp_path):
 
 def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path):
     make_rig(Arena()).save(tmp_path)
+    (tmp_path / ARENA_FILE).symlink_to("nowhere")
+    with pytest.raises(CalibrationError, match=r"arena\.toml: cannot be read"):
+        CameraRig.load(tmp_path)
+    (tmp_path / ARENA_FILE).unlink()
     (tmp_path / ARENA_FILE).mkdir()
     with pytest.raises(CalibrationError, match=r"arena\.toml: cannot be read"):
         CameraRig.load(tmp_path)

@@ -18,7 +18,7 @@ from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, writ
 from tracker.batch.run import Batch, run_batch
 from tracker.batch.tables import state
 from tracker.batch.workers import engine
-from tracker.calibration.files import Calibrated, write_calibrated
+from tracker.calibration.files import Calibrated, calibration_text
 from tracker.errors import LogError, TrackerError
 from tracker.logs import open_log
 from tracker.logs.folder import write_folder
@@ -344,7 +344,9 @@ WRITERS = {
     "poses.tum": lambda path, poses, log: write_tum(path, poses),
     "bop.csv": lambda path, poses, log: write_bop(path, poses, poses.about.rig[0]),
     "poses.parquet": lambda path, poses, log: write_parquet(path, poses),
-    "camera60.yml": lambda path, poses, log: write_calibrated(Calibrated(poses.about.rig[0]), path),
+    "camera60.yml": lambda path, poses, log: path.write_text(
+        calibration_text(Calibrated(poses.about.rig[0]))
+    ),
     "log.h5": lambda path, poses, log: write_hdf5(path, log, tiny_rig(), lambda count: None),
     "folder": lambda path, poses, log: write_folder(path, log, tiny_rig(), lambda count: None),
 }

@@ -18,6 +18,7 @@ import dataclasses
 import functools
 import os
 import re
+import sys
 from collections.abc import Hashable, Iterable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -29,7 +30,7 @@ import yaml
 from tracker.checks import is_number, is_whole, naming
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
-from tracker.files import read_bounded, told_as, told_of, write_whole
+from tracker.files import read_bounded, told_of
 from tracker.geometry import so3
 from tracker.geometry.camera import COUNTS, MAX_SIZE, ROTATION_TOLERANCE, Camera, check_rotation
 
@@ -63,10 +64,17 @@ class _Loader(yaml.SafeLoader):
 _Loader.add_constructor(
     "tag:yaml.org,2002:opencv-matrix", functools.partial(_Loader.construct_mapping, deep=True)
 )
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML dumper that quotes texts which `_Loader` would read as numbers, such as the name 12e4."""
+
+
 # YAML 1.1 reads 1e-05 as a string, but writers of YAML 1.2 and C++ print numbers like this.
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
+for _kind in (_Loader, _Dumper):
+    _kind.add_implicit_resolver(
+        "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
+    )
 
 
 def _read_mapping(path: Path) -> dict[Any, Any]:
@@ -216,8 +224,8 @@ def file_name(camera: str) -> str:
     return f"{camera}.yml" if "camera" in camera else f"camera_{camera}.yml"
 
 
-def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> None:
-    """Write the file atomically; `read_calibrated` returns bit-identical values."""
+def calibration_text(calibrated: Calibrated) -> str:
+    """Return the text of a file for which `read_calibrated` returns bit-identical values."""
     camera, bent = calibrated.camera, calibrated.distortion_std
     matrices = {
         "camera_matrix": camera.matrix,
@@ -230,11 +238,9 @@ def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> No
     data = {"camera_name": camera.name, "image_width": camera.width, "image_height": camera.height}
     data |= {key: _entry(matrix) for key, matrix in matrices.items() if matrix is not None}
     # With this header and lists in brackets (default_flow_style=None), OpenCV can read the file, too.
-    text = "%YAML 1.1\n---\n" + yaml.safe_dump(
-        data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
+    return "%YAML 1.1\n---\n" + yaml.dump(
+        data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
     )
-    with told_as(CalibrationError, path):
-        write_whole(path, text)
 
 
 def _entry(matrix: FloatArray) -> dict[str, Any]:
@@ -264,10 +270,10 @@ def calibration_files(root: Path, pattern: str | None) -> list[Path]:
     return [root / name for name in files]
 
 
-def _order(camera_name: str, file_name: str) -> tuple[float, str, str]:
-    """Return a sort key: the number in the camera's name, else in the file's name; without one, last."""
-    number = re.search(r"(\d+)", camera_name) or re.search(r"camera\D*(\d+)", file_name)
-    return (float(number[1]) if number else float("inf"), camera_name, file_name)
+def _order(camera_name: str, file_name: str) -> tuple[list[int], str, str]:
+    """Return a sort key: the numbers in the camera's name, else in the file's name; without one, last."""
+    numbers = re.findall(r"\d+", camera_name) or re.findall(r"camera\D*(\d+)", file_name)
+    return [int(number) for number in numbers] or [sys.maxsize], camera_name, file_name
 
 
 def _refuse_variants(folder: Path | None, files: Sequence[str], names: Sequence[str]) -> None:

@@ -16,16 +16,16 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tracker.calibration.files import Calibrated, file_name, read_all_calibrated, write_calibrated
+from tracker.calibration.files import Calibrated, calibration_text, file_name, read_all_calibrated
 from tracker.checks import naming, of_kind, path_of
 from tracker.errors import CalibrationError, shown
-from tracker.files import told_as, write_whole
+from tracker.files import told_as, write_together
 from tracker.files.toml import read_toml
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
@@ -39,7 +39,7 @@ _NO_TABLE = "none"
 def read_arena(folder: Path) -> Arena:
     """Return the arena of a folder, or the default; CalibrationError: its file is unreadable or malformed."""
     path = folder / ARENA_FILE
-    if not path.exists():
+    if not os.path.lexists(path):  # a link to nothing is an error
         return Arena()
     values = read_toml(path, CalibrationError, tuple(field.name for field in dataclasses.fields(Arena)))
     if values.get("table") == _NO_TABLE:
@@ -48,23 +48,42 @@ def read_arena(folder: Path) -> Arena:
         return Arena(**values)
 
 
-def write_arena(arena: Arena, folder: Path) -> None:
-    """Write the file that `read_arena` reads; for the default arena, remove an existing file instead.
-
-    CalibrationError: the file cannot be written or removed.
-    """
-    path = folder / ARENA_FILE
+def _arena_text(arena: Arena) -> str:
+    """Return the text of a file that `read_arena` reads."""
     values = dataclasses.asdict(arena)
     if arena.table is None:
         values["table"] = _NO_TABLE
     # Strings, numbers and lists look the same in JSON and TOML.
     lines = [f"{key} = {json.dumps(value)}\n" for key, value in values.items()]
     title = "# Where the object may be and where the table is, in the cameras' world [m, rad].\n"
-    with told_as(CalibrationError, path):
-        if arena == Arena():
-            path.unlink(missing_ok=True)
-        else:
-            write_whole(path, title + "".join(lines))
+    return title + "".join(lines)
+
+
+def save_rig(
+    rig: CameraRig,
+    folder: str | os.PathLike[str],
+    lenses: Mapping[str, Calibrated] = {},
+    others: Mapping[str, str] = {},
+) -> None:
+    """Write a rig as `CameraRig.save` does: all files, or none if one cannot be written.
+
+    lenses: how well lenses are known, by the cameras' names; others: texts of further files, by name.
+    """
+    texts: dict[str, str] = {}
+    for camera in rig:
+        file = file_name(camera.name)
+        if file in texts:
+            raise CalibrationError(f"camera rig: found two cameras for {file}, expected other names")
+        lens = lenses.get(camera.name, Calibrated(camera))
+        texts[file] = calibration_text(dataclasses.replace(lens, camera=camera))
+    if rig.arena != Arena():
+        texts[ARENA_FILE] = _arena_text(rig.arena)
+    with told_as(CalibrationError, folder):
+        root = Path(folder)
+        root.mkdir(parents=True, exist_ok=True)
+        write_together((root / name, text) for name, text in {**texts, **others}.items())
+        if ARENA_FILE not in texts:
+            (root / ARENA_FILE).unlink(missing_ok=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -171,18 +190,10 @@ class CameraRig:
         existing `arena.toml` is removed. Files of other cameras stay, and `load(folder)` takes them, too.
 
         Raises:
-            CalibrationError: a file cannot be written, or two would have the same name (left, camera_left).
+            CalibrationError: a file cannot be written, and none was; or two would have the same name (left,
+                camera_left).
         """
-        files = list(map(file_name, self.names))
-        for file in files:
-            if files.count(file) > 1:
-                raise CalibrationError(f"camera rig: found two cameras for {file}, expected other names")
-        with told_as(CalibrationError, folder):
-            root = Path(folder)
-            root.mkdir(parents=True, exist_ok=True)
-        for camera, file in zip(self.cameras, files, strict=True):
-            write_calibrated(Calibrated(camera), root / file)
-        write_arena(self.arena, root)
+        save_rig(self, folder)
 
     def resized(self, width: int, height: int) -> CameraRig:
         """Return the rig for images scaled to `width` × `height` [px]; see `Camera.resized`."""

@@ -15,7 +15,7 @@ import click
 
 import tracker
 from tracker.cli.options import Range, command, file_option, flag, numbers, option, several
-from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording, refuse_overwriting
+from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording
 from tracker.cli.stills import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError
@@ -131,23 +131,29 @@ class Smaller:
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
         """Write all files for the cameras and list them; CalibrationError if --crop exceeds the image."""
-        from tracker.calibration.files import write_calibrated
+        from tracker.calibration.files import calibration_text
+        from tracker.files import told_as, write_together
 
-        files: dict[Path, Calibrated] = {}
+        texts: dict[Path, str] = {}
         for calibrated, path in cameras:
-            files[path], last, suffix = calibrated, calibrated, ""
+            files, last, suffix = [(path, calibrated)], calibrated, ""
             if self.crop is not None:
                 width, height, left, top = self.crop
                 last, suffix = calibrated.cropped(left, top, width, height), "_cropped"
-                files[path.with_stem(path.stem + suffix)] = last
+                files.append((path.with_stem(path.stem + suffix), last))
             if self.halve:
                 suffix += "_and_downsampled" if suffix else "_downsampled"
                 size = last.camera.width // 2, last.camera.height // 2
-                files[path.with_stem(path.stem + suffix)] = last.resized(*size)
-        for path, calibrated in files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_calibrated(calibrated, path)
-        return ", ".join(map(str, files))
+                files.append((path.with_stem(path.stem + suffix), last.resized(*size)))
+            for file, one in files:
+                if file in texts:
+                    raise CalibrationError(f"{file}: found two cameras for it, expected other names")
+                texts[file] = calibration_text(one)
+        first = next(iter(texts))
+        with told_as(CalibrationError, first):
+            first.parent.mkdir(parents=True, exist_ok=True)
+            write_together(texts.items())
+        return ", ".join(map(str, texts))
 
 
 @command()
@@ -270,7 +276,9 @@ def extrinsics(
     ),
     output: Path = option("DIR", "For the calibration; new or empty.", OutFolder(new=True), required=True),
     smaller: Smaller,
-    plot: Path | None = option("DIR", "Draw the residuals, one PNG per camera.", OutFolder()),
+    plot: Path | None = option(
+        "DIR", "Draw the residuals, one PNG per camera; new or empty.", OutFolder(new=True)
+    ),
 ) -> None:
     """Find where cameras are, from photos of a ChArUco board.
 
@@ -284,7 +292,6 @@ def extrinsics(
     lenses = read_all_calibrated(intrinsics, pattern)
     names = [lens.camera.name for lens in lenses]
     plots = [] if plot is None else [plot / f"{name}.png" for name in names]
-    refuse_overwriting({f"--plot for {path.stem}": path for path in plots}, folders, intrinsics)
     board = printed.board()
     paths = _photos_of(folders, names)
     board, found, faults = _sightings_of(list(paths.values()), board)

@@ -19,7 +19,7 @@ from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import DRAWN, OutFolder, Recording, is_recording
 from tracker.cli.stills import NO_IMAGE, read_images
 from tracker.cli.terminal import bar, listing, say, table
-from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError
+from tracker.errors import CalibrationError, ImageError, TrackerError
 
 if TYPE_CHECKING:
     from tracker.calibration.by_object.check import CalibrationCheck
@@ -121,16 +121,14 @@ class Filmed:
                     del cameras[one.camera.name]
         return found
 
-    def save(self, moved: tracker.CameraRig, rig: tracker.CameraRig, folder: Path) -> None:
-        """Write the cameras of an opened rig, moved, with what their files state of their lenses."""
-        from tracker.calibration.files import file_name, write_calibrated
-
-        moved.save(folder)
-        places = dict(zip(moved.names, moved, strict=True))
-        for one in self.files(rig).values():
-            camera = places[one.camera.name]
-            sized = one.resized(camera.width, camera.height)
-            write_calibrated(replace(sized, camera=camera), folder / file_name(camera.name))
+    def lenses(self, rig: tracker.CameraRig) -> dict[str, Calibrated]:
+        """Return what the files of an opened rig state of the lenses, by camera name."""
+        cameras = {camera.name: camera for camera in rig}
+        return {
+            name: one.resized(cameras[name].width, cameras[name].height)
+            for one in self.files(rig).values()
+            for name in [one.camera.name]
+        }
 
 
 _output = option("DIR", "Folder for the new calibration; new or empty.", OutFolder(new=True), required=True)
@@ -299,27 +297,27 @@ def refine(
     file as --object from then on.
     """
     from tracker.calibration.by_object.refine import refine_cameras
+    from tracker.calibration.rig import save_rig
 
     with filmed.opened() as (model, footage, rig, colors, progress):
         found = refine_cameras(model, footage, rig, colors, focal=focal, most=frames, progress=progress)
-    if focal:
-        found.rig.save(output)
-    else:
-        filmed.save(found.rig, rig, output)
     model = replace(model, colors=filmed.subject.colors or model.colors)
-    save_object(model, found.rim, output / "object.toml")
+    save_rig(
+        found.rig,
+        output,
+        {} if focal else filmed.lenses(rig),
+        {"object.toml": object_text(model, found.rim)},
+    )
     if not filmed.quiet:
         click.echo(_refined(found, focal, output))
 
 
-def save_object(model: tracker.CuboidModel, rim: tuple[float, float], path: Path) -> None:
-    """Write an object with a new rim and its standard deviation [m]."""
-    from tracker.files import told_as, write_whole
+def object_text(model: tracker.CuboidModel, rim: tuple[float, float]) -> str:
+    """Return the text of an object's file with a new rim and its standard deviation [m]."""
     from tracker.objects.model import to_toml
 
     colors = str(Path(model.colors).resolve()) if Path(model.colors).is_file() else model.colors
-    with told_as(ObjectModelError, path):
-        write_whole(path, to_toml(replace(model, colors=colors, rim=max(rim[0], 0.0), rim_std=rim[1])))
+    return to_toml(replace(model, colors=colors, rim=max(rim[0], 0.0), rim_std=rim[1]))
 
 
 def _refined(found: Refined, focal: bool, output: Path) -> str:
@@ -361,10 +359,11 @@ def table_command(filmed: Filmed, output: Path = _output) -> None:
     cameras. You may hold, lift and carry it in between.
     """
     from tracker.calibration.by_object.table import find_table
+    from tracker.calibration.rig import save_rig
 
     with filmed.opened() as given:
         found = find_table(*given)
-    filmed.save(found.rig, given[2], output)
+    save_rig(found.rig, output, filmed.lenses(given[2]))
     if not filmed.quiet:
         click.echo(_table_found(found, output))
 

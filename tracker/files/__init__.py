@@ -94,7 +94,7 @@ _MOST_BYTES = 200
 
 @contextlib.contextmanager
 def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn an error raised while `what` is written into a `fault` with a one-line message."""
+    """Turn an error from writing `what`, or a file in it, into a `fault` with a one-line message."""
     if not isinstance(what, str | os.PathLike):
         raise fault(f"output: found {shown(what)}, expected a path")
     try:
@@ -104,7 +104,9 @@ def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> 
         if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
             folder = os.path.dirname(error.filename)
             reason = f"there is no folder {folder}" if folder and not os.path.isdir(folder) else reason
-        raise fault(f"{os.fspath(what)}: cannot be written: {' '.join(str(reason).split())}") from error
+        name = str(getattr(error, "filename", ""))
+        where = name if os.path.dirname(name) == os.fspath(what) else os.fspath(what)
+        raise fault(f"{where}: cannot be written: {' '.join(str(reason).split())}") from error
 
 
 def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
@@ -118,8 +120,15 @@ def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 
 def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
     """Write a file (text as UTF-8) under a temporary name, then rename it; errors as for `whole_file`."""
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+    write_together([(path, content)])
+
+
+def write_together(contents: Iterable[tuple[str | os.PathLike[str], bytes | str]]) -> None:
+    """Write pairs of path and content as `write_whole` does, and rename none before all are written."""
+    with contextlib.ExitStack() as stack:
+        for path, content in contents:
+            temporary = stack.enter_context(whole_file(path))
+            temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
 
 @contextlib.contextmanager
