@@ -54,6 +54,13 @@ def test_hat_is_the_derivative_of_exp_at_the_identity():
     np.testing.assert_allclose(jacobian, np.moveaxis(so3.hat(np.eye(3)), 0, -1), atol=1e-9)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 1e-3, 1.0, 3.1])
+def test_left_jacobian_is_the_derivative_of_the_turn_that_follows(angle, rng):
+    turn = angle * random_rotations(rng, 1)[0, 0]
+    jacobian = numerical_jacobian(lambda v: so3.log(so3.exp(v) @ so3.exp(turn).T), turn)
+    np.testing.assert_allclose(so3.left_jacobian(turn), jacobian, atol=1e-8)
+
+
 def test_quaternions_have_a_canonical_sign_and_multiply_in_the_order_of_xyzw(rng):
     q = rng.normal(size=(200, 4))
     back = so3.quaternion_from_matrix(so3.matrix_from_quaternion(q))

@@ -42,6 +42,15 @@ def exp(rotvec: npt.ArrayLike) -> FloatArray:
     return np.asarray(np.eye(3) + first * skew + second * (skew @ skew))
 
 
+def left_jacobian(rotvec: npt.ArrayLike) -> FloatArray:
+    """(3, 3) J with exp(ω + δ) = exp(J δ) exp(ω) for small δ, for a rotation vector ω (3,) [rad]."""
+    cross, angle = hat(rotvec), float(np.linalg.norm(rotvec))
+    if angle < 1e-4:  # both quotients below cancel
+        return np.asarray(np.eye(3) + cross / 2.0 + cross @ cross / 6.0)
+    first, second = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
+
+
 def log(rotation: npt.ArrayLike) -> FloatArray:
     """Return rotation vectors (..., 3) [rad], of length at most π, of rotation matrices (..., 3, 3).
 

@@ -4,10 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import look_at
+from tests.helpers import look_at, numerical_jacobian
 from tests.helpers.boards import BOARD, LENS, photo, pose_towards, sighting
+from tracker.calibration.board import extrinsics
 from tracker.calibration.board.board import Board
-from tracker.calibration.board.extrinsics import place_cameras
+from tracker.calibration.board.extrinsics import _slopes, _step, place_cameras
 from tracker.calibration.board.intrinsics import fit_lens
 from tracker.calibration.board.sighting import find_board
 from tracker.calibration.files import Calibrated, read_calibrated
@@ -60,6 +61,44 @@ def test_stated_deviations_of_places_are_those_of_their_errors(pairs):
     assert 0.6 < (np.array(away) ** 2).mean() < 2.0
     assert 0.8 < (np.array(errors) ** 2).mean() < 1.6
     assert np.abs(errors).max() < 5
+
+
+def test_slopes_of_residuals_are_their_derivatives(rng):
+    one, optics = views(3, [(1, 2)])[1, 2], LENS.arrays
+    slopes = _slopes(one, TRUE[1], PLACES[2], optics)
+    moves = (
+        lambda step: _step(TRUE[1], step) @ PLACES[2],
+        lambda step: TRUE[1] @ _step(PLACES[2], step),
+    )
+    for found, move in zip(slopes, moves, strict=True):
+
+        def missed(step, move=move):
+            return one.misses(move(step), optics).ravel()
+
+        expected = numerical_jacobian(missed, np.zeros(6))
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-3)
+
+
+def test_four_corners_tell_little_of_their_own_scatter():
+    away = []
+    for seed in range(60):
+        seen = views(seed, [(0, 0)])[0, 0]
+        few = seen.without(~np.isin(seen.corners, [8, 10, 16, 18]))
+        placed = place_cameras(lenses()[:1], {(0, 0): few}, GIVEN)
+        center = placed.cameras[0].camera.position + TRUE[0][:3, :3].T @ TRUE[0][:3, 3]
+        away.append(np.linalg.norm(center) / placed.spreads[0])
+    assert 0.3 < np.mean(np.square(away)) < 1.5
+    assert max(away) < 4
+
+
+def test_many_contradicted_photos_are_named_in_few_fits(monkeypatch):
+    seen, fits = views(11, [(c, p) for c in range(3) for p in range(3)]), []
+    fitted = extrinsics._fitted
+    monkeypatch.setattr(extrinsics, "_fitted", lambda *given: fits.append(1) or fitted(*given))
+    moved = so3.transform(so3.exp([0, 0, 0.05]), [0.01, 0, 0]) @ PLACES[1]
+    seen[2, 1] = sighting("moved", TRUE[2] @ moved, np.random.default_rng(1))
+    assert set(place_cameras(lenses(), seen, GIVEN).faults) == {(2, 1)}
+    assert len(fits) <= 1 + 2 * extrinsics.TRIED
 
 
 def test_a_camera_is_placed_through_another_that_sees_the_given_place_or_named():

@@ -13,6 +13,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -26,8 +27,12 @@ from tracker.geometry import so3
 MOST_RMS = 1.5e-3
 """Largest RMS residual of a camera [focal lengths], 0.9 px at 590; if larger, it is another camera's lens."""
 
-LEAST_RMS = 0.15
-"""Residual that every photo may have [px RMS]: prints and rendered boards are not exact either."""
+LEAST_RMS, SURENESS = 0.15, 8.0
+"""Residual that every photo may have [px RMS], since prints and rendered boards are not exact either, and how
+many residuals' worth of evidence this is for the variance that a few corners tell badly."""
+
+TRIED = 3
+"""How many of the photos that fit worst are tried to be left out."""
 
 Photo = tuple[int, int]
 """Numbers of a photo's camera and of its board pose."""
@@ -109,11 +114,20 @@ class _Fit(NamedTuple):
     """Covariance of six unknowns per camera (ω, δt in exp(ω) R, t + δt), then six per further board pose."""
     squares: float
     """Sum of the squared residuals [px²]."""
+    gains: Mapping[Photo, float]
+    """About how much less it would be without each photo [px²]."""
 
 
-def _fitted(lenses: Sequence[Calibrated], photos: Photos, world_from_board: FloatArray) -> _Fit:
-    """Return the fit to photos; CalibrationError if they do not link all cameras to board pose 0."""
+def _fitted(
+    lenses: Sequence[Calibrated], photos: Photos, world_from_board: FloatArray, near: _Fit | None = None
+) -> _Fit:
+    """Return the fit to photos; CalibrationError if they do not link all cameras to board pose 0.
+
+    near: a fit from which to start; None: from the poses that single photos give.
+    """
     cameras, places = _start(lenses, photos, world_from_board)
+    if near is not None:
+        cameras, places = dict(near.cameras), {place: near.places[place] for place in places}
     free = sorted(place for place in places if place != 0)
 
     def moved(unknowns: FloatArray) -> tuple[Poses, Poses]:
@@ -125,10 +139,46 @@ def _fitted(lenses: Sequence[Calibrated], photos: Photos, world_from_board: Floa
         found = _residuals(lenses, photos, *moved(unknowns))
         return np.concatenate([one.ravel() for one in found.values()])
 
-    fit = least_squares(missed, np.zeros(6 * (len(cameras) + len(free))), method="lm")
+    def slopes(unknowns: FloatArray) -> FloatArray:
+        now, turns = moved(unknowns), list(map(so3.left_jacobian, unknowns.reshape(-1, 6)[:, :3]))
+        rows = []
+        for (camera, place), one in photos.items():
+            blocks = _slopes(one, now[0][camera], now[1][place], _optics(lenses[camera]))
+            row = np.zeros((2 * len(one), len(unknowns)))
+            numbers = [camera] if place == 0 else [camera, len(cameras) + free.index(place)]
+            for n, block in zip(numbers, blocks, strict=False):  # the given place does not move
+                row[:, 6 * n : 6 * n + 6] = np.hstack([block[:, :3] @ turns[n], block[:, 3:]])
+            rows.append(row)
+        return np.concatenate(rows)
+
+    fit = least_squares(missed, np.zeros(6 * (len(cameras) + len(free))), slopes, method="lm")
     squares = float(fit.fun @ fit.fun)
-    variance = squares / max(len(fit.fun) - len(fit.x), 1)
-    return _Fit(*moved(fit.x), np.linalg.inv(fit.jac.T @ fit.jac) * variance, squares)
+    evidence = squares + SURENESS * LEAST_RMS**2 / 2.0
+    variance = evidence / (max(len(fit.fun) - len(fit.x), 0) + SURENESS)
+    inverse, gains, last = np.linalg.inv(fit.jac.T @ fit.jac), {}, 0
+    for at, one in photos.items():
+        first, last = last, last + 2 * len(one)
+        slope, left = fit.jac[first:last], fit.fun[first:last]
+        # Deleted residuals: those that a linear fit to the other photos would leave.
+        deleted = np.linalg.lstsq(np.eye(len(left)) - slope @ inverse @ slope.T, left, rcond=1e-9)[0]
+        gains[at] = float(left @ deleted)
+    return _Fit(*moved(fit.x), inverse * variance, squares, gains)
+
+
+def _slopes(
+    one: BoardView, camera: FloatArray, place: FloatArray, optics: Optics
+) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives (2 N, 6) of a photo's residuals by `_step`s of its camera and of its place."""
+    pose = camera @ place
+    turn = cv2.Rodrigues(pose[:3, :3])[0]
+    _, by = cv2.projectPoints(one.points, turn, pose[:3, 3], *optics)
+    by_point = -np.asarray(by)[:, 3:6].reshape(-1, 2, 3)  # derivatives by the shift
+    held = one.points @ place[:3, :3].T
+    seen = (held + place[:3, 3]) @ camera[:3, :3].T
+    by_place = by_point @ camera[:3, :3]
+    by_camera = np.concatenate([by_point @ -so3.hat(seen), by_point], axis=2)
+    by_place = np.concatenate([by_place @ -so3.hat(held), by_place], axis=2)
+    return np.asarray(by_camera.reshape(-1, 6)), np.asarray(by_place.reshape(-1, 6))
 
 
 def _residuals(
@@ -148,19 +198,18 @@ def _odd_one(
     Removing this photo lowers the sum of squares most, and by far more than its corners account for.
     Its own residuals are not a criterion: a `fit` to all photos spreads the error of one over many.
     """
-    alone = {at: float((one.least_misses(_optics(lenses[at[0]])) ** 2).sum()) for at, one in photos.items()}
     best: tuple[Photo, _Fit] | None = None
-    for at, one in photos.items():
+    left = TRIED
+    for at in sorted(photos, key=lambda at: -fit.gains[at]):
         others = {other: kept for other, kept in photos.items() if other != at}
-        # No joint fit is better than separate fits of each photo: this bound rules out most photos cheaply.
-        least = sum(alone[other] for other in others)
-        if not others or fit.squares - least <= _odd_gain(one, least, others):
-            continue
+        if not others or left == 0:
+            break
         try:
-            rest = _fitted(lenses, others, world_from_board)
+            rest = _fitted(lenses, others, world_from_board, fit)
         except CalibrationError:  # only this photo links some camera to the others
             continue
-        odd = fit.squares - rest.squares > _odd_gain(one, rest.squares, others)
+        left -= 1
+        odd = fit.squares - rest.squares > _odd_gain(photos[at], rest.squares, others)
         if odd and (best is None or rest.squares < best[1].squares):
             best = at, rest
     if best is None:
