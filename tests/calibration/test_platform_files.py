@@ -276,6 +276,16 @@ def test_a_fault_is_named_with_file_and_key(key, value, part, message, tmp_path)
     assert len(str(caught.value)) < 500
 
 
+@pytest.mark.parametrize("key", ["camera_matrix", "distortion_coefficients"])
+def test_a_negative_deviation_of_a_lens_is_named_with_file_and_key(key, tmp_path):
+    file, text = written(tmp_path)
+    data = yaml.safe_load(text)
+    data[f"{key}_std"] = {**data[key], "data": [-0.1] * len(data[key]["data"])}
+    file.write_text(yaml.safe_dump(data))
+    with pytest.raises(CalibrationError, match=rf"camera60\.yml: {key}_std: found -0\.1, expected"):
+        read_camera(file)
+
+
 UNKNOWN_TAG = "could not determine a constructor"
 
 

@@ -232,6 +232,11 @@ def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_pa
     assert abs(mine.rim) < 3 * mine.rim_std < 1e-3  # drawn boxes are sharp
     for words in ("camera60", "against the mean", "in held-out frames", "x, y and yaw", "focal"):
         assert words in result.stdout
+    for camera in RIG:
+        lens, off = read_calibrated(target / f"{camera.name}.yml"), np.zeros((3, 3))
+        off[:2] = np.abs(lens.camera.matrix - camera.matrix)[:2]
+        assert (off <= 4 * lens.matrix_std).all()
+        assert 0.0 < lens.matrix_std[0, 0] < 0.01 * camera.matrix[0, 0]
     rigs = (tracker.CameraRig.load(folder) for folder in (target, wrong))
     mended, before = (abs(relative_errors(rig, RIG)[:, :3]).max() for rig in rigs)
     assert mended < 0.5 * before
@@ -306,6 +311,9 @@ def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
         ("table {one}/camera60.png {cube} --calibration {resting} -o new", ["multiple of 3", "camera180"]),
         ("table nowhere {cube} -o new", ["nowhere"]),
         ("check {resting} {fewer} {cube}", ["fewer", "another calibration or arena"]),
+        ("check {one} {one}/../000000 {cube}", ["000000 again"]),
+        ("extrinsics {board} --intrinsics {resting} -o new {one} {one}", ["000000 again"]),
+        ("intrinsics {board} --name left -o new.yml {one}/camera60.png {one}/camera60.png", ["60.png again"]),
         ("check {fewer} {resting} {cube}", ["another calibration or arena"]),
         ("table {resting} {cube}", ["-o"]),
     ],

@@ -111,9 +111,7 @@ def _camera_of(data: dict[Any, Any]) -> Camera:
     transform = _matrix_of(data, transform_key, (4, 4))
     transform[:3, :3] = rotation_of(transform[:3, :3], transform_key, CalibrationError)
     std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
-    std = None if std_key is None else _matrix_of(data, std_key, (4, 4))
-    if std is not None and std.min() < 0:
-        raise CalibrationError(f"{std_key}: found {std.min():g}, expected standard deviations of at least 0")
+    std = None if std_key is None else _deviations_of(data, std_key, (4, 4))
     if (transform[3] != (0, 0, 0, 1)).any():
         found = transform[3].tolist()
         raise CalibrationError(f"{transform_key}: found the last row {found}, expected [0, 0, 0, 1]")
@@ -165,6 +163,14 @@ def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> Floa
     return np.array(values, np.float64).reshape(int(rows), int(cols))
 
 
+def _deviations_of(data: dict[Any, Any], key: str, shape: tuple[int, int]) -> FloatArray:
+    """Return the standard deviations at `key`."""
+    std = _matrix_of(data, key, shape)
+    if std.min() < 0:
+        raise CalibrationError(f"{key}: found {std.min():g}, expected standard deviations of at least 0")
+    return std
+
+
 def rotation_of(matrix: FloatArray, what: str, fault: type[TrackerError]) -> FloatArray:
     """Return the nearest rotation; `matrix` (3, 3) itself, bitwise, if a Camera accepts it.
 
@@ -214,9 +220,9 @@ def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Cali
         data[TRANSFORM_KEYS[0]] = _entry(np.eye(4))
     with naming(os.fspath(path), CalibrationError):
         camera = _camera_of(data)
-        matrix = _matrix_of(data, _MATRIX_KEY, (3, 3)) if _MATRIX_KEY in data else None
-        distortion = _matrix_of(data, _DISTORTION_KEY, (1, 5)).ravel() if _DISTORTION_KEY in data else None
-    return Calibrated(camera, matrix, distortion, placed)
+        matrix = _deviations_of(data, _MATRIX_KEY, (3, 3)) if _MATRIX_KEY in data else None
+        bent = _deviations_of(data, _DISTORTION_KEY, (1, 5)).ravel() if _DISTORTION_KEY in data else None
+    return Calibrated(camera, matrix, bent, placed)
 
 
 def file_name(camera: str) -> str:

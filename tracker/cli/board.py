@@ -15,7 +15,7 @@ import click
 
 import tracker
 from tracker.cli.options import Range, command, file_option, flag, numbers, option, several
-from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording
+from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording, refuse_repeated
 from tracker.cli.stills import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError
@@ -199,6 +199,7 @@ def intrinsics(
     from tracker.geometry.camera import check_name
 
     check_name(name, "--name", CalibrationError)
+    refuse_repeated(images)
     board = printed.board()
     board, found, faults = _sightings_of(images, board)
     with _naming(faults):

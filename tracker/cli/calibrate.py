@@ -297,17 +297,16 @@ def refine(
     file as --object from then on.
     """
     from tracker.calibration.by_object.refine import refine_cameras
+    from tracker.calibration.files import Calibrated
     from tracker.calibration.rig import save_rig
 
     with filmed.opened() as (model, footage, rig, colors, progress):
         found = refine_cameras(model, footage, rig, colors, focal=focal, most=frames, progress=progress)
     model = replace(model, colors=filmed.subject.colors or model.colors)
-    save_rig(
-        found.rig,
-        output,
-        {} if focal else filmed.lenses(rig),
-        {"object.toml": object_text(model, found.rim)},
-    )
+    lenses = filmed.lenses(rig)
+    if focal:
+        lenses = {one.name: Calibrated(one, std) for one, std in zip(found.rig, found.lens_std, strict=True)}
+    save_rig(found.rig, output, lenses, {"object.toml": object_text(model, found.rim)})
     if not filmed.quiet:
         click.echo(_refined(found, focal, output))
 

@@ -86,7 +86,7 @@ class OutFolder(AnyPath):
 
 
 class Command(click.Command):
-    """A command that refuses to overwrite its inputs, known from the types of its parameters."""
+    """A command that refuses repeated recordings, and outputs that are inputs, from its parameters' types."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """See click.Command."""
@@ -100,6 +100,7 @@ class Command(click.Command):
                 several = value if isinstance(value, tuple) else (value,)
                 read[isinstance(param.type, Recording)] += map(Path, several)
         with augment_usage_errors(ctx):
+            refuse_repeated(filter(is_recording, read[True]))
             refuse_overwriting(files, read[True], read[False])
         return super().invoke(ctx)
 
@@ -107,6 +108,15 @@ class Command(click.Command):
 def is_recording(path: str | Path) -> bool:
     """Whether a path given to a command is that of a recording, not of an image."""
     return Path(path).suffix.lower() not in IMAGES or Path(path).is_dir()
+
+
+def refuse_repeated(recordings: Iterable[Path]) -> None:
+    """Raise UsageError if a recording or image is given twice, since it would count as further evidence."""
+    seen: dict[str, Path] = {}
+    for path in recordings:
+        other = seen.setdefault(os.path.realpath(path), path)
+        if other is not path and path.exists():
+            raise click.UsageError(f"{path}: found {other} again, expected another one")
 
 
 def refuse_overwriting(

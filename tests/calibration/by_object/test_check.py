@@ -212,6 +212,7 @@ def test_focal_lengths_that_differ_are_named_with_the_depth_that_they_leave_open
         away = np.linalg.norm(given_one.position)
         assert one.focal.depth == pytest.approx(off * away)
         assert one.focal.needed == pytest.approx(2e-3 / away)
+    assert math.isnan(check_calibration(seen, given).cameras[2].focal.depth)  # nothing is known
 
 
 @pytest.mark.parametrize(("name", "stated"), [("cube_v1", 1.44), ("cuboid_2x2x8_v2", 0.71)])

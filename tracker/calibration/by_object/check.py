@@ -67,7 +67,8 @@ class FocalCheck:
     ratio: float
     """fy over fx."""
     off: float
-    """Possible relative error: the stated deviation, but at least half the difference of fx and fy."""
+    """Possible relative error: the stated deviation, but at least half the difference of fx and fy; NaN if
+    nothing is stated and these are equal."""
     distance: float
     """Distance from the camera to the object, median over the looks [m]; NaN if not measured."""
 
@@ -173,7 +174,7 @@ def check_calibration(
         lengths = np.linalg.norm(misses[:, c], axis=1)
         asked = np.isfinite(lengths)
         ratio = float(camera.matrix[1, 1] / camera.matrix[0, 0])
-        off = max(abs(ratio - 1.0) / 2.0, focal_std.get(camera.name, 0.0))
+        off = max(abs(ratio - 1.0) / 2.0, focal_std.get(camera.name, 0.0)) or float("nan")
         result.append(
             CameraCheck(
                 camera.name,

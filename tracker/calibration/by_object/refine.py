@@ -310,6 +310,8 @@ class Refined:
     """Standard deviations (C, 6) of these errors."""
     lenses: FloatArray
     """Change (C, 3) of the focal length [1], and of the principal point [px]."""
+    lens_std: tuple[FloatArray, ...]
+    """Standard deviations (3, 3) of the cameras' matrices [px]; near zero if lenses were kept."""
     before: float
     """RMS offset of the edges in held-out frames [px of an object of reference size]."""
     after: float
@@ -377,12 +379,21 @@ def refine_cameras(
         now.errors[:, EXTRINSIC] - now.errors[:, EXTRINSIC].mean(axis=0),
         np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)),
         now.errors[:, FOCAL],
+        tuple(_lens_std(camera, step.covariance[c, :, c]) for c, camera in enumerate(now.cameras)),
         before,
         after,
         (step.rim, step.rim_std),
         len(frames),
         plane,
     )
+
+
+def _lens_std(camera: Camera, covariance: FloatArray) -> FloatArray:
+    """Return the deviations (3, 3) of a camera's matrix, from the covariance (10, 10) of its unknowns."""
+    focal, *center = np.sqrt(np.diag(covariance[FOCAL, FOCAL]))
+    std = np.diag([*(camera.matrix.diagonal()[:2] * focal), 0.0])
+    std[:2, 2] = center
+    return std
 
 
 def misfit(edges: EdgeReader, frames: Sequence[Frame]) -> float:

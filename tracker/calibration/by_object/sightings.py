@@ -175,6 +175,16 @@ UNSEEN = "is its image right, and its tf_world_to_camera in metres and from worl
 _FAR_OFF = "; cameras off by over a few mm or half a degree need a board first: tracker calibrate extrinsics"
 
 
+def apart(sightings: Sequence[Sighting]) -> list[Sighting]:
+    """Return the sightings whose pose differs from those of all returned before."""
+    every, numbers = np.array([one.position for one in sightings]), list[int]()
+    for n, one in enumerate(sightings):
+        beside = np.linalg.norm(every[numbers] - one.position, axis=1) < APART[0]  # few, of thousands
+        if not any(_near(one, sightings[numbers[k]], APART) for k in np.flatnonzero(beside)):
+            numbers.append(n)
+    return [sightings[n] for n in numbers]
+
+
 def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     """Return up to `most` sightings in different poses; CalibrationError if there are too few."""
     sharp = [
@@ -183,12 +193,8 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     if not sharp:
         more = f"; in {len(seen)} more it moved between the cameras' images" if seen else ""
         raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}{_FAR_OFF}")
-    every, numbers = np.array([one.position for one in sharp]), list[int]()
-    for n, one in enumerate(sharp):
-        beside = np.linalg.norm(every[numbers] - one.position, axis=1) < APART[0]  # few, of thousands
-        if not any(_near(one, sharp[numbers[k]], APART) for k in np.flatnonzero(beside)):
-            numbers.append(n)
-    places, chosen = every[numbers], [sharp[n] for n in numbers]
+    chosen = apart(sharp)
+    places = np.array([one.position for one in chosen])
     turn = max(so3.angle_between(one.rotation, chosen[0].rotation) for one in chosen)
     spread = float(np.sqrt(places.var(axis=0).sum()))
     if len(chosen) < LEAST or spread < SPREAD or turn < TURNED:

@@ -13,7 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.calibration.by_object.edges import EdgeReader, Frame, pose_errors, seen_motion
-from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, require_two, resting
+from tracker.calibration.by_object.sightings import (
+    Footage,
+    Sighting,
+    all_sightings,
+    apart,
+    require_two,
+    resting,
+)
 from tracker.calibration.deviations import calibration_covariance, element_std, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
@@ -253,7 +260,7 @@ def broad(rig: CameraRig) -> CameraRig:
 
 def plane_of(edges: EdgeReader, seen: Sequence[Sighting]) -> TablePlane:
     """Return the plane on which an object was seen to rest; CalibrationError: it rested in too few places."""
-    found = [_rest(edges, frame) for frame in edges.sights(resting(seen))]
+    found = [_rest(edges, frame) for frame in edges.sights(apart(resting(seen)))]
     rests = [rest for rest in found if rest is not None]
     if len(rests) < LEAST <= len(found):
         raise CalibrationError(
