@@ -120,7 +120,8 @@ def test_the_format_in_the_docstring_is_valid(mine):
     [
         ('"red"', '"orange"', r"\+x: found 'orange', expected one of red"),
         ('"red"', '"background"', "found 'background'"),
-        ('"red"', "[1]", r"found \[1\]"),
+        ('"red"', "[1]", "found a list of 1"),
+        ('"red"', "0x" + "f" * 5000, "faces: .x: found "),
         ('"red"', '"cyan"', "found cyan twice"),
         ('"+x" = "red"\n', "", "faces: found"),
         ('"+x"', '"+w"', "faces: found"),

@@ -73,13 +73,14 @@ def _masks(path: Path) -> dict[int, Path]:
 
 
 def read_labelled(folder: str | Path) -> list[LabelledImage]:
-    """Read all labelled images of a folder, sorted by name; ImageError if there is none."""
+    """Read the labelled images of a folder by name; ImageError: there is none, or a mask without one."""
     folder = Path(folder)
     if not folder.is_dir():
         raise ImageError(f"labelled images {folder}: no such folder")
-    result = []
+    result, unused = [], set(folder.glob("*_mask_*.png"))
     for path in sorted({*folder.glob("*_image.png"), *folder.glob("camera*.png")}):
         masks = _masks(path)
+        unused -= set(masks.values())
         if not masks:
             continue
         image = read_image(path)
@@ -90,6 +91,9 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
                 raise ImageError(f"mask {mask_path}: {mask.shape[:2]} px, its image has {image.shape[:2]}")
             labels[mask.max(axis=2) > 0] = label
         result.append(LabelledImage(f"{folder.name}/{path.stem}", image, labels))
+    if unused:
+        colors = ", ".join(COLOR_NAMES[1:])
+        raise ImageError(f"mask {min(unused)}: found no NN_image.png for it, or no colour of {colors}")
     if not result:
         raise ImageError(
             f"labelled images {folder}: none found; expected NN_image.png with NN_mask_red.png …, "

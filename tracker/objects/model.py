@@ -156,7 +156,7 @@ def face_labels_of(faces: Any) -> Array:
     for face, color in faces.items():
         if color not in _FACE_COLORS:
             valid = ", ".join(_FACE_COLORS)
-            raise ObjectModelError(f"faces: {face}: found {color!r}, expected one of {valid}")
+            raise ObjectModelError(f"faces: {face}: found {shown(color)}, expected one of {valid}")
     used = list(faces.values())
     twice = sorted({color for color in used if used.count(color) > 1})
     if twice:
