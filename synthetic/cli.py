@@ -1,6 +1,7 @@
 """The command line of the generator: parse, call, print.
 
-Errors are one line on stderr that starts with `synthetic: `, and exit code 2; an interrupt exits with 130.
+Errors are one line on stderr that starts with `synthetic: `, and exit code 2; an interrupt exits with 130,
+SIGTERM with 143, SIGHUP with 129.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any, NoReturn
 import click
 
 from tracker.errors import TrackerError, install
+from tracker.processes import ended_by_signals, exit_code
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "dice")
 QUALITY_NAMES = ("fast", "default", "best")
@@ -117,13 +119,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _run(arguments: list[str]) -> int:
     """Return the exit code of one run."""
     try:
-        with commands.make_context("synthetic", arguments) as context:
+        with ended_by_signals(), commands.make_context("synthetic", arguments) as context:
             commands.invoke(context)
         return 0
     except click.exceptions.Exit as stop:
         return stop.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted; the same command continues", code=130)
+    except (KeyboardInterrupt, click.Abort) as stop:
+        return _fail("interrupted; the same command continues", code=exit_code(stop))
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else "synthetic"
         return _fail(f"{error.format_message()} (see {where} --help)")

@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
 from tracker.errors import TrackerError
+from tracker.processes import end_with_parent
 
 
 class WorkerError(TrackerError):
@@ -79,6 +80,7 @@ def _collect(processes: Sequence[Any], results: Any) -> Iterator[Any]:
 def _work(factory: Factory, todo: Any, results: Any) -> None:
     # An interrupt also reaches the parent process, which ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     try:
         work = factory()
         while (task := todo.get()) is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import contents
-from tests.helpers.command import assert_one_line_error, begin, until, well
+from tests.helpers.command import assert_one_line_error, begin, until, well, workers_of
 from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import summary_file
 from tracker.batch.run import Batch, only_run, read_batch, run_batch
@@ -49,13 +49,6 @@ def start(recordings: Path, folder: Path) -> subprocess.Popen[bytes]:
     # What a killed run has left is gone when there are workers.
     until(lambda: workers_of(process) and list(folder.rglob(".*.poses.h5.lock")), process)
     return process
-
-
-def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
-    """Processes that the run has begun."""
-    listed = subprocess.check_output(["ps", "-wweo", "pid,ppid,args"], text=True)
-    rows = [line.split(None, 2) for line in listed.splitlines()[1:]]
-    return [int(pid) for pid, parent, what in rows if int(parent) == process.pid and "spawn_main" in what]
 
 
 @pytest.mark.slow

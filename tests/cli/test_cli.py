@@ -14,7 +14,8 @@ from tests.helpers import ROOT
 from tests.helpers.command import well
 from tests.helpers.recording_stubs import write_log
 from tracker import cli
-from tracker.cli.terminal import Ended, bar, ended_by_signals, exit_code
+from tracker.cli.terminal import bar
+from tracker.processes import Ended, ended_by_signals, exit_code
 
 
 @pytest.mark.parametrize(

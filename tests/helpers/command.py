@@ -34,10 +34,10 @@ def assert_refused(run: Run, folder: Path, arguments: Sequence[object], *words: 
     assert contents(folder) == before
 
 
-def begin(*arguments: object) -> subprocess.Popen[bytes]:
-    """Begin `tracker` with arguments, in a group of processes that can be ended together."""
+def begin(*arguments: object, program: str = "tracker") -> subprocess.Popen[bytes]:
+    """Begin a program with arguments, in a group of processes that can be ended together."""
     return subprocess.Popen(
-        [sys.executable, "-m", "tracker", *map(str, arguments)],
+        [sys.executable, "-m", program, *map(str, arguments)],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.PIPE,
@@ -53,3 +53,14 @@ def until(holds: Callable[[], object], *processes: subprocess.Popen[bytes]) -> N
         assert all(process.poll() is None for process in processes)
         assert time.monotonic() < deadline
         time.sleep(0.02)
+
+
+def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
+    """Processes that a program has begun, or that it has left, and that still run."""
+    listed = subprocess.check_output(["ps", "-wweo", "pid,pgid,stat,args"], text=True)
+    rows = [line.split(None, 3) for line in listed.splitlines()[1:]]
+    return [
+        int(pid)
+        for pid, group, state, what in rows
+        if int(group) == process.pid and "spawn_main" in what and not state.startswith("Z")
+    ]

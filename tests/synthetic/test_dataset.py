@@ -1,8 +1,11 @@
+import contextlib
 import dataclasses
 import json
+import os
 import re
 import runpy
 import shutil
+import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -16,7 +19,7 @@ from synthetic.camera.rigs import choose_rig, standard_rig
 from synthetic.export.dataset import DatasetOptions, make_dataset
 from synthetic.frames import FrameOptions
 from tests.helpers import contents, opencv_pixels
-from tests.helpers.command import well
+from tests.helpers.command import begin, until, well, workers_of
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig, load_object, open_log
 from tracker.geometry.arena import Arena
@@ -78,6 +81,26 @@ def test_the_layout_is_complete(made):
 def test_the_pixels_do_not_depend_on_the_number_of_workers(made, generate, tmp_path):
     well(generate(tmp_path / "two", "--workers", 2))
     assert contents(made) == contents(tmp_path / "two")
+
+
+@pytest.mark.process
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGKILL, -signal.SIGKILL)]
+)
+def test_workers_end_with_a_run_that_is_ended(number, code, tmp_path):
+    options = ("--object", "cube_v2", "--seed", 4, "--quality", "fast", "--workers", 2)
+    process = begin("dataset", "--frames", 999, *options, "--out", tmp_path / "set", program="synthetic")
+    try:
+        until((tmp_path / "set" / "000001").exists, process)
+        os.kill(process.pid, number)
+        _, err = process.communicate(timeout=60)
+        assert process.returncode == code
+        assert err.endswith(b"continues\n") == (code > 0)
+        until(lambda: not workers_of(process))
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def test_an_interrupted_run_continues_where_it_stopped(made, generate, tmp_path):

@@ -8,11 +8,10 @@ import itertools
 import os
 import pickle
 import signal
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import AbstractContextManager, contextmanager
-from multiprocessing import Pipe, get_context, parent_process, resource_tracker
+from multiprocessing import Pipe, get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for
 from multiprocessing.process import BaseProcess
@@ -22,7 +21,7 @@ import cv2
 
 from tracker.checks import optional
 from tracker.errors import TrackerError
-from tracker.processes import environment
+from tracker.processes import end_with_parent, environment
 from tracker.warm_up import warm_up
 
 Engine = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
@@ -133,7 +132,7 @@ def _begin(begun: dict[Connection, BaseProcess]) -> Connection:
 
 def _work(connection: Connection) -> None:
     """Do tasks in a worker process, one after another, until the connection is closed."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     with contextlib.suppress(EOFError, OSError):
         while True:
             function, task = connection.recv()
@@ -142,14 +141,6 @@ def _work(connection: Connection) -> None:
                     connection.send(result)
                 except (AttributeError, TypeError, pickle.PicklingError) as error:
                     connection.send(WorkerError(f"what came of it cannot be sent: {error}"))
-
-
-def _end_with_parent() -> None:
-    """End this process, even in the middle of a task, when its parent is gone."""
-    parent = parent_process()
-    assert parent is not None
-    wait_for([parent.sentinel])
-    os._exit(1)
 
 
 @contextmanager

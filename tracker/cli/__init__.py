@@ -18,8 +18,9 @@ import click
 from click.shell_completion import shell_complete
 
 from tracker.cli import batch, calibrate, colors, demo, doctor, export, info, live, score, stills, track
-from tracker.cli.terminal import ended_by_signals, exit_code, say
+from tracker.cli.terminal import say
 from tracker.errors import NotBetterError, TrackerError, reason
+from tracker.processes import ended_by_signals, exit_code
 from tracker.version import version
 
 EXIT_CODES = {

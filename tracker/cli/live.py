@@ -17,9 +17,10 @@ from tracker.cli import options
 from tracker.cli.live_outputs import LiveOutputs, Lookout, Requested, Statistics, check_cameras
 from tracker.cli.options import Range, argument, command, flag, option
 from tracker.cli.outputs import InFile, Recording
-from tracker.cli.terminal import Ended, say
+from tracker.cli.terminal import say
 from tracker.errors import LiveError
 from tracker.files import on_error
+from tracker.processes import Ended
 
 _POSITIVE = Range(0, min_open=True)
 _CAMERAS = ("pylon", "opencv")  # the same as in tracker.live.sources, which is not imported for --help
