@@ -10,6 +10,7 @@ import functools
 import itertools
 import json
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -125,8 +126,8 @@ def make_dataset(
     rig = options.rig()
     truth = _Truth.open(root, options)
     _save_rig(root, rig)
-    for left in root.glob(".[0-9]*.*"):  # what killed workers left behind
-        shutil.rmtree(left, ignore_errors=True)
+    for path in filter(_is_left, root.iterdir()):
+        shutil.rmtree(path, ignore_errors=True)
     done = truth.done(root)
     missing = (number for number in range(options.count) if number not in done)
     tasks = [list(numbers) for _, numbers in itertools.groupby(missing, lambda n: n // options.frames.chunk)]
@@ -203,6 +204,18 @@ class _Truth:
         write_whole(self._path, json.dumps({**self._head, "frames": self.entries()}, indent=1) + "\n")
         now = time.monotonic()
         self._next_save = now + max(_SAVE_EVERY, 20 * (now - start))
+
+
+def _is_left(path: Path) -> bool:
+    """Whether a path is a frame's temporary folder whose process has ended."""
+    name = re.fullmatch(r"\.\d{6}\.(\d{1,9})", path.name)
+    if name is None:
+        return False
+    try:
+        os.kill(int(name[1]), 0)
+    except OSError as error:
+        return isinstance(error, ProcessLookupError)
+    return False
 
 
 def _save_rig(root: Path, rig: CameraRig) -> None:

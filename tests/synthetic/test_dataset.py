@@ -107,12 +107,14 @@ def test_an_interrupted_run_continues_where_it_stopped(made, generate, tmp_path)
     folder = tmp_path / "set"
     shutil.copytree(made, folder)
     truth = truth_of(folder)
+    for others in (".5.mine", ".000001.notes", f".000001.{os.getppid()}"):  # the last of a run that goes on
+        (folder / others).mkdir()
     expected = contents(folder)
     # As after a kill: one frame whose truth was not noted, one that is not there, one half written.
     del truth["frames"][1]
     (folder / "ground_truth.json").write_text(json.dumps(truth))
     shutil.rmtree(folder / "000002")
-    (folder / ".000002.abcdef").mkdir()
+    (folder / ".000002.999999999").mkdir()
     untouched = (folder / "000000" / "camera60.png").stat().st_mtime_ns
     assert "2 frames made, 1 were there" in well(generate(folder)).stdout
     assert contents(folder) == expected
