@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
 from synthetic.camera.rigs import KNOWN, choose_rig, sized
 from synthetic.export.bop import finish_bop, write_bop_frame, write_png
@@ -219,16 +218,8 @@ def _is_left(path: Path) -> bool:
 
 
 def _save_rig(root: Path, rig: CameraRig) -> None:
-    if any(root.glob("camera*.yml")):
-        found = CameraRig.load(root)
-        for old, new in zip(found, rig, strict=False):
-            same = (old.name, old.width, old.height) == (new.name, new.width, new.height)
-            for key in ("matrix", "distortion", "camera_from_world"):
-                same = same and np.array_equal(getattr(old, key), getattr(new, key))
-            if not same or len(found) != len(rig):
-                raise DatasetError(
-                    f"{root}: found frames of another calibration ({old.name}), expected the one asked for"
-                )
+    if any(root.glob("*camera*.yml")) and not CameraRig.load(root).agrees_with(rig):
+        raise DatasetError(f"{root}: found frames of another calibration, expected the one asked for")
     rig.save(root)
 
 

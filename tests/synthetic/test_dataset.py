@@ -17,8 +17,8 @@ import pytest
 from synthetic import cli
 from synthetic.camera.rigs import choose_rig, standard_rig
 from synthetic.export.dataset import DatasetOptions, make_dataset
-from synthetic.frames import FrameOptions
-from tests.helpers import contents, opencv_pixels
+from synthetic.frames import DatasetError, FrameOptions
+from tests.helpers import contents, nudged, opencv_pixels
 from tests.helpers.command import begin, until, well, workers_of
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig, load_object, open_log
@@ -134,6 +134,20 @@ def test_a_folder_of_other_options_is_refused(made, generate, more, message):
     assert result.returncode == 2
     assert message in result.stderr
     assert contents(made) == before
+
+
+@pytest.mark.parametrize("name", ["camera60", "north_camera0"])
+def test_a_data_set_has_frames_of_one_calibration(name, tmp_path):
+    rig = CameraRig((dataclasses.replace(standard_rig()[0], name=name),))
+    for folder, shift in (("one", 0.0), ("other", 0.02)):
+        nudged(rig, 0, shift=(shift, 0, 0)).save(tmp_path / folder)
+    options = FrameOptions("cube_v2", 4, "fast")
+    make_dataset(DatasetOptions(options, 1, str(tmp_path / "one")), tmp_path / "set")
+    before = contents(tmp_path / "set")
+    with pytest.raises(DatasetError, match="found frames of another calibration"):
+        make_dataset(DatasetOptions(options, 2, str(tmp_path / "other")), tmp_path / "set")
+    assert contents(tmp_path / "set") == before
+    make_dataset(DatasetOptions(options, 2, str(tmp_path / "one")), tmp_path / "set")
 
 
 def test_errors_are_one_line_with_exit_code_2(tmp_path, run_here, monkeypatch):
