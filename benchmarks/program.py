@@ -187,7 +187,7 @@ def compare(before: Path, after: Path) -> None:
 
 
 @main.command()
-@click.option("-o", "--output", type=_FOLDER, default=OUTPUT / "gate", show_default="build/benchmarks/gate")
+@click.option("-o", "--output", type=_FOLDER, default=OUTPUT.with_name("gate"), show_default="build/gate")
 @_cache
 @_real
 @click.option("--baseline", type=_FILE, default=gates.BASELINE, show_default="benchmarks/judge/gate.json")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -82,10 +82,9 @@ def accuracy(run: Run) -> Frames:
     def keep(name: str, make: Callable[[], Made]) -> Made:
         file = run.output / KEPT / f"{re.sub(r'[^a-z0-9]+', '_', name.lower())}.json"
         key = {key: run.results.about[key] for key in IDENTITY} | {"asked": run.asked}
-        if file.is_file():
-            kept = json.loads(file.read_text(encoding="utf-8"))
-            if kept["key"] == key:
-                return kept["answers"], kept["skipped"]
+        kept = _kept(file)
+        if kept.get("key") == key:
+            return kept["answers"], kept["skipped"]
         run.say(name)
         answers, skipped = make()
         content = {"key": key, "answers": plain(answers), "skipped": skipped}
@@ -97,6 +96,15 @@ def accuracy(run: Run) -> Frames:
     for what, why in skipped.items():
         run.skip(what, why)
     return {"accuracy": answers} if len(answers) else {}
+
+
+def _kept(file: Path) -> dict[str, Any]:
+    """Return the finished set of scenes in a file; empty if it is missing or holds anything else."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) and content.keys() == {"key", "answers", "skipped"} else {}
 
 
 def recorded(run: Run) -> Frames:
@@ -150,7 +158,8 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
     continued, and results for other sources, scenes or workloads are replaced.
 
     Raises:
-        ResultsError: the folder holds results for other sources or scenes, or sources have changed since.
+        ResultsError: the folder holds results for other sources or scenes, or something else, or sources
+            have changed since.
     """
     run.output.mkdir(parents=True, exist_ok=True)
     about = origin() | {"draw": run.draw, "seed": run.plan.seed, "scenes": run.plan.scenes}
@@ -171,7 +180,10 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
         made |= {"seconds": round(time.monotonic() - start), "asked": run.asked}
         run.results.about.setdefault("parts", {})[part] = made
         write_results(run.output / RESULTS_FILE, run.results)
-        shutil.rmtree(run.output / KEPT, ignore_errors=True)
+        for file in filter(_kept, (run.output / KEPT).glob("*.json")):
+            file.unlink()
+        with suppress(OSError):  # something else is there
+            (run.output / KEPT).rmdir()
     return run.results
 
 
@@ -179,6 +191,11 @@ def _begun(run: Run, about: dict[str, Any], parts: Sequence[str], *, whole: bool
     """Return the results to which this run adds."""
     file = run.output / RESULTS_FILE
     if not file.is_file():
+        for name in sorted({path.name for path in run.output.iterdir()} - {KEPT}):
+            raise ResultsError(
+                f"{run.output}: found {name} and no {RESULTS_FILE}, expected a new or an empty folder, or "
+                "one of results; choose another with -o"
+            )
         return Results(dict(about))
     found = read_results(file)
     wrong = [key for key in IDENTITY if found.about.get(key) != about[key]]

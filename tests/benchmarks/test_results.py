@@ -17,6 +17,7 @@ from benchmarks.judge.results import Results, ResultsError, origin, read_results
 from benchmarks.judge.targets import judge
 from benchmarks.run import Run, measure
 from tests.benchmarks.made_up import ABOUT, answers, film, printed_by, results
+from tests.helpers import contents
 from tests.helpers.synthetic_needs import skip_without_platform
 
 
@@ -111,6 +112,10 @@ def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path
 
     monkeypatch.setattr(runs, "measure_accuracy", made)
     monkeypatch.setitem(runs.PARTS, "accuracy", runs.accuracy)
+    # What others have put there stays, and what is damaged counts as none.
+    (tmp_path / "kept").mkdir()
+    for name, content in (("mine.json", "[1]"), ("mine.txt", ""), ("a.json", "{")):
+        (tmp_path / "kept" / name).write_text(content)
     stop = ["a"]
     with pytest.raises(KeyboardInterrupt):
         run("accuracy")
@@ -127,6 +132,18 @@ def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path
         stop[0] = ""
         run("accuracy", **other)
     assert asked[4:] == ["a", "a", "b"] * 2
+    assert {path.name for path in (tmp_path / "kept").iterdir()} == {"mine.json", "mine.txt"}
+
+
+@pytest.mark.parametrize("name", ["errors.png", "thesis/results.json"])
+def test_a_folder_of_something_else_is_refused(measured, tmp_path, name):
+    run, _, count = measured
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    before = contents(tmp_path)
+    with pytest.raises(ResultsError, match=f"found {name[:6]}.* and no results.json, expected a new or an"):
+        run("films")
+    assert (contents(tmp_path), sum(count.values())) == (before, 0)
 
 
 def test_sources_that_change_meanwhile_spoil_the_run(measured, monkeypatch):
