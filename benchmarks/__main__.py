@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, reason
 
 
 def _run() -> int:
@@ -15,10 +15,10 @@ def _run() -> int:
         main()
         return 0
     except ImportError as error:
-        reason = f"{error}: python3 -m pip install -e '.[bench,synthetic]'"
-    except TrackerError as error:
-        reason = str(error)
-    print(f"benchmarks: {reason}", file=sys.stderr)
+        message = f"{error}: python3 -m pip install -e '.[bench,synthetic]'"
+    except (TrackerError, OSError) as error:
+        message = reason(error)
+    print(f"benchmarks: {message}", file=sys.stderr)
     return 2
 
 

@@ -32,6 +32,7 @@ from benchmarks.report.documents import document
 from benchmarks.report.plots import write_plots
 from benchmarks.report.worst import again, write_worst
 from benchmarks.run import OUTPUT, PARTS, Run, measure
+from tracker.files import claimed
 
 QUICK = 6
 """Number of scenes of a smoke run."""
@@ -60,6 +61,10 @@ _cache = click.option(
     help="Folder of rendered scenes.",
 )
 
+_workers = click.option(
+    "--workers", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes that render."
+)
+
 _real = click.option("--real", type=_FOLDER, help="Folder of recorded data; left out where it is absent.")
 
 _OPTIONS = (
@@ -79,7 +84,7 @@ _OPTIONS = (
     ),
     click.option("--seed", type=click.IntRange(min=0), help="Seed of other scenes than these two."),
     _real,
-    click.option("--workers", default=2, show_default=True, help="Processes that render."),
+    _workers,
     _cache,
     click.option(
         "--only",
@@ -219,13 +224,14 @@ def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: s
 @click.option("--seed", type=click.IntRange(min=0), default=DEVELOPMENT, help="Seed of the fitted films.")
 @click.option("--check", type=click.IntRange(min=0), default=4242, help="Seed of those that check.")
 @click.option("--refined", is_flag=True, help="With cameras as a refinement leaves them.")
-@click.option("--workers", default=2, show_default=True, help="Processes that render.")
+@_workers
 @_cache
 @click.option("-o", "--output", type=_FILE, default=Path("noise.toml"), show_default=True)
 def noise(name: str, seed: int, check: int, refined: bool, workers: int, cache: Path, output: Path) -> None:
     """Measure the tracker's errors on films, and write them as a model for simulators."""
     plan = Plan(seed=seed, workers=workers, cache=cache)
-    click.echo(measured_noise(name, plan, check, output, refined=refined))
+    with claimed(output):  # before hours are spent
+        click.echo(measured_noise(name, plan, check, output, refined=refined))
 
 
 main.add_command(likeness, "likeness")

@@ -138,8 +138,8 @@ def _rendering() -> Callable[[tuple[Store[Any], int, list[int]]], Iterator[int]]
         if store.folder not in known:
             # Tasks come store by store, so the last store's maker is no longer needed.
             known.clear()
-            known[store.folder] = store.maker()
             store.folder.mkdir(parents=True, exist_ok=True)
+            known[store.folder] = store.maker()
         for number, item in known[store.folder](chunk, numbers):
             write_whole(store.file(number), packed(item))
             yield number

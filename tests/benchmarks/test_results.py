@@ -248,3 +248,26 @@ def test_errors_are_one_line_and_say_what_to_install(tmp_path, monkeypatch, caps
         assert out == ""
         assert re.fullmatch(line, err)
         monkeypatch.setitem(sys.modules, "benchmarks.program", None)
+
+
+SMALL = ("accuracy", "--quick", "--only", "realistic", "--object", "cube_v2", "--workers", 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ((*SMALL, "-o", "letter/out"), "benchmarks: letter/out: Not a directory"),
+        ((*SMALL, "-o", "out", "--cache", "letter/cache"), "benchmarks: letter/cache.*: Not a directory"),
+        (("noise", "-o", "letter/noise.toml"), "benchmarks: letter/noise.toml: Not a directory"),
+        ((*SMALL, "-o", "letter/out", "--workers", 0), "Error: .*--workers': 0 is not in the range.*"),
+        (("noise", "--workers", -3), "Error: .*--workers': -3 is not in the range.*"),
+    ],
+)
+def test_outputs_and_workers_are_checked_before_the_work(arguments, line, tmp_path, monkeypatch, run_here):
+    (tmp_path / "letter").write_text("mine")
+    for name in ("measure.noise.FilmStore", "data.scenes.FrameMaker"):
+        monkeypatch.setattr(f"benchmarks.{name}", lambda *_: pytest.fail("work has begun"))
+    monkeypatch.setattr(sys, "argv", ["benchmarks", *map(str, arguments)])
+    result = run_here(folder=tmp_path, main=lambda _: runpy.run_module("benchmarks", run_name="__main__"))
+    assert (result.returncode, result.stdout) == (2, "")
+    assert re.fullmatch(line, result.stderr.splitlines()[-1])
