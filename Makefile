@@ -23,7 +23,8 @@ KEPT := scripts/kept_environment.py
 .PHONY: demo test lowest release package lint format docs bench gate colors clean
 
 demo: $(STAMP)  ## film the simulated platform, find the object in every frame
-	$(BIN)/python examples/demo.py
+	@rm -rf build/demo
+	$(BIN)/python examples/demo.py --output build/demo
 
 # Kernels are compiled before, once for all processes.
 RUN_TESTS = -c 'from tracker.warm_up import warm_up; warm_up()' && $(1)/python -m pytest \

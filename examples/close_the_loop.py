@@ -137,8 +137,9 @@ def plot(paths: dict[str, FloatArray], trajectory: list[tuple[float, FloatArray]
 
 if __name__ == "__main__":
     arguments = parser.parse_args()
-    if arguments.episodes < 1:
-        parser.error(f"--episodes: found {arguments.episodes}, expected at least 1")
+    for name, least in (("seed", 0), ("seconds", 1), ("episodes", 1)):
+        if not least <= getattr(arguments, name) < np.inf:
+            parser.error(f"--{name}: found {getattr(arguments, name)}, expected at least {least}")
     arguments.output.mkdir(parents=True, exist_ok=True)
     seeds = range(arguments.seed, arguments.seed + arguments.episodes)
     main(seeds, arguments.seconds, arguments.knowing, arguments.output)

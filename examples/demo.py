@@ -32,7 +32,7 @@ parser.add_argument("--object", default="cube_v2", help="name of the object (def
 parser.add_argument("--frames", type=int, default=60, help="length of the film (default: %(default)s)")
 parser.add_argument("--seed", type=int, default=3, help="seed of the film (default: %(default)s)")
 parser.add_argument(
-    "--output", type=Path, default=Path("demo"), help="folder to write to (default: %(default)s)"
+    "--output", type=Path, default=Path("demo"), help="new folder to write to (default: %(default)s)"
 )
 
 
@@ -133,5 +133,10 @@ def plot(result: FloatArray, path: Path) -> None:
 
 if __name__ == "__main__":
     arguments = parser.parse_args()
+    if arguments.output.exists() and any(arguments.output.iterdir()):
+        parser.error(f"--output {arguments.output}: in use, expected a new or an empty folder")
     arguments.output.mkdir(parents=True, exist_ok=True)
-    main(arguments.object, arguments.frames, arguments.seed, arguments.output)
+    try:
+        main(arguments.object, arguments.frames, arguments.seed, arguments.output)
+    except tracker.TrackerError as error:
+        parser.error(str(error))

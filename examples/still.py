@@ -22,7 +22,7 @@ from tracker.viz import overlay, write_image
 parser = argparse.ArgumentParser(description="Render a cube among three fingers, and find it.")
 parser.add_argument("--seed", type=int, default=6, help="seed of the scene (default: %(default)s)")
 parser.add_argument(
-    "--output", type=Path, default=Path("demo"), help="folder to write to (default: %(default)s)"
+    "--output", type=Path, default=Path("demo"), help="new folder to write to (default: %(default)s)"
 )
 
 
@@ -67,4 +67,8 @@ def report(pose: tracker.PoseEstimate, truth: Still) -> None:
 
 if __name__ == "__main__":
     arguments = parser.parse_args()
+    if arguments.seed < 0:
+        parser.error(f"--seed: found {arguments.seed}, expected at least 0")
+    if arguments.output.exists() and any(arguments.output.iterdir()):
+        parser.error(f"--output {arguments.output}: in use, expected a new or an empty folder")
     main(arguments.seed, arguments.output)

@@ -215,3 +215,34 @@ def test_the_demo_films_what_it_finds(tmp_path, run_script, monkeypatch):
     assert "within 5 mm, 5°  3" in result.stdout
     written = {path.name for path in (tmp_path / "demo").iterdir()}
     assert {"overlay.png", "overlay.mp4", "errors.png", "camera60.png", "camera60.yml"} <= written
+
+
+IN_USE = "--output demo: in use, expected a new or an empty folder"
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [
+        *((name, (), IN_USE) for name in ("still", "demo")),
+        ("still", ("--seed", -1), "--seed: found -1, expected at least 0"),
+        ("close_the_loop", ("--seed", -1), "--seed: found -1, expected at least 0"),
+        *(
+            ("close_the_loop", ("--seconds", value), f"--seconds: found {value}, expected at least 1")
+            for value in (0.0, -1.0, np.nan, np.inf)
+        ),
+        ("demo", ("--frames", 0, "--output", "new"), "found no images for it, expected at least one"),
+    ],
+)
+def test_an_example_refuses_a_folder_in_use_and_odd_values(
+    name, arguments, message, tmp_path, run_script, monkeypatch, capfd
+):
+    pytest.importorskip("av", reason="video: no module av")
+    skip_without_platform()
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    (tmp_path / "demo").mkdir()
+    (tmp_path / "demo" / "camera60.yml").write_text("mine")
+    with pytest.raises(SystemExit) as stop:
+        run_script(EXAMPLES / f"{name}.py", *arguments, folder=tmp_path)
+    assert stop.value.code == 2
+    assert capfd.readouterr().err.endswith(f"{message}\n")
+    assert contents(tmp_path / "demo") == {"camera60.yml": b"mine"}
