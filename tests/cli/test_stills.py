@@ -305,12 +305,20 @@ def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(sce
 
 
 @pytest.mark.usefixtures("truth")
-def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not_count(scene, dice, run_here):
+@pytest.mark.parametrize("missing", ["none", "camera180.png"])
+def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not_count(
+    missing, scene, tmp_path, dice, run_here
+):
     goal = ("--goal", scene / "goal.json")
-    everything, without = dice(*goal)["error_per_camera"], dice(*goal, camera180="none")
+    if missing != "none":  # black, as in HDF5 logs
+        black = write_changed(tmp_path, lambda image: 0 * image)
+        missing = tmp_path / missing
+        refused = run_here("dice", "--calibration", scene, *goal, *black, folder=tmp_path)
+        assert_one_line_error(refused, "images: found only black ones, expected at least one")
+    everything, without = dice(*goal)["error_per_camera"], dice(*goal, camera180=missing)
     assert without["error_per_camera"] == {**everything, "camera180": None}
     assert without["error"] == everything["camera60"] + everything["camera300"]
-    assert "camera180 none" in run_here(*dice_arguments(scene, *goal, camera180="none")).stdout
+    assert "camera180 none" in run_here(*dice_arguments(scene, *goal, camera180=missing)).stdout
     found = dice()
     assert all(found[key] is None for key in ("error", "error_per_camera", "reward", "assignment"))
     assert len(found["dice"]) == 25

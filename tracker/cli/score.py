@@ -14,6 +14,7 @@ from tracker.cli import options
 from tracker.cli.export import poses_of
 from tracker.cli.options import argument, command, flag, option
 from tracker.cli.outputs import InFile
+from tracker.cli.stills import unless_black
 from tracker.cli.terminal import bar, listing
 from tracker.errors import LogError
 
@@ -123,8 +124,7 @@ def _of_dice(
     with tracker.open_log(job) as log, bar(job.name, len(log), quiet) as progress:
         masks = rearrange_dice.goal_masks(cameras.rig_of(job, log), goal.position)
         for k, frame in enumerate(log):
-            # A camera's first image, if missing, is black in HDF5 logs.
-            images = [image for image in frame.images if image is not None and image.any()]
+            images = [image for image in map(unless_black, frame.images) if image is not None]
             stamps.append(frame.timestamp)
             rewards.append(float("nan"))
             # The error is that of all cameras: with fewer it would be smaller.

@@ -129,6 +129,11 @@ def read_images(
     return dataclasses.replace(rig, cameras=tuple(cameras)), images
 
 
+def unless_black(image: Image | None) -> Image | None:
+    """Return an image; None if it is black: so is a camera's first image in HDF5 logs if it gave none."""
+    return image if image is not None and image.any() else None
+
+
 @contextlib.contextmanager
 def silent_libraries() -> Iterator[None]:
     """Discard what compiled libraries write to stderr, e.g. libpng's warnings about a broken file."""
@@ -234,10 +239,13 @@ def dice(
     --goal there is no error.
 
     IMAGEs, recordings and their calibration are given as to `tracker detect`. The camera of a missing image,
-    'none', does not count.
+    'none' or black, does not count.
     """
     goal = None if goal_path is None else tracker.tasks.rearrange_dice.read_goal(goal_path)
     rig, pictures = _one_set(images, cameras, frame)
+    pictures = [*map(unless_black, pictures)]
+    if all(picture is None for picture in pictures):
+        raise ImageError("images: found only black ones, expected at least one that is not")
     files = [masks / f"{kind}_{name}.png" for kind in ("dice", "goal") for name in rig.names] if masks else []
     given = [Path(path) for path in images if path != NO_IMAGE]
     refuse_overwriting({f"--masks ({file.name})": file for file in files}, given)
