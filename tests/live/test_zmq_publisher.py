@@ -136,6 +136,19 @@ def test_a_socket_that_another_program_listens_to_is_left_to_it(tmp_path):
                 other.accept()[0].close()
 
 
+@pytest.mark.parametrize("kind", [socket.SOCK_DGRAM, socket.SOCK_SEQPACKET, socket.SOCK_STREAM])
+def test_a_socket_of_any_kind_is_left_to_its_program_even_if_that_is_busy(tmp_path, kind):
+    path = str(tmp_path / "poses")
+    with socket.socket(socket.AF_UNIX, kind) as other, socket.socket(socket.AF_UNIX, kind) as client:
+        other.bind(path)
+        if kind != socket.SOCK_DGRAM:
+            other.listen(0)
+        client.connect(path)  # there is no room for another
+        with pytest.raises(LiveError, match="found a program that listens there, expected a new path"):
+            ZmqPublisher(f"ipc://{path}")
+        client.send(b"still there")
+
+
 def test_addresses_are_bound_for_all_where_that_is_meant_and_of_ipv6_where_the_machine_has_it():
     with contextlib.closing(ZmqPublisher("tcp://0.0.0.0:*", public=True)) as one:
         assert one.address.startswith("tcp://0.0.0.0:")

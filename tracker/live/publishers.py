@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -109,7 +110,8 @@ def _refuse_file(address: str) -> None:
                 f"publish {address}: found something other than a socket there, expected a new path"
             )
         with socket.socket(socket.AF_UNIX) as other:
-            if other.connect_ex(path) == 0:
+            other.setblocking(False)  # a busy program would not answer
+            if other.connect_ex(path) != errno.ECONNREFUSED:  # the error of one that a dead program left
                 raise LiveError(f"publish {address}: found a program that listens there, expected a new path")
 
 
