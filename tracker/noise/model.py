@@ -193,7 +193,7 @@ class NoiseState:
             which: the environments, (N,) bool or their indices; None: all.
 
         Raises:
-            TrackerError: `which` is neither, or an index is out of range.
+            TrackerError: `which` is neither, or an index is out of range or repeated.
         """
         rows = np.arange(self.count) if which is None else self._rows(which)
         size = len(rows)
@@ -241,8 +241,8 @@ class NoiseState:
             return np.flatnonzero(chosen)
         numbers = chosen.size == 0 or chosen.dtype.kind in "iu"
         rows = np.unique(chosen) if numbers else chosen
-        if not numbers or (rows.size and not 0 <= rows[0] <= rows[-1] < self.count):
-            valid = f"({self.count},) bool, or numbers from 0 to {self.count - 1}"
+        if not numbers or rows.size < chosen.size or not ((rows >= 0) & (rows < self.count)).all():
+            valid = f"({self.count},) bool, or different numbers from 0 to {self.count - 1}"
             raise TrackerError(f"which: found {shown(which)}, expected {valid}")
         return rows.astype(np.int64)
 
