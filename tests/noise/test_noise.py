@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tracker.noise.model import UNITS, NoiseState
+from tracker.noise.model import _LARGEST, UNITS, NoiseState
 
 N = 4000
 
@@ -122,6 +122,18 @@ def test_gross_errors_come_and_go_as_stated_at_any_rate_and_stay_as_they_are(dt)
     assert same.mean() == pytest.approx(goes_on / stays, abs=0.02)
 
 
+def test_the_largest_numbers_of_a_model_give_poses():
+    most = {group: {name: _LARGEST.get(name.split("_")[-1], 1e6) for name in UNITS[group]} for group in UNITS}
+    seen = state_of(**most, seed=2).step(*truths(visible=0.05), 0.1)
+    assert seen.found.any()
+    assert np.isfinite(seen.position[seen.found]).all()
+    np.testing.assert_allclose(np.linalg.norm(seen.orientation[seen.found], axis=1), 1.0)
+    assert np.isfinite(seen.delay).all()
+    most["confidence"]["clear"] = 0.5
+    seen = state_of(**most).step(*truths(visible=0.05), 0.1)
+    assert ((seen.confidence >= 0.0) & (seen.confidence <= 1.0)).all()
+
+
 def test_what_is_fully_hidden_is_not_found():
     state = tracker.noise.NoiseModel.load("platform").start(np.random.default_rng(1), 2000)
     position, orientation, visible = truths(2000)
@@ -198,6 +210,9 @@ def test_what_is_no_model_or_start_is_refused_with_the_reason(tmp_path):
         ("[delay]", "[delays]", "'delay' is missing|'delays' is unknown"),
         ("bias =", "bias", "not a TOML file"),
         ("value = ", "value = -", "found value -"),
+        ("{value = 0.995", "{value = 1.5", "confidence.clear: found value 1.5, expected 0 to 1"),
+        ("{value = 0.461", "{value = 31", "position.visible: found value 31, expected 0 to 30"),
+        ("{value = 1.4", "{value = 999", "position.fast_spread: found value 999, expected 0 to 10"),
     ):
         path.write_text(preset.replace(old, new, 1), encoding="utf-8")
         with pytest.raises(tracker.TrackerError, match=message):

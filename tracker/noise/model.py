@@ -42,6 +42,9 @@ ROUNDED = 1e-6
 _MOST = 60.0
 """Largest exponent of a rate."""
 
+_LARGEST = {"clear": 1.0, "visible": 30.0, "spread": 10.0}
+"""Largest numbers by the last word of their names, others 1e6; more is no probability, or no finite pose."""
+
 _DATA = Path(__file__).parent / "data"
 
 
@@ -130,8 +133,9 @@ def _number(entry: Any, unit: str, what: str) -> Number:
     if not isinstance(entry, dict) or set(entry) != {"value", "unit", "interval"} or entry["unit"] != unit:
         raise TrackerError(f"{what}: found {shown(entry)}, expected {valid}")
     value, interval = entry["value"], entry["interval"]
-    if not is_number(value) or not 0.0 <= value < 1e6:
-        raise TrackerError(f"{what}: found value {shown(value)}, expected 0 or more")
+    most = _LARGEST.get(what.replace("_", ".").rpartition(".")[2], 1e6)
+    if not is_number(value) or not 0.0 <= value <= most:
+        raise TrackerError(f"{what}: found value {shown(value)}, expected 0 to {most:g}")
     if interval == []:
         return Number(float(value), unit, None)
     pair = isinstance(interval, list) and len(interval) == 2 and all(map(is_number, interval))
@@ -327,8 +331,8 @@ class NoiseState:
 
 def _turned(turn: FloatArray, q: FloatArray) -> FloatArray:
     """Turn orientations (N, 4) xyzw by rotation vectors (3, N) [rad] along world axes."""
-    half = 0.5 * np.sqrt(np.einsum("ij,ij->j", turn, turn))
-    x, y, z = turn * (0.5 * np.sinc(half / np.pi))
+    half = np.maximum(0.5 * np.sqrt(np.einsum("ij,ij->j", turn, turn)), 1e-300)
+    x, y, z = turn * (0.5 * np.sin(half) / half)
     w = np.cos(half)
     a, b, c, d = np.ascontiguousarray(q.T)
     result = np.empty_like(q)
