@@ -213,6 +213,47 @@ def test_what_is_left_open_is_closed_when_python_ends():
     assert (done.returncode, done.stdout, done.stderr) == (0, "closed\n", "")
 
 
+FORKED = """
+import os
+import signal
+import threading
+from tests.live.test_live import LiveError, Live, MeanTracker, Pushed, images
+from tracker.live.platform import Frontend
+
+pushed, held, done = Pushed(), threading.Event(), threading.Event()
+live, front = Live(pushed, MeanTracker()), Frontend(Pushed(), MeanTracker())
+pushed.push(images(7), 1.0)
+live.wait(after=-1)
+
+def hold():
+    with live._changed:
+        held.set()
+        done.wait()
+
+threading.Thread(target=hold).start()
+held.wait()
+if not os.fork():
+    signal.alarm(20)
+    print(live.running, live.wait(), live.wait(after=-1).sequence, live.at(1.0), live.faults)
+    try:
+        front.get_latest_observation()
+    except LiveError as error:
+        print(error, flush=True)
+    live.close()
+    os._exit(0)
+os.wait()
+done.set()
+live.close()
+front.shutdown()
+"""
+
+
+def test_a_fork_knows_that_no_more_will_come_and_waits_for_nothing():
+    done = run_python(["-W", "ignore::DeprecationWarning", "-c", FORKED])
+    words = "False None 0 (1.0, 1.0) ()\nobservation 0: will not come: the source has ended\n"
+    assert (done.returncode, done.stdout, done.stderr) == (0, words, "")
+
+
 def test_an_episode_that_begins_is_no_fault():
     live, mean, _ = received(shot(1, 0.0, fresh=True), shot(2, 0.1), shot(3, 0.2, fresh=True))
     assert mean.resets == 2

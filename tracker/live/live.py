@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -105,7 +106,12 @@ class Live:
     @property
     def running(self) -> bool:
         """Whether more moments may come: not closed, the source has not ended, and nothing has failed."""
-        return self._running
+        return self._running and self._thread.is_alive()  # it is not in a fork
+
+    @property
+    def _lock(self) -> threading.Condition | nullcontext[None]:
+        """What guards the thread's results; without the thread, as in a fork, nobody might free a lock."""
+        return self._changed if self._thread.is_alive() else nullcontext()
 
     @property
     def error(self) -> BaseException | None:
@@ -119,12 +125,12 @@ class Live:
     @property
     def faults(self) -> tuple[str, ...]:
         """The last hundred distinct faults after which tracking continued."""
-        with self._changed:
+        with self._lock:
             return tuple(self._faults)
 
     def latest(self) -> Moment | None:
         """Return the newest moment, None before the first; its age follows from its timestamp."""
-        with self._changed:
+        with self._lock:
             return self._moments[-1][0] if self._moments else None
 
     def wait(self, after: Moment | int | None = None, timeout: float | None = None) -> Moment | None:
@@ -146,12 +152,13 @@ class Live:
             raise LiveError(f"after: found {shown(after)}, expected a Moment, its sequence number, or None")
         if timeout is not None and not is_number(timeout):
             raise LiveError(f"timeout: found {shown(timeout)}, expected seconds, or None")
-        with self._changed:
+        with self._lock:
             seen = self._count if number is None else int(number) + 1
             longest = None if timeout is None else min(float(timeout), threading.TIMEOUT_MAX)
-            self._changed.wait_for(lambda: self._count > seen or not self._running, longest)
+            if self.running:
+                self._changed.wait_for(lambda: self._count > seen or not self._running, longest)
             if self._count > seen:
-                return self._moments[-1][0]
+                return self.latest()
             if isinstance(self._error, Exception):
                 raise LiveError(f"live: {self._error}") from self._error
             if self._error is not None:
@@ -172,7 +179,7 @@ class Live:
             LiveError: the timestamp is not in seconds.
         """
         timestamp = one_stamp(timestamp, "timestamp", LiveError)
-        with self._changed:
+        with self._lock:
             earlier = (known for known in reversed(self._moments) if known[0].timestamp <= timestamp)
             _, forecast = next(earlier, (None, None))
         return None if forecast is None else forecast(timestamp)
@@ -187,9 +194,9 @@ class Live:
         if self._thread is threading.current_thread():
             return
         until = time.monotonic() + CLOSING
-        while self._running and self._thread.is_alive() and (self._working or time.monotonic() < until):
+        while self.running and (self._working or time.monotonic() < until):
             self._thread.join(PATIENCE)
-        if self._running and self._thread.is_alive():  # else in a fork, where nobody frees a lock
+        if self.running:
             self._note(f"the source does not return: not closed after {CLOSING:g} s")
             self._end()
 
