@@ -112,6 +112,7 @@ def test_a_waiter_gets_what_is_newer_and_never_the_same_again():
     with Live(pushed, MeanTracker()) as live:
         assert live.latest() is None
         assert live.wait(timeout=0.01) is None
+        assert live.wait(after=-2, timeout=0.01) is None
         pushed.push(images(7), 1.0)
         first = live.wait(after=-1, timeout=60)
         assert first.object_pose == (7, 7, 7)

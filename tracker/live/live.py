@@ -153,7 +153,7 @@ class Live:
         if timeout is not None and not is_number(timeout):
             raise LiveError(f"timeout: found {shown(timeout)}, expected seconds, or None")
         with self._lock:
-            seen = self._count if number is None else int(number) + 1
+            seen = self._count if number is None else max(0, int(number) + 1)
             longest = None if timeout is None else min(float(timeout), threading.TIMEOUT_MAX)
             if self.running:
                 self._changed.wait_for(lambda: self._count > seen or not self._running, longest)
