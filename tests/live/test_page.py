@@ -37,7 +37,8 @@ def page():
 @contextlib.contextmanager
 def asking(page, path, **headers):
     """A connection on which a request was made."""
-    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=60)) as asked:
+    port = page._server.server_port
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as asked:
         asked.request("GET", path, headers=headers)
         yield asked
 
@@ -131,6 +132,10 @@ def test_the_page_itself_and_a_link_to_it_may_ask_but_no_site_elsewhere(page):
     own = {"Origin": f"http://localhost:{page.port}"}
     for headers in (own, fetch("cross-site", "document"), fetch("same-origin", "image")):
         assert got(page, "/", **headers)[0] == 200
+    for port, code in ((page.port, 403), (80, 200)):  # the default is left out
+        page.port = port
+        for host in ("localhost", "127.0.0.1"):
+            assert got(page, "/", Host=host, Origin=f"http://{host}")[0] == code
 
 
 def test_a_connection_that_is_reset_is_no_word_on_stderr(page, capsys):

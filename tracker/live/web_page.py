@@ -258,7 +258,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _is_own(self) -> bool:
         """Return whether the request uses this machine's local names and does not come from another site."""
-        hosts = [f"{name}:{self.page.port}" for name in (_HOST, "localhost")]
+        ports = [f":{self.page.port}", *([""] if self.page.port == 80 else [])]  # browsers leave out 80
+        hosts = [f"{name}{port}" for name in (_HOST, "localhost") for port in ports]
         origin, site = self.headers.get("Origin"), self.headers.get("Sec-Fetch-Site", "none")
         return (
             self.headers.get("Host") in hosts
