@@ -90,7 +90,8 @@ def received(*given, finder=None, **options):
 
 
 def test_every_set_is_answered_in_order_and_the_latest_stays():
-    live, _, moments = received(*(shot(n, 10 + n) for n in range(5)))
+    live, _, moments = received(*(shot(n, np.int64(10 + n), age=np.float32(0)) for n in range(5)))
+    assert {type(value) for one in moments for value in (one.timestamp, one.latency)} == {float}  # for JSON
     assert [one.sequence for one in moments] == [0, 1, 2, 3, 4]
     assert [one.timestamp for one in moments] == [10, 11, 12, 13, 14]
     assert [one.object_pose[0] for one in moments] == [0, 1, 2, 3, 4]

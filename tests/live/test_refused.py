@@ -38,6 +38,7 @@ WRONG = [
     (lambda: ImageSet((None,), (1.0, 2.0)), "1 images, 2 stamps"),
     (lambda: ImageSet((None,), (1.0,), (None, None)), "1 images, 1 stamps and 2 faults"),
     *((lambda stamp=stamp: ImageSet((None,), (stamp,)), "taken: stamps: .*finite") for stamp in (NAN, None)),
+    *((lambda age=age: ImageSet((None,), (1.0,), age=age), "taken: age: .*finite") for age in (NAN, None)),
     (lambda: ImageSet((), ()), "0 images"),
     (lambda: Live([], FINDER), "source: found list, expected"),
     *(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tracker.checks import in_range, seconds
+from tracker.checks import in_range, one_stamp, seconds
 from tracker.conventions import Image
 from tracker.errors import LiveError
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
@@ -21,7 +21,7 @@ class ImageSet:
     """The cameras' images of one moment.
 
     Raises:
-        LiveError: the numbers of images, timestamps and faults differ, or a timestamp is not in seconds.
+        LiveError: the numbers of images, timestamps and faults differ, or a time is not in seconds.
     """
 
     images: tuple[Image | None, ...]
@@ -44,7 +44,9 @@ class ImageSet:
         if not (count == len(self.stamps) == len(self.faults) and count):
             each = f"{count} images, {len(self.stamps)} stamps and {len(self.faults)} faults"
             raise LiveError(f"taken: found {each}, expected one of each for every camera")
-        in_range(seconds(self.stamps, "taken: stamps", LiveError), "taken: stamps", LiveError)
+        stamps = in_range(seconds(self.stamps, "taken: stamps", LiveError), "taken: stamps", LiveError)
+        object.__setattr__(self, "stamps", tuple(stamps.tolist()))  # others cannot be written as JSON
+        object.__setattr__(self, "age", one_stamp(self.age, "taken: age", LiveError))
 
     @property
     def timestamp(self) -> float:
