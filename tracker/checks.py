@@ -7,6 +7,7 @@ import math
 import numbers
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
@@ -91,6 +92,17 @@ def freeze(instance: object, name: str, array: Array) -> None:
     """Make an array read-only and assign it to the field `name` of a frozen dataclass."""
     array.flags.writeable = False
     object.__setattr__(instance, name, array)
+
+
+@dataclass(frozen=True, eq=False)
+class Frozen:
+    """Base of dataclasses whose arrays are read-only, also in copies and from pickles."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        for field in fields(self):
+            if isinstance(array := getattr(self, field.name), np.ndarray):
+                array.flags.writeable = False
 
 
 def described(array: Any) -> str:

@@ -1,12 +1,15 @@
 import contextlib
 import copy
+import dataclasses
 import pickle
 import signal
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
+import tracker
 from tests.helpers.pushed_cube import DT, bits, has_seen, new, play, shot
 from tracker.errors import ImageError, TrackerError
 from tracker.tracking import follow
@@ -139,6 +142,15 @@ def test_a_copy_answers_as_the_tracker_would(rig, short, sets, copied):
     # The same stamp is known to both.
     assert bits(other.update(sets[-1], 3 * DT)) == bits(one.update(sets[-1], 3 * DT))
     assert bits(*play(other, short[4:], first=4)) == bits(*play(one, short[4:], first=4))
+
+
+@copies
+def test_arrays_of_a_copy_are_read_only_as_those_that_it_copies(rig, short, copied):
+    model, colors = tracker.load_object("cube_v2"), tracker.load_colors("cube_v2")
+    placed = tracker.tasks.rearrange_dice.assign([[0, 0, 0]], [])
+    for one in (rig[0], model, colors, placed, new(rig).detect(short[0]).object_pose):
+        values = [getattr(copied(one), field.name) for field in dataclasses.fields(one)]
+        assert not any(value.flags.writeable for value in values if isinstance(value, np.ndarray))
 
 
 @copies

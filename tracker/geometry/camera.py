@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tracker.checks import float_rows, is_whole
+from tracker.checks import Frozen, float_rows, is_whole
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 
@@ -62,7 +62,7 @@ def check_name(name: object, what: str, fault: type[TrackerError]) -> None:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Camera:
+class Camera(Frozen):
     """One calibrated camera. Arrays are copied and read-only.
 
     Raises:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tracker.checks import freeze, one_stamp
+from tracker.checks import Frozen, freeze, one_stamp
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 
@@ -39,7 +39,7 @@ NORM_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedPose:
+class RecordedPose(Frozen):
     """A pose estimated by the recorder's tracker. Arrays are read-only.
 
     Attributes:

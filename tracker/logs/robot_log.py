@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from tracker.checks import array_of, float_array, freeze, in_range, naming, of_kind, path_of, seconds
+from tracker.checks import Frozen, array_of, float_array, freeze, in_range, naming, of_kind, path_of, seconds
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
@@ -64,7 +64,7 @@ class RobotState:
 
 
 @dataclass(frozen=True, eq=False)
-class RobotLog:
+class RobotLog(Frozen):
     """The robot's states at all steps. Arrays are copied and read-only.
 
     Raises:

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.checks import freeze, is_number, naming
+from tracker.checks import Frozen, freeze, is_number, naming
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ObjectModelError, shown
 from tracker.files.toml import found_by, names_in, read_toml
@@ -50,7 +50,7 @@ _DATA = Path(__file__).parent / "data"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CuboidModel:
+class CuboidModel(Frozen):
     """A cuboid with six differently coloured faces. Arrays are copied and read-only.
 
     Raises:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tracker.checks import float_array
+from tracker.checks import Frozen, float_array
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import cuboid, so3
@@ -64,7 +64,7 @@ class CameraUse(Word):
 
 
 @dataclass(frozen=True, eq=False)
-class PoseEstimate:
+class PoseEstimate(Frozen):
     """Pose of the object in the world, with its uncertainty. Arrays are read-only.
 
     The covariance is of (δp, δθ) with p = position + δp and R = exp(δθ) · rotation, both along world

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from tracker.checks import described, float_array, freeze
+from tracker.checks import Frozen, described, float_array, freeze
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.geometry import so3
@@ -26,7 +26,7 @@ Columns = TypeVar("Columns", bound="PoseColumns")
 
 
 @dataclass(frozen=True, eq=False)
-class PoseColumns:
+class PoseColumns(Frozen):
     """Poses stored in a recording. Arrays are copied and read-only.
 
     `columns[rows]` are those of the frames that a slice, a mask or an array of row numbers selects.

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import LATEST, described, float_array, freeze, is_whole, of_kind, optional
+from tracker.checks import LATEST, Frozen, described, float_array, freeze, is_whole, of_kind, optional
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError, shown
 from tracker.geometry import cuboid, so3
@@ -76,7 +76,7 @@ class About:
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
+class Poses(Frozen):
     """Poses of n frames in columns. Arrays are copied and read-only.
 
     `poses[10:20]` and `poses[mask]` are the poses of some of the frames.

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.checks import described, float_array, of_kind, path_of
+from tracker.checks import Frozen, described, float_array, of_kind, path_of
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ColorModelError, shown
@@ -55,7 +55,7 @@ def fill_channels(gains, channels):  # type: ignore[no-untyped-def]
 
 
 @dataclass(frozen=True, eq=False)
-class ColorModel:
+class ColorModel(Frozen):
     """Log posteriors of the classes over colour, and whether images are normalised to grey first.
 
     Raises:

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import freeze, is_whole
+from tracker.checks import Frozen, freeze, is_whole
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError, shown
 from tracker.geometry.camera import Camera
@@ -64,7 +64,7 @@ TABLE_OFF = 0.002
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Die:
+class Die(Frozen):
     """One die that lies flat, on the table or on other dice."""
 
     position: FloatArray

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import array_of, check_sequence, freeze, is_number, of_kind
+from tracker.checks import Frozen, array_of, check_sequence, freeze, is_number, of_kind
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError, shown
 from tracker.geometry import cuboid
@@ -177,7 +177,7 @@ def masks_of(rig: CameraRig, masks: Sequence[npt.ArrayLike | None], what: str) -
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Assignment:
+class Assignment(Frozen):
     """The pairing of places with dice that has the smallest sum of distances; arrays are read-only."""
 
     die: Array
