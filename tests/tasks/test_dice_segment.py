@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TaskError
 from tracker.geometry import so3
+from tracker.geometry.arena import Arena
 from tracker.tasks.rearrange_dice import locate, segment_dice
 
 FINE = RIG.resized(540, 540)
@@ -205,6 +208,16 @@ def test_the_dice_move_with_the_world(lift, yaw, scattered):
     rig = moved(RIG, np.linalg.inv(motion))
     expected = centers(SCATTERED) @ motion[:3, :3].T + motion[:3, 3]
     assert distances(positions(locate(rig, masks, images)), expected).max() < 2e-3
+
+
+def test_an_arena_is_refused_where_no_goal_is(scattered):
+    masks = scattered[1]
+    for table in (None, -0.011):
+        same = positions(locate(replace(RIG, arena=Arena(table=table)), masks))
+        np.testing.assert_array_equal(same, positions(locate(RIG, masks)))
+    for arena, found in ((Arena(table=0.012), "table 0.012 m"), (Arena((0.0, 0.1)), r"centre \(0.0, 0.1")):
+        with pytest.raises(TaskError, match=f"arena: found .*{found}.*, expected"):
+            locate(replace(RIG, arena=arena), masks)
 
 
 @pytest.mark.parametrize(

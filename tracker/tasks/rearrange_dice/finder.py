@@ -101,12 +101,15 @@ def locate(
         most: number of dice in the arena, the largest number returned.
 
     Raises:
-        TaskError: a mask is malformed, or their number is not that of the cameras.
+        TaskError: a mask is malformed, their number is not that of the cameras, or the arena is elsewhere.
         ImageError: an image is malformed, or their number is not that of the cameras.
     """
     if not is_whole(most) or most < 0:
         raise TaskError(f"most: found {shown(most)}, expected a number of dice")
     seen = masks_of(rig, masks, "dice")
+    if rig.arena.center != (0.0, 0.0) or abs(rig.arena.ground) > DIE_WIDTH / 2:
+        where = f"centre {rig.arena.center} and table {rig.arena.table} m"
+        raise TaskError(f"arena: found {where}, expected (0, 0) and ±{DIE_WIDTH / 2} m, as in goals")
     given = [None] * len(rig) if images is None else check_images(images, rig, least=0)
     found, gains = Search(rig, seen, given).run()
     offset, slope = PROBABILITY[images is not None]
