@@ -323,6 +323,10 @@ def test_goals_of_every_task_are_read(content, task, tmp_path):
         '{"goal": {"position": 3}}',
         '{"difficulty": 4, "goal": {"position": [0, 0, 0]}}',
         '{"difficulty": 7, "goal": {"position": [0, 0, 0]}}',
+        '{"difficulty": 4, "goal": {"position": [0, 0, 0], "orientation": [0, 0, 0, 0]}}',
+        '{"difficulty": 4, "goal": {"position": [0, 0, 0], "orientation": [0, 0, true, 1]}}',
+        '{"difficulty": 1, "goal": {"position": [true, 0.5, 1]}}',
+        *["[[0, [true, 0.5, 1]]]", "[[false, [0, 0, 0.5]]]"],
     ],
 )
 def test_what_is_no_goal_is_refused(content, tmp_path):

@@ -19,8 +19,8 @@ from tracker.conventions import FloatArray
 from tracker.errors import TaskError
 from tracker.objects.model import CuboidModel
 from tracker.tasks import move_object
-from tracker.tasks.checks import numbers
-from tracker.tasks.rearrange_dice.goals import parse_pattern, places_of, read_stored
+from tracker.tasks.checks import quaternions
+from tracker.tasks.rearrange_dice.goals import listed, parse_pattern, places_of, read_stored
 
 FILE_NAME = "goal.json"
 """Name of the file in a job's folder."""
@@ -75,28 +75,24 @@ def _goal(data: Any) -> JobGoal:
         return JobGoal("rearrange_dice", position=parse_pattern(data))
     level = None
     if isinstance(data, dict):
-        level = data.get("difficulty")
-        data = data.get("goal", data.get("_goal"))
+        level, data = data.get("difficulty"), data.get("goal", data.get("_goal"))
     if isinstance(data, dict):
         return _pose(level, data)
     if not isinstance(data, list) or not data or not all(isinstance(entry, list) for entry in data):
         raise TaskError("found no goal, expected a pose, a trajectory or the positions of dice")
     if all(len(entry) == 2 for entry in data):
-        move_object.active_goal(data, 0)  # checks them
-        return JobGoal(
-            "trajectory", trajectory=tuple((float(time), tuple(position)) for time, position in data)
-        )
+        goals = [(time, listed(place, f"trajectory: position {k}")) for k, (time, place) in enumerate(data)]
+        move_object.active_goal(goals, 0)  # checks the rest
+        return JobGoal("trajectory", trajectory=tuple((float(time), tuple(place)) for time, place in data))
     return JobGoal("rearrange_dice", position=places_of(data))
 
 
 def _pose(level: Any, data: dict[str, Any]) -> JobGoal:
     if isinstance(level, bool) or level not in move_object.LEVELS:
         raise TaskError(f"difficulty: found {level!r:.40}, expected 1, 2, 3 or 4")
-    position = numbers("position", data.get("position"), finite=True)
-    orientation = data.get("orientation")
-    turned = None if orientation is None else numbers("orientation", orientation, finite=True)
-    if position.shape != (3,) or (turned is not None and turned.shape != (4,)):
-        raise TaskError("goal: expected a position of 3 and an orientation of 4 numbers")
-    if level == 4 and turned is None:
+    position, orientation = listed(data.get("position"), "position"), data.get("orientation")
+    if orientation is not None:
+        orientation = quaternions("orientation", listed(orientation, "orientation", "x, y, z, w"))
+    if level == 4 and orientation is None:
         raise TaskError("goal: found no orientation, expected one at level 4")
-    return JobGoal("move_object", int(level), position, turned)
+    return JobGoal("move_object", int(level), position, orientation)

@@ -192,14 +192,17 @@ def places_of(data: Any) -> FloatArray:
     """Return the goal (25, 3) [m] in a JSON value, a list of positions; TaskError if malformed."""
     if not isinstance(data, list):
         raise TaskError(f"goal: found {shown(data)}, expected a list of 25 positions [x, y, z]")
-    for index, place in enumerate(data):
-        what = f"goal: position {index}"
-        if not isinstance(place, list) or len(place) != 3:
-            raise TaskError(f"{what}: found {shown(place)}, expected [x, y, z]")
-        for number in place:
-            if not is_number(number):
-                raise TaskError(f"{what}: found {shown(number)}, expected a finite number [m]")
-    return validate_goal(data)
+    return validate_goal([listed(place, f"goal: position {index}") for index, place in enumerate(data)])
+
+
+def listed(data: Any, what: str, axes: str = "x, y, z") -> FloatArray:
+    """Return a JSON value, a list of a number for each of the axes; TaskError names `what` if malformed."""
+    if not isinstance(data, list) or len(data) != len(axes.split(",")):
+        raise TaskError(f"{what}: found {shown(data)}, expected [{axes}]")
+    for number in data:
+        if not is_number(number):
+            raise TaskError(f"{what}: found {shown(number)}, expected a finite number")
+    return numbers(what, data, finite=True)
 
 
 def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
