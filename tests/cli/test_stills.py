@@ -331,7 +331,7 @@ def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not
 def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
     written = ("--overlay", tmp_path / "out.png", "--masks", tmp_path / "new" / "masks")
     (tmp_path / "new" / "masks").mkdir(parents=True)
-    (tmp_path / "new" / "masks" / "dice_camera300.png").touch()  # of an earlier set of images
+    (tmp_path / "new" / "masks" / "dice_camera60.png").touch()  # replaced
     well(run_here(*dice_arguments(scene, "--goal", scene / "goal.json", *written, camera300="none")))
     assert cv2.imread(str(tmp_path / "out.png")).shape[1] == 3 * 540 + 2 * 6
     names = {path.name for path in (tmp_path / "new" / "masks").iterdir()}
@@ -342,3 +342,14 @@ def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
         np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), expected)
     assert run_here(*dice_arguments(scene, "--overlay", tmp_path / "plain.jpg")).returncode == 0
     assert (tmp_path / "plain.jpg").is_file()
+
+
+@pytest.mark.parametrize("kind", ["dice", "goal"])
+def test_a_mask_of_another_run_is_left_as_it_is_and_refused_if_it_would_stay(kind, scene, tmp_path, run_here):
+    file = tmp_path / f"{kind}_camera300.png"
+    file.write_text("years of work")
+    without = {"dice": ("--goal", scene / "goal.json", "none"), "goal": (scene / "camera300.png",)}
+    *more, image = without[kind]
+    refused = run_here(*dice_arguments(scene, *more, "--masks", tmp_path, camera300=image))
+    assert_one_line_error(refused, f"--masks {tmp_path}: found {file.name} of another run, expected none")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["years of work"]

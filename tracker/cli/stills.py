@@ -249,15 +249,15 @@ def dice(
     files = [masks / f"{kind}_{name}.png" for kind in ("dice", "goal") for name in rig.names] if masks else []
     given = [Path(path) for path in images if path != NO_IMAGE]
     refuse_overwriting({f"--masks ({file.name})": file for file in files}, given)
+    for file, source in zip(files, [*pictures, *[goal] * len(rig)], strict=False):
+        if source is None and file.exists():
+            raise click.UsageError(f"--masks {masks}: found {file.name} of another run, expected none")
     _evaluate(rig, pictures, goal, exact)  # load compiled code, so that times are those of a running loop
     found, dice_masks, goal_masks, assignment = _evaluate(rig, pictures, goal, exact)
     if masks is not None:
         masks.mkdir(parents=True, exist_ok=True)
-        goals: Sequence[Image | None] = goal_masks or [None] * len(rig)
-        for file, mask in zip(files, (*dice_masks, *goals), strict=True):
-            if mask is None:
-                file.unlink(missing_ok=True)  # of an earlier set of images
-            else:
+        for file, mask in zip(files, (*dice_masks, *(goal_masks or ())), strict=False):
+            if mask is not None:
                 tracker.viz.write_image(file, mask)
     if overlay is not None:
         shown, centers = (pictures, rig, goal_masks, dice_masks), [die["position"] for die in found["dice"]]
