@@ -39,9 +39,11 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
         raise ImageError(f"image {target}: found {found}, expected uint8 of shape (H, W) or (H, W, 3)")
     suffix = target.suffix.lower()
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
-    content = cv2.imencode(suffix, image, options)[1].tobytes()
+    encoded, content = cv2.imencode(suffix, image, options)
+    if not encoded:
+        raise ImageError(f"image {target}: found {described_input(image)}, expected a smaller one")
     with told_as(ImageError, f"image {target}"):
-        write_whole(target, content)
+        write_whole(target, content.tobytes())
 
 
 def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: float) -> int:
