@@ -14,6 +14,7 @@ from tracker.live.listeners import Recorder
 from tracker.live.platform import Frontend
 from tracker.live.publishers import LcmPublisher, ZmqPublisher
 from tracker.live.sources import open_cameras, settings_of
+from tracker.live.web_page import WebPage
 
 CUBE = tracker.load_object("cube_v2")
 FINDER = tracker.ObjectTracker(CUBE, RIG)
@@ -44,7 +45,7 @@ WRONG = [
     *(
         (lambda kind=kind, given=given: kind(Pushed(), FINDER, history=given), "history: found .*, expected")
         for kind in (Live, Frontend)
-        for given in (0, -1, 1.5, "x", None, True)
+        for given in (0, -1, 1.5, "x", None, True, 10**30)
     ),
     *((lambda kind=kind: kind(Pushed(), 3), "tracker: found 3, expected") for kind in (Live, Frontend)),
     (lambda: Live(Pushed(), FINDER, listeners=3), "listeners: found 3, expected a sequence of functions"),
@@ -56,6 +57,7 @@ WRONG = [
         for t in ("a", None, 1.5)
     ),
     (lambda: waiting(timeout="1"), "timeout: found '1', expected seconds, or None"),
+    *((lambda port=port: WebPage(port, FINDER), f"page {port}: the port cannot") for port in ("x", 65536)),
     (lambda: Recorder(Path(os.devnull), RIG), "there is such a file"),
 ]
 
@@ -108,6 +110,7 @@ LCM = {
     "a group from 224.0.0.0 on": ("udpm://192.0.2.1:7667?ttl=0", "udpm://239.255.76.256:7667?ttl=0"),
     "somewhere": ("udpm://somewhere:7667?ttl=0",),
     "address: found None, expected str": (None,),
+    "address: found a null byte": ("file:///a\0b",),
     "a new file": ("file://no/poses.lcm", f"file://{__file__}"),
     "expected lcm://": (
         *(f"{GROUP}:7667?ttl=0&ttl=1", f"{GROUP}:7667?ttl=0&transmit_only=1", f"{GROUP}:7667?ttl"),

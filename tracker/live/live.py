@@ -37,8 +37,8 @@ def check_arguments(tracker: object, history: object, listeners: Sequence[object
     """Raise LiveError if one of the arguments of Live with these names is none."""
     if not (callable(getattr(tracker, "update", None)) and hasattr(tracker, "rig")):
         raise LiveError(f"tracker: found {shown(tracker)}, expected a tracker.ObjectTracker")
-    if not is_whole(history) or history < 1:
-        raise LiveError(f"history: found {shown(history)}, expected a whole number of at least 1")
+    if not is_whole(history) or not 1 <= history <= 10**9:
+        raise LiveError(f"history: found {shown(history)}, expected a whole number from 1 to {10**9:,}")
     check_sequence(listeners, "listeners", LiveError, "a sequence of functions")
     for listener in listeners:
         if not callable(listener):

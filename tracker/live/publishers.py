@@ -17,7 +17,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
-from tracker.checks import naming, of_kind, optional
+from tracker.checks import naming, of_kind, optional, path_of
 from tracker.errors import LiveError
 from tracker.files import on_error
 from tracker.live.moment import Moment
@@ -250,7 +250,7 @@ def _url(address: str, public: bool) -> str:
         if address.startswith("lcm:"):
             raise LiveError(f"publish: {_VARIABLE}: found {address}, expected udpm://ADDRESS:PORT?ttl=0")
     elif kind == "file" and rest and "?" not in rest:
-        path = Path(rest)
+        path = path_of(rest, "publish: address", LiveError)
         if path.exists() or not path.parent.is_dir():
             raise LiveError(f"publish {address}: expected a new file, in a folder that there is")
         return f"file://{rest}{_NEW}"

@@ -162,7 +162,7 @@ class WebPage(Listener):
         self._picture = -1, b""
         self._asked = self._looked = -math.inf
         self.faults: Callable[[], Sequence[str]] = tuple  # returns those to show; set by the caller
-        with naming(f"page {port}: the port cannot be used", LiveError, OSError, OverflowError):
+        with naming(f"page {port}: the port cannot be used", LiveError, OSError, OverflowError, TypeError):
             self._server = _Server((_HOST, port), type("Handler", (_Handler,), {"page": self}))
         self.port: int = self._server.server_port
         self.address = f"http://{_HOST}:{self.port}"
