@@ -336,12 +336,24 @@ def test_to_look_at_a_recording_takes_no_longer_among_many(tmp_path, monkeypatch
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("summary.csv", "found summary.csv, but no batch"), ("batch.json", "batch.json: found no batch")],
+    [
+        ("batch.json", "batch.json: found no batch"),
+        *[
+            (name, f"found {name}, but no batch")
+            for name in (
+                *("summary.csv", "ep/1.summary.json", "ep/1.failed.json"),
+                *("a.zarr/report.json", "a.zarr/images.parquet", "a.zarr/steps.parquet"),
+            )
+        ],
+        ("a.zarr/poses.zarr/mine", "found a.zarr/poses.zarr, but no batch"),
+    ],
 )
-def test_files_of_others_by_a_batchs_names_stay(recordings, tmp_path, name, message):
-    one = batch_of(recordings)
-    one.folder.mkdir(parents=True, exist_ok=True)
+def test_files_of_others_by_a_batchs_names_stay(tmp_path, name, message):
+    outputs = ("ep/1.poses.h5", "a.zarr/episode-00000.poses.h5")
+    one = Batch(tmp_path, OPTIONS, tuple((f"/in/{output}", output) for output in outputs))
+    (one.folder / name).parent.mkdir(parents=True, exist_ok=True)
     (one.folder / name).write_text('{"mine": 1}')
+    before = contents(one.folder)
     with pytest.raises(LogError, match=message), only_run(one):
         pass
-    assert contents(one.folder) == {name: b'{"mine": 1}'}
+    assert contents(one.folder) == before

@@ -186,7 +186,7 @@ def only_run(batch: Batch) -> Iterator[None]:
     with claimed(batch.folder / results.ASKED):
         if (batch.folder / results.ASKED).exists():
             read_batch(batch.folder)
-        elif others := [name for name in results.OF_ALL if (batch.folder / name).exists()]:
+        elif others := [name for name in _beside_poses(batch) if os.path.exists(batch.folder / name)]:
             raise LogError(f"{batch.folder}: found {others[0]}, but no batch; expected another folder")
         _remove_leftovers(batch)
         try:
@@ -250,18 +250,23 @@ def _goal_of(log: Path) -> str | None:
         return None
 
 
+def _beside_poses(batch: Batch) -> Iterator[str]:
+    """Yield the names, relative to the folder, of all files that a run may write, but those of poses."""
+    yield from results.OF_ALL
+    for _, output in batch.pairs:
+        path = Path(output)
+        beside = map(path.with_name, results.OF_STORE if results.is_episode(path) else ())
+        yield from map(str, (results.summary_file(path), results.failure_file(path), *beside))
+
+
 def _remove_leftovers(batch: Batch) -> None:
     """Remove temporary files that killed runs of this batch left behind; files still being written stay.
 
     If the folder of results is `.`, it may contain other files, even hidden ones, so only names derived from
     the batch's own files are considered.
     """
-    own = {lock_of(batch.folder / name): batch.folder / name for name in results.OF_ALL}
-    for _, output in batch.pairs:
-        path = batch.folder / output
-        beside = [path.with_name(name) for name in results.OF_STORE] if results.is_episode(path) else []
-        beside += [path, results.summary_file(path), results.failure_file(path)]
-        own |= {lock_of(one): one for one in beside}
+    names = itertools.chain(_beside_poses(batch), (output for _, output in batch.pairs))
+    own = {lock_of(path): path for path in map(batch.folder.joinpath, names)}
     for folder in {lock.parent for lock in own}:
         with contextlib.suppress(OSError), os.scandir(folder) as entries:
             for entry in list(entries):
