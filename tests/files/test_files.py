@@ -191,9 +191,11 @@ def test_content_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["a" * 255, "é" * 127, "录" * 85, "\udcff" * 255])
 def test_a_name_may_be_as_long_as_file_systems_allow(name, tmp_path):
-    with claimed(tmp_path / name):
+    other = f"{name[:-1]}1"
+    with claimed(tmp_path / name), claimed(tmp_path / other):
         write_whole(tmp_path / name, "content")
         assert os.path.exists(lock_of(tmp_path / name))
+        assert lock_of(tmp_path / name) != lock_of(tmp_path / other)
     assert os.listdir(tmp_path) == [name]
 
 

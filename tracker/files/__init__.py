@@ -6,6 +6,7 @@ import contextlib
 import csv
 import errno
 import fcntl
+import hashlib
 import io
 import os
 import stat
@@ -192,9 +193,11 @@ def lock_of(path: str | os.PathLike[str]) -> Path:
 
 
 def _beginning(name: str) -> str:
-    """Shorten a name so that a suffix still fits: file systems allow 255 bytes."""
+    """Shorten a name so that a suffix still fits: file systems allow 255 bytes. A hash keeps it unique."""
     encoded = os.fsencode(name)
-    return name if len(encoded) <= _MOST_BYTES else encoded[:_MOST_BYTES].decode("utf-8", "ignore")
+    if len(encoded) <= _MOST_BYTES:
+        return name
+    return f"{encoded[:_MOST_BYTES].decode('utf-8', 'ignore')}-{hashlib.sha256(encoded).hexdigest()[:12]}"
 
 
 def _locked(lock: Path) -> int:
