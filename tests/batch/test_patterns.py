@@ -7,7 +7,7 @@ import pytest
 from tests.batch.test_run import OPTIONS, do
 from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import outputs_of, recordings_of
-from tracker.batch.run import Batch
+from tracker.batch.run import Batch, only_run
 from tracker.errors import LogError
 
 
@@ -25,6 +25,9 @@ def here(tmp_path, monkeypatch) -> Path:
 def test_the_same_command_means_the_same_again_wherever_results_are(folder, pattern, here):
     one = Batch.of([pattern], Path(folder), OPTIONS)
     assert len(one.pairs) == 2
+    with only_run(one):  # and is killed while it makes the first folder
+        Path(folder, one.pairs[0][1]).parent.mkdir(parents=True, exist_ok=True)
+    assert Batch.of([pattern], Path(folder), OPTIONS) == one
     do(one)
     assert Batch.of([pattern], Path(folder), OPTIONS) == one
 

@@ -84,10 +84,16 @@ def test_every_recording_has_a_result_and_only_what_is_broken_changed_or_missing
     os.utime(recordings / "004" / "camera60.yml", (0, 0))
     tracked, _ = do(one)
     assert sorted(result["frames"] for result in tracked) == [13, 14]
-    for output, content in zip(outputs, ["", "[]", "{}", "[" * 100_000, "\x00"], strict=True):
-        results.summary_file(output).write_text(content)
-    assert tables.state(one).missing == COUNT
-    assert [result["frames"] for result in do(one)[0]] == [0] * COUNT
+    line = json.loads(results.summary_file(outputs[2]).read_text())
+    wrong = {"frames": "20", "seconds": [1.0], "recording": 5, "level": 1.5, "fault": True}
+    for damage in (
+        ["", "[]", "{}", "[" * 100_000, "\x00"],
+        [json.dumps({**line, name: value}) for name, value in wrong.items()],
+    ):
+        for output, content in zip(outputs, damage, strict=True):
+            results.summary_file(output).write_text(content)
+        assert tables.state(one).missing == COUNT
+        assert [result["frames"] for result in do(one)[0]] == [0] * COUNT
     goal = [[0, [0.0, 0.0, 0.05]], [500, [0.1, 0.0, 0.08]]]
     there = recordings / "002" / "goal.json"
     there.write_text(json.dumps(goal))

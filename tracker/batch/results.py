@@ -18,6 +18,7 @@ import os
 from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 from tracker.errors import LogError
@@ -93,7 +94,7 @@ def _is_of_results(path: str, folder: str) -> bool:
     if path != folder and not path.startswith(folder + os.sep):
         return False
     try:
-        return is_result(Path(path), Path(folder)) or (path == folder and not os.listdir(path))
+        return is_result(Path(path), Path(folder))
     except OSError:
         return False
 
@@ -117,6 +118,9 @@ _EPISODE = "episode-"
 
 OF_STORE = (IMAGES, STEPS, ZARR, REPORT)
 """All files about a whole image store."""
+
+_FITTING = {str: (str, NoneType), int: (int, NoneType), float: (float, int, NoneType)}
+"""Types of a table row's values, by the type of their column."""
 
 MAX_FILE_SIZE = 100_000
 """Largest small file that is read [bytes]; they usually have 2 kB."""
@@ -172,20 +176,19 @@ def failure_file(output: Path) -> Path:
 
 
 def is_result(path: Path, folder: Path) -> bool:
-    """Whether a path is a file that batches write to their results, or a folder of only such files."""
+    """Whether a path is a file that batches write to their results, or a folder of these, or an empty one."""
     if path.name in OF_STORE and path.parent != folder:
         return True
     if path.is_dir() and not path.is_symlink():
-        inside = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
-        return bool(inside) and all(is_result(entry, folder) for entry in inside)
+        return all(is_result(entry, folder) for entry in path.iterdir() if not entry.name.startswith("."))
     return path.name.endswith((SUFFIX, _LINE, _REASON)) or (path.parent == folder and path.name in OF_ALL)
 
 
 def read_line(output: Path) -> dict[str, Any] | None:
-    """Return the table row for a file of poses; None if it is missing or the poses have changed since."""
+    """Return the table row for a file of poses; None if it is missing, damaged, or older than the poses."""
     path = summary_file(output)
     line = _read(path)
-    if line is None or not COLUMNS.keys() <= line.keys():
+    if line is None or not all(type(line.get(name, ...)) in _FITTING[kind] for name, kind in COLUMNS.items()):
         return None
     try:
         poses, about = output.stat(), path.stat()
