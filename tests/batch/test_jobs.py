@@ -88,8 +88,8 @@ def test_jobs_take_nothing_that_is_executed_from_the_folder_of_results(tmp_path,
             described(tmp_path, 3, scheduler)
 
 
-def listing(output: str) -> str:
-    return json.dumps({"options": OPTIONS.plain(), "recordings": [["/in/a", output]]})
+def listing(output: str, log: str = "/in/a") -> str:
+    return json.dumps({"options": OPTIONS.plain(), "recordings": [[log, output]]})
 
 
 @pytest.mark.parametrize(
@@ -98,6 +98,8 @@ def listing(output: str) -> str:
         *((text, "no batch") for text in ("", "{}", "[]", '{"recordings": [[1]]}')),
         ('{"options": 3, "recordings": []}', "no batch"),
         *((listing(output), "below the folder") for output in ("/home/a.poses.h5", "../a.poses.h5", "a.sh")),
+        (listing("a.poses.h5", "/in/a\0"), "null byte"),
+        (listing("a.poses.h5", "/in/\ud800"), "no batch"),
         (listing("b/../../a.poses.h5"), "below the folder"),
     ],
 )

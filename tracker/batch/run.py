@@ -18,6 +18,7 @@ from typing import Any
 
 from tracker.batch import results
 from tracker.batch.workers import Engine
+from tracker.checks import path_of
 from tracker.errors import LogError, TrackerError, reason
 from tracker.files import claimed, lock_of, read_bounded, write_whole
 from tracker.recordings.track import Job, Options, Recipe, Tracked, fingerprint, run
@@ -154,8 +155,9 @@ def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
     try:
         content = json.loads(read_bounded(path, MAX_LIST))
         pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
-        for _, output in pairs:
+        for log, output in pairs:
             inside = not os.path.isabs(output) and os.pardir not in Path(output).parts
+            os.fsencode(path_of(log + output, f"{path}: recordings", LogError))
             if not inside or not output.endswith(results.SUFFIX):
                 raise ValueError(f"found {output!r:.80} for a result, expected a path below the folder")
         batch = Batch(folder, Options.of_plain(content["options"]), pairs)
