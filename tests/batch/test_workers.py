@@ -2,7 +2,9 @@ import os
 import signal
 import sys
 import threading
+from concurrent.futures import Future
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -82,3 +84,18 @@ def test_only_a_scheduler_of_others_needs_what_the_core_has_not(without_dask):
         pass
     with engine(1) as each:
         assert each is here
+
+
+def test_a_scheduler_that_is_lost_is_named(monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="cluster: no module distributed")
+    client, future = MagicMock(), Future()
+    future.cancel()
+    future.set_running_or_notify_cancel()
+    client.nthreads.return_value = {"worker": 1}
+    client.get_executor.return_value.submit.return_value = future
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: client)
+    with (
+        dask_workers("tcp://127.0.0.1:9") as each,
+        pytest.raises(TrackerError, match=r"scheduler tcp:.*: was lost"),
+    ):
+        list(each(abs, [1]))

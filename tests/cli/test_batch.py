@@ -159,7 +159,7 @@ def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "foo://127.0.0.1:9", ""])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "foo://127.0.0.1:9", "tls://h:9", ""])
 def test_a_scheduler_that_does_not_answer_is_named(address, recordings, tmp_path, run_here, monkeypatch):
     monkeypatch.setattr("tracker.batch.workers.CONNECT_SECONDS", 0.5)
     if not address.startswith("tcp"):  # what is begun with it would hold up this process's end

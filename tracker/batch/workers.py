@@ -9,7 +9,7 @@ import os
 import pickle
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import Pipe, get_context, resource_tracker
 from multiprocessing.connection import Connection
@@ -155,6 +155,9 @@ def dask_workers(address: str) -> Iterator[Engine]:
         distributed = optional("distributed", "cluster", "--scheduler")
     try:
         distributed.comm.get_address_host_port(address)  # a client with an invalid address cannot be closed
+        secure = distributed.Security().get_connection_args("client").get("ssl_context")
+        if address.startswith("tls:") and secure is None:
+            raise ValueError("found no certificates in Dask's configuration, expected them for tls")
         client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise TrackerError(f"scheduler {address}: does not answer: {error}") from error
@@ -172,12 +175,15 @@ def dask_workers(address: str) -> Iterator[Engine]:
         hand_out()
         while handed:
             for future in wait(handed, return_when=FIRST_COMPLETED).done:
-                task, error = handed.pop(future), future.exception()
-                hand_out()
+                try:
+                    task, error = handed.pop(future), future.exception()
+                    hand_out()
+                except (CancelledError, OSError) as lost:
+                    raise TrackerError(f"scheduler {address}: was lost, expected it to the end") from lost
                 if error is not None and not isinstance(error, Exception):
                     raise error
-                lost = isinstance(error, distributed.KilledWorker)
-                yield task, WorkerError(_ENDED) if lost else error or future.result()
+                ended = isinstance(error, distributed.KilledWorker)
+                yield task, WorkerError(_ENDED) if ended else error or future.result()
 
     with client:
         yield each
