@@ -177,6 +177,14 @@ def with_robots(numbers) -> np.ndarray:
     return rows
 
 
+def test_stored_values_that_are_not_finite_are_left_out(robots, tmp_path):
+    rows = OTHER.copy()
+    rows[10, 12], rows[15, 13] = np.inf, np.nan  # confidence and delay
+    _, report = do(write(tmp_path / "a.zarr", observations=rows), tmp_path / "out", robots)
+    assert report["episodes"][0]["share_only_found"] == pytest.approx(1 / 12)
+    assert report["episodes"][0]["stored_delay_s"] == pytest.approx(0.12)
+
+
 @pytest.mark.parametrize(
     ("changes", "damage", "message"),
     [

@@ -108,12 +108,28 @@ def head(**entries):
         ("obs_to_image_index/.zarray", head(chunks=[0.5]), None, "expected zarr 2"),
         ("obs_to_image_index/.zarray", head(dtype="<f8"), None, "found float64, expected whole numbers"),
         ("obs_to_image_index/.zarray", head(shape=[40], fill_value=1e300), None, "fill_value: found 1e"),
+        (
+            "obs_to_image_index/.zarray",
+            head(shape=[8, 1], chunks=[4, 1]),
+            None,
+            r"shape \(8, 1\), expected 1 ax",
+        ),
+        ("obs_to_image_index/.zarray", head(order="A"), None, "expected zarr 2"),
+        (
+            "obs_to_image_index/0",
+            lambda data: data[:24] + b"\7" + data[25:],
+            None,
+            "step 3: found 7, expected a mu",
+        ),
+        ("episode_ends/.zarray", head(shape=[2, 1], chunks=[4, 1]), None, r"shape \(2, 1\), expected 1 axes"),
+        ("episode_ends/.zarray", head(dtype="<f8"), None, "found float64, expected whole numbers"),
         ("images/.zarray", lambda data: data[:-1] + b" " * (1 << 20) + b"}", None, "at most 1048576"),
     ],
 )
 def test_damage_is_named(tmp_path, key, change, frames, message):
     shown = None if frames is not None else [0, 3, 6, 9, 12, 12, 12, 12]
-    folder = write_store(tmp_path / "x.zarr", make_content(5), shown=shown)
+    ends = shown and [3, 7]
+    folder = write_store(tmp_path / "x.zarr", make_content(5), shown=shown, ends=ends)
     edit(folder, key, change)
     if frames is not None:
         assert len(recovered(folder, message)[1]) == frames
@@ -127,7 +143,9 @@ def test_no_more_is_unpacked_than_a_block_holds(tmp_path, inner):
     import numcodecs
 
     compressor = {"id": "blosc", "cname": inner, "clevel": 9, "shuffle": 0}
-    folder = write_store(tmp_path / "x.zarr", make_content(2), shown=range(6), compressor=compressor)
+    folder = write_store(
+        tmp_path / "x.zarr", make_content(2), shown=[0, 0, 0, 3, 3, 3], compressor=compressor
+    )
     assert len(frames_of(folder)) == 2
     packed = numcodecs.get_codec(compressor).encode(bytes(20_000_000))
     edit(folder, "obs_to_image_index/0", lambda data: bytes(packed))

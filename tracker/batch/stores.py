@@ -217,7 +217,7 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
                 for one, parts in compared
             ],
         }
-        write_whole(folder / results.REPORT, json.dumps(report, indent=1) + "\n")
+        write_whole(folder / results.REPORT, json.dumps(report, indent=1, allow_nan=False) + "\n")
     return report
 
 

@@ -157,10 +157,13 @@ class StoredArray:
         """Whether the items are byte strings."""
         return self._dtype is None
 
-    def numbers(self) -> Array:
-        """Return all numbers; LogError if the items are byte strings, missing or damaged."""
-        if self._dtype is None:
-            raise LogError(f"{self._where}: found byte strings, expected numbers")
+    def numbers(self, axes: int, kinds: str = "iufb") -> Array:
+        """Return all numbers; LogError if axes or kind of type differ, or numbers are missing or damaged."""
+        if self._dtype is None or self._dtype.kind not in kinds:
+            found = self._dtype or "byte strings"
+            raise LogError(f"{self._where}: found {found}, expected {'whole ' * (kinds == 'iu')}numbers")
+        if len(self.shape) != axes:
+            raise LogError(f"{self._where}: found shape {self.shape}, expected {axes} axes")
         result = np.empty(self.shape, self._dtype)
         for place in np.ndindex(*self._tiles):
             tile = self._numbers(".".join(map(str, place)), self._dtype)
@@ -225,7 +228,9 @@ class StoredArray:
                 raise ValueError
         elif len(filters) != 1 or filters[0] not in _RAGGED:
             raise LogError(f"{self._where}: found items coded as {filters}, expected {' or '.join(_RAGGED)}")
-        self._order: Literal["C", "F"] = "F" if meta.get("order") == "F" else "C"
+        self._order: Literal["C", "F"] = meta.get("order", "C")
+        if self._order not in ("C", "F"):
+            raise ValueError
         fill = meta["fill_value"]
         self._fill = fill if isinstance(fill, (int, float)) else None
         self._packer = meta["compressor"]

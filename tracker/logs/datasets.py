@@ -17,7 +17,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import on_error
 from tracker.files.stores import LmdbFile, StoredArray
-from tracker.logs.frame import MAX_DISTANCE, NORM_TOLERANCE, LogFrame
+from tracker.logs.frame import MAX_CONFIDENCE, MAX_DISTANCE, NORM_TOLERANCE, LogFrame
 from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Source, check_same_size, default_names
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
 
@@ -114,15 +114,13 @@ class DatasetSource(Source):
         shown = StoredArray.find(self.store, "obs_to_image_index", str(self.path))
         if shown is None:
             return None
-        images, where = shown.numbers(), f"{self.path}: obs_to_image_index"
-        if images.dtype.kind not in "iu":
-            raise LogError(f"{where}: found {images.dtype}, expected whole numbers")
-        images = images.astype(np.int64)
-        before, last = np.concatenate([[0], images[:-1]]), len(self._images) - 1
-        bad = (images < before) | (images > last)
+        images = shown.numbers(1, "iu").astype(np.int64)
+        before, last = np.concatenate([[0], images[:-1]]), len(self._images) - cameras
+        bad = (images < before) | (images > last) | (images % cameras > 0)
         if bad.any():
-            k = int(np.argmax(bad))
-            raise LogError(f"{where}: step {k}: found {images[k]}, expected {before[k]} to {last}")
+            k, valid = int(np.argmax(bad)), f"a multiple of {cameras} cameras"
+            what = f"{self.path}: obs_to_image_index: step {k}: found {images[k]}"
+            raise LogError(f"{what}, expected {valid} from {before[k]} to {last}")
         if not len(images):
             return None
         seen, at = np.unique(images // cameras, return_index=True)
@@ -191,7 +189,8 @@ class StoreSteps:
         length = np.linalg.norm(orientation, axis=1)
         near = np.abs(position).max(axis=1, initial=0) <= MAX_DISTANCE
         seen = self.frame[steps] == frames
-        usable = seen & near & (np.abs(length - 1) <= NORM_TOLERANCE) & (confidence > 0)
+        sure = (confidence > 0) & (confidence <= MAX_CONFIDENCE)
+        usable = seen & near & (np.abs(length - 1) <= NORM_TOLERANCE) & sure
         orientation = orientation / np.where(usable, length, 1)[:, None]
         for column in (position, orientation, confidence):
             column[~usable] = np.nan
@@ -221,7 +220,7 @@ def read_steps(path: Path) -> StoreSteps:
         shown, ends = (
             StoredArray(source.store, name, str(path)) for name in ("obs_to_image_index", "episode_ends")
         )
-        frame = shown.numbers().astype(np.int64) // len(source.camera_names)
+        frame = shown.numbers(1).astype(np.int64) // len(source.camera_names)
         last = _checked_ends(ends, source.store, path)
         task, observed = _observed(source.store, path, len(frame))
         return StoreSteps(str(path), frame, last, source.count, task, observed)
@@ -229,7 +228,7 @@ def read_steps(path: Path) -> StoreSteps:
 
 def _checked_ends(ends: StoredArray, store: LmdbFile, path: Path) -> Array:
     """Return the last step of each episode; LogError if they do not increase, or exceed the last step."""
-    numbers = ends.numbers().astype(np.int64)
+    numbers = ends.numbers(1, "iu").astype(np.int64)
     last = len(StoredArray(store, "obs_to_image_index", str(path))) - 1
     bad = (np.diff(numbers, prepend=-1) <= 0) | (numbers > last)
     if not len(numbers) or bad.any():
@@ -250,5 +249,5 @@ def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict
     robot = camera + _CAMERA + goal
     columns = {name: slice(camera + a, camera + b) for name, (a, b) in _IN_CAMERA.items()}
     columns |= {name: slice(robot + a, robot + b) for name, (a, b) in _IN_ROBOT.items()}
-    rows = array.numbers()
+    rows = array.numbers(2)
     return task, {name: rows[:, one].astype(float) for name, one in columns.items()}

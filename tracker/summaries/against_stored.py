@@ -46,6 +46,7 @@ def differences(parts: Sequence[tuple[Poses, FloatArray]]) -> dict[str, Any]:
     shift = (ours.position - theirs.position)[both]
     angle = so3.angle_between(ours.rotation[both], theirs.rotation[both])
     stated = np.concatenate(delays)
+    stated = stated[np.isfinite(stated)]
     some = len(shift) > 0
     return {
         **compare(whole, kind),
