@@ -253,15 +253,17 @@ def test_a_recording_is_never_overwritten_by_its_poses(given, output, tmp_path):
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "other.h5", "log", "pipe"])
-def test_what_holds_no_poses_is_never_replaced(name, tmp_path):
+@pytest.mark.parametrize("name", ["notes.txt", "other.h5", "log", "pipe", "v1.h5"])
+def test_what_holds_no_poses_of_the_object_is_never_replaced(name, tmp_path):
     log = write_log(tmp_path / "log", 3)
     (tmp_path / "notes.txt").write_text("keep")
     os.mkfifo(tmp_path / "pipe")
     with open_log(log) as opened:
         write_hdf5(tmp_path / "other.h5", opened, tiny_rig(), lambda _: None)
+    run(make_job(log, tmp_path / "v1.h5", model=tracker.load_object("cube_v1")))
     before = contents(tmp_path)
-    with pytest.raises(LogError, match=rf"output .*{name}: found a .*(no poses|older|device), expe"):
+    message = rf"output .*{name}: found (a .*(no poses|older|device)|poses of cube_v1), expe"
+    with pytest.raises(LogError, match=message):
         track(log, "cube_v2", output=tmp_path / name)
     assert contents(tmp_path) == before
 

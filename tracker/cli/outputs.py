@@ -12,8 +12,7 @@ from typing import Any
 import click
 from click.core import augment_usage_errors
 
-import tracker
-from tracker.errors import LogError, install
+from tracker.errors import install
 from tracker.files import check_suffix
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
@@ -152,23 +151,6 @@ def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
         raise click.UsageError(f"{name} {path}: there is no folder {path.parent if not made else folder}")
     if not os.access(folder, os.W_OK):
         raise click.UsageError(f"{name} {path}: the folder {folder} may not be written")
-
-
-def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
-    """Raise UsageError for a file without poses or with another object's; a damaged one may be replaced."""
-    from tracker.poses.file import refuse_other_file
-
-    try:
-        refuse_other_file(path, f"{name} {path}")
-    except LogError as error:
-        raise click.UsageError(str(error)) from None
-    with suppress(LogError):
-        found = tracker.read_poses(path).about.object_name
-        if object_name not in (None, found):
-            raise click.UsageError(
-                f"{name} {path}: found poses of {found}, expected those of {object_name}, another name, "
-                "or --overwrite"
-            )
 
 
 def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:

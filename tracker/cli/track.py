@@ -15,7 +15,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.export import Outputs, write_tracked_film
 from tracker.cli.options import command, file_option, flag, option, several
-from tracker.cli.outputs import AnyPath, OutFile, OutFolder, Recording, refuse_other_poses, refuse_overwriting
+from tracker.cli.outputs import AnyPath, OutFile, OutFolder, Recording, refuse_overwriting
 from tracker.cli.terminal import bar, listing, say
 from tracker.errors import TrackerError, reason
 from tracker.files import write_whole
@@ -54,6 +54,7 @@ def track(
     """
     from tracker.batch.results import outputs_of
     from tracker.batch.run import Task
+    from tracker.poses.file import refuse_other_file, refuse_other_object
 
     if len(logs) > 1 and (outputs or health):
         raise click.UsageError(f"found {len(logs)} LOGs, expected one for other files than those of poses")
@@ -68,7 +69,9 @@ def track(
         name = f"-o for {log}" if len(logs) > 1 else "-o"
         refuse_overwriting({name: target}, logs, (*astuple(asked.subject), *asked.cameras.calibration))
         kind.check("-o", target)
-        refuse_other_poses("-o", target, None if overwrite else recipe.model.name)
+        refuse_other_file(target, f"-o {target}")
+        if not overwrite:
+            refuse_other_object(target, f"-o {target}", recipe.model.name)
     if len(logs) == 1:
         _track_one(tracker.recordings.Job(logs[0], targets[0], recipe), outputs, health, as_json, quiet)
         return

@@ -181,6 +181,17 @@ def refuse_other_file(path: Path, what: str) -> None:
         raise LogError(f"{what}: found a file that holds no poses, expected another name")
 
 
+def refuse_other_object(path: Path, what: str, object_name: str) -> None:
+    """Raise LogError, naming `what`, if a file has poses of another object; a damaged one may be replaced."""
+    try:
+        found = read_poses(path).about.object_name
+    except LogError:
+        return
+    if found != object_name:
+        expected = f"those of {object_name}, another name, or `tracker track --overwrite`"
+        raise LogError(f"{what}: found poses of {found}, expected {expected}")
+
+
 def read_fingerprint(path: str | os.PathLike[str]) -> str:
     """Return the fingerprint in a file of poses; empty if it has none or is another kind of file."""
     return hdf5.text_of(path, "fingerprint") or ""

@@ -33,7 +33,14 @@ from tracker.logs.opening import calibration_files, fitted_to, recording_files
 from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import Observation
-from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, refuse_other_file, write_poses
+from tracker.poses.file import (
+    PosesBuilder,
+    read_fingerprint,
+    read_poses,
+    refuse_other_file,
+    refuse_other_object,
+    write_poses,
+)
 from tracker.poses.poses import About, Poses
 from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
 from tracker.version import version
@@ -228,7 +235,7 @@ def track(
 
     Raises:
         LogError: the recording is damaged (without `recover`) or changed while it was read, or the file
-            cannot be written, or is the recording, its calibration, or another file without poses.
+            cannot be written, or is the recording, its calibration, or another without poses of the object.
         TrackerError: a name is unknown, or a calibration is missing or does not fit.
         OSError: a file cannot be read or written; BlockingIOError: another run is writing the file.
     """
@@ -238,7 +245,10 @@ def track(
     cameras = None if rig is None else rig_of(rig)
     recipe = Recipe(found, colors_of(colors, found), cameras, start=start, stop=stop, recover=recover)
     job = Job(log, target, recipe)
-    return _tracked(job, progress) if output is None else run(job, progress)
+    if output is None:
+        return _tracked(job, progress)
+    refuse_other_object(target, f"output {target}", found.name)
+    return run(job, progress)
 
 
 def run(job: Job, progress: Progress | None = None) -> Tracked:
