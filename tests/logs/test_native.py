@@ -175,6 +175,18 @@ def test_damage_is_named_and_whole_records_recovered(tmp_path, offset, new, fram
             tracker.open_log(path, recover=recover)
 
 
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("damaged", [0, 1, 3])
+def test_the_frame_whose_stamp_is_damaged_is_left_out_not_those_after_it(tmp_path, damaged, packed):
+    content = make_content(6)
+    content.stamps[damaged] += 600
+    path = write_native(tmp_path / "log", content, packed=packed)
+    message = f"record {damaged + 1}: the frame's stamp goes back by 59.* s since frame {damaged}"
+    before, after = recovered(path, message)
+    assert before == list(range(damaged + 1))
+    assert after == [k for k in range(6) if k != damaged]
+
+
 @pytest.mark.parametrize(
     ("row", "message"),
     [

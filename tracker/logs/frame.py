@@ -178,21 +178,22 @@ class StampOrder:
         self._last: FloatArray = np.array(np.nan)
         self._index = 0
 
-    def check(self, index: int, timestamp: float, camera_timestamps: FloatArray, *, what: str) -> None:
-        """Compare a frame with the previous one; a frame that raises LogError is not remembered."""
-        stamps = np.array([timestamp, *camera_timestamps])
+    def fault(self, index: int, timestamp: float, cameras: FloatArray, what: str) -> LogError | None:
+        """Return the error if a frame does not follow the previous one; else None, and it is remembered."""
+        stamps = np.array([timestamp, *cameras])
         steps = np.nan_to_num(stamps - self._last)
         worst = int(np.argmax(np.abs(np.where(steps < 0, np.inf, steps))))
         if steps[worst] < 0 or steps[worst] > self._gap:
             way = "back" if steps[worst] < 0 else "forward"
             whose = "the frame's stamp" if worst == 0 else f"the stamp of camera number {worst}"
-            raise LogError(
+            return LogError(
                 f"{what}: {whose} goes {way} by {abs(steps[worst]):.6g} s since frame {self._index}, "
                 f"expected 0 to {self._gap:g} s"
             )
         # NaN stays for a camera without any image yet, so that any timestamp may follow.
         self._last = np.where(np.isnan(stamps), self._last, stamps)
         self._index = index
+        return None
 
     @property
     def camera_timestamps(self) -> FloatArray:

@@ -159,7 +159,8 @@ class Hdf5LogWriter:
         }
         if "object_pose" in self._file:
             rows |= _pose_rows(pose, where)
-        self._order.check(self._count, stamp, stamps, what=where)  # last: it remembers the stamps
+        if fault := self._order.fault(self._count, stamp, stamps, where):  # last: it remembers the stamps
+            raise fault
         with uninterrupted():
             self._write(rows)
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
+from itertools import islice, starmap
 from pathlib import Path
 from typing import TypeVar, overload
 
@@ -132,7 +135,7 @@ class Log:
     """Frames of a recording. A context manager; iterating starts at the first frame each time.
 
     `log[3]` is a frame, `log[100:200]` a part of the recording, read as you iterate. Only one frame is in
-    memory at a time.
+    memory at a time, or three with `recover`.
 
     With `recover`, iteration skips damaged frames, and `fault` describes them. Without it, the first damaged
     frame raises a LogError.
@@ -171,20 +174,42 @@ class Log:
         return self._source.missing
 
     def __iter__(self) -> Iterator[LogFrame]:
-        return with_stamps(self._frames(), frozenset(self._source.episode_starts))
+        return with_stamps(self._in_order(), frozenset(self._source.episode_starts))
+
+    def _in_order(self) -> Iterator[LogFrame]:
+        """Yield the readable frames whose stamps follow those before; `recover` looks at the next two, too.
+
+        If these follow the frames before and one another, but not this frame, its own stamps are damaged.
+        """
+        frames, starts = self._frames(), self._source.episode_starts
+        near, episode = list(islice(frames, 3 if self._recover else 1)), -1
+        while near:
+            frame, *after = near
+            episodes = {bisect_right(starts, one.index) for one in near}
+            if episode != min(episodes):
+                episode, order = min(episodes), StampOrder(gaps=self._source.gaps or self._indices.step > 1)
+            before, fault = copy(order), self._fault(order, frame)
+            faults = [self._fault(copy(order), one) for one in after]
+            two = len(faults) == 2 and len(episodes) == 1 and fault is None
+            if two and all(faults) and self._fault(copy(before), *after) is None:
+                order, fault = before, LogError(f"{faults[0]}; frame {frame.index} is left out")
+            if fault is not None:
+                self._note(frame.index, fault)
+            else:
+                yield frame
+            near = [*after, *islice(frames, 1)]
+
+    def _fault(self, order: StampOrder, *frames: LogFrame) -> LogError | None:
+        """Return the error of the first frame that does not follow those before; None if all do."""
+        where = self._source.where
+        stamps = ((one.index, one.timestamp, one.camera_timestamps, where(one.index)) for one in frames)
+        return next(filter(None, starmap(order.fault, stamps)), None)
 
     def _frames(self) -> Iterator[LogFrame]:
-        gaps, starts = self._source.gaps or self._indices.step > 1, frozenset(self._source.episode_starts)
-        order = StampOrder(gaps=gaps)
         for index in self._indices:
-            if index in starts:
-                order = StampOrder(gaps=gaps)
             try:
                 self._refuse_closed()
                 frame = self._source.read(index)
-                order.check(
-                    frame.index, frame.timestamp, frame.camera_timestamps, what=self._source.where(index)
-                )
             except LogError as error:
                 self._note(index, error)
                 if self._source.sequential:
