@@ -1,5 +1,6 @@
 import csv
 import gzip
+import re
 import struct
 
 import numpy as np
@@ -104,6 +105,9 @@ def test_states_are_paired_with_an_opened_log(log):
         (TEXT[:-100], "after the header: .* at row (4999|5000)"),
         (TEXT.replace(b" 0.5\n", b" x\n", 1).replace(b"#time_index", b"#t"), None),
         (TEXT.replace(b"\n0 ", b"\n0 x", 1), "after the header: could not convert string 'x.*at row 0"),
+        (TEXT.replace(b"\n7 ", b"\n7 0 ", 1), "after the header: found 32 cells at row 7, expected 31"),
+        (re.sub(rb"(?m)^(?=\d)", b"0 ", TEXT), "after the header: found 32 cells at row 0, expected 31"),
+        (text([*TIMES[:-1], 1e12]), "timestamp"),
         (BINARY[:-1], "found 4999 records of 904 bytes, expected 5000"),
         (BINARY + b"x", "found bytes after record 4999"),
         (binary(count=2**60), "found 1152921504606846976 steps stated"),

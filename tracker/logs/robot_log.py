@@ -146,7 +146,7 @@ def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
             binary = head == struct.pack("<I", _VERSION)
             names, table = _records(file) if binary else _lines(file, head)
         times = table[:, 0]
-        if np.nanmax(times, initial=0) > 1e11:  # milliseconds
+        if np.nanmin(times, initial=np.inf) > 1e11:  # milliseconds
             times = times / 1000
         return RobotLog(times, **dict(zip(names, np.split(table[:, 1:], len(names), axis=1), strict=True)))
 
@@ -189,9 +189,15 @@ def _lines(file: BinaryIO, head: bytes) -> tuple[list[str], Array]:
     first = file.readline(MAX_LINE)
     if not first:
         raise LogError("found no steps, expected two or more")
-    lines = chain([first], iter(lambda: file.readline(MAX_LINE), b""))
+
+    def rows() -> Iterator[bytes]:
+        for row, line in enumerate(chain([first], iter(lambda: file.readline(MAX_LINE), b""))):
+            if (found := len(line.split())) not in (0, len(columns)):
+                raise ValueError(f"found {found} cells at row {row}, expected {len(columns)}")
+            yield line
+
     with naming("after the header", LogError, ValueError):
-        table = np.loadtxt(islice(lines, MAX_STEPS + 1), usecols=places, ndmin=2, comments=None)
+        table = np.loadtxt(islice(rows(), MAX_STEPS + 1), usecols=places, ndmin=2, comments=None)
     if len(table) > MAX_STEPS:
         raise LogError(f"found more than {MAX_STEPS} steps, expected a log of a job")
     return names, table
