@@ -144,6 +144,8 @@ def test_a_recordings_files_are_those_that_its_patterns_reach_through_links(tmp_
     stated.write_text(PATTERNS.format("data/l/*.png", "data/r/*.png"))
     images = [tmp_path / "here" / "data" / side / f"00000{k}.png" for side in "lr" for k in range(2)]
     assert sorted(recording_files(tmp_path / "here")) == sorted([stated, *images])
+    stated.write_text(PATTERNS.format("*/l/*.png", "data/*r/*.png"))
+    assert sorted(recording_files(tmp_path / "here")) == sorted([stated, *images])
     stated.write_text("cameras = 3")
     assert recording_files(tmp_path / "here") == [stated]
 
@@ -216,6 +218,8 @@ def test_pictures_without_common_names_are_counted(tmp_path):
         ("[cameras]\na = '.'", "inside of the folder"),
         *[(f"[cameras]\na = '{pattern}'", "without") for pattern in ("**/*.png", "left/**.png")],
         ("[cameras]\na = 'b/*.png'", "found no file that fits 'b/"),
+        ("[cameras]\na = '*/*/*/*/*.png'", "found no file that fits '"),
+        ("[cameras]\na = '0*.png'\nb = '*.png'", "b: found 000000.png of a, expected files of its own"),
         ("speed = 3\n[cameras]\na = '*.png'", "unknown key 'speed'"),
         ("rate = 0\n[cameras]\na = '*.png'", "rate: found 0"),
         ("rate = true\n[cameras]\na = '*.png'", "rate: found True"),
@@ -223,6 +227,8 @@ def test_pictures_without_common_names_are_counted(tmp_path):
 )
 def test_a_malformed_file_is_refused(tmp_path, text, message):
     write_numbers(tmp_path, 0, 1)
+    for name in "xy":  # through which the image fits patterns of any depth, in ever more ways
+        (tmp_path / name).symlink_to(".")
     (tmp_path / "recording.toml").write_text(text)
     with pytest.raises(LogError, match=message):
         tracker.open_log(tmp_path)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
@@ -212,7 +213,12 @@ def _stated(path: Path) -> tuple[dict[str, Any], dict[str, list[tuple[str, Path]
     patterns = values.get("cameras")
     if not isinstance(patterns, dict) or not 0 < len(patterns) <= MAX_CAMERAS:
         raise LogError(f"{path}: cameras: expected a table of 1 to {MAX_CAMERAS} patterns by cameras' names")
-    return values, {name: _fitting(path, name, pattern) for name, pattern in patterns.items()}
+    fitting = {name: _fitting(path, name, pattern) for name, pattern in patterns.items()}
+    owners: dict[Path, str] = {}
+    for name, file in ((name, file) for name, files in fitting.items() for _, file in files):
+        if (owner := owners.setdefault(file, name)) != name:
+            raise LogError(f"{path}: {name}: found {file.name} of {owner}, expected files of its own")
+    return values, fitting
 
 
 def stated_files(root: Path) -> list[Path]:
@@ -256,7 +262,7 @@ def _fitting(path: Path, camera: str, pattern: Any) -> list[tuple[str, Path]]:
         raise LogError(f"{what}: found {given}, expected one inside of the folder, without **")
     shape = re.compile("([^/]*)".join(map(re.escape, "/".join(parts).split("*"))))
     fitting = []
-    for file in sorted(path.parent.glob(pattern)):
+    for file in sorted(_matches(path.parent, parts, {os.path.realpath(path.parent)})):
         name = file.relative_to(path.parent).as_posix()
         readable = file.suffix.lower() in (*SUFFIXES, *FILM_SUFFIXES) and file.is_file()
         if readable and "/." not in f"/{name}" and (match := shape.fullmatch(name)):
@@ -264,6 +270,15 @@ def _fitting(path: Path, camera: str, pattern: Any) -> list[tuple[str, Path]]:
     if not fitting:
         raise LogError(f"{what}: found no file that fits {given}, expected images or a film")
     return fitting
+
+
+def _matches(folder: Path, parts: Sequence[str], above: Set[str]) -> Iterator[Path]:
+    """Yield what fits a pattern below a folder; its `*` stand for no links back to the folders above."""
+    for one in folder.glob(parts[0]):
+        if len(parts) == 1:
+            yield one
+        elif (real := os.path.realpath(one)) not in above or "*" not in parts[0]:
+            yield from _matches(one, parts[1:], above | {real})
 
 
 def _stream(path: Path, camera: str, fitting: list[tuple[str, Path]]) -> Mapping[str, Picture]:
