@@ -13,7 +13,7 @@ from tracker.errors import CalibrationError, LogError
 from tracker.logs.folder import write_folder
 from tracker.logs.layout import stamps_of_names
 from tracker.logs.log import picked
-from tracker.logs.opening import fitted_to
+from tracker.logs.opening import calibration_files, fitted_to
 
 
 def picture(frame: int, camera: int) -> np.ndarray:
@@ -102,7 +102,23 @@ def test_one_triplet_is_one_frame_and_brings_its_calibration(tmp_path):
         np.testing.assert_array_equal(log[0].images[2], picture(0, 2))
 
 
+@pytest.mark.parametrize(
+    ("inside", "path"), [("rec", "."), ("rec/000000", ".."), ("a.zarr", "data.mdb"), ("", "a.zarr/data.mdb")]
+)
+def test_the_calibration_beside_is_found_from_anywhere(tmp_path, inside, path, monkeypatch):
+    write_triplets(tmp_path / "rec", ["000000"])
+    (tmp_path / "a.zarr").mkdir()
+    (tmp_path / "a.zarr" / "data.mdb").touch()
+    make_rig().save(tmp_path)
+    monkeypatch.chdir(tmp_path / inside)
+    assert calibration_files(Path(path)) == [tmp_path / f"{camera}.yml" for camera in sorted(CAMERAS)]
+    if inside.startswith("rec"):
+        with tracker.open_log(path) as log:
+            assert log.rig.names == CAMERAS
+
+
 NO_TRUTHS = ("", "[]", '{"frames": 3}', '{"frames": [{"frame": 1}]}', "[" * 99999)
+NO_TRUTHS += (f'{{"frames": [{{"frame": 0, "timestamp": 1{"0" * 400}}}]}}',)
 NO_PICTURES = ("camera60/a.txt", "0/other.png", "camera60.txt")
 
 

@@ -87,7 +87,7 @@ class FolderSource(Source):
     def _read_truth(self, file: Path) -> None:
         """Read the timestamps of frames and images from the truth, NaN for frames that it does not have."""
         text = _content(file, 1 << 28)  # a frame has about 1000 bytes
-        faults = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
+        faults = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
         with naming(f"{file}: found no stamps of frames", LogError, *faults):
             content = json.loads(text.decode("utf-8"))
             truth = {str(item["frame"]): self._stamps_in(item) for item in content["frames"]}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -93,7 +94,7 @@ class Source(ABC):
 
     def rig(self) -> CameraRig | None:
         """Return the cameras' calibration, or None if there is none; TrackerError if it is malformed."""
-        return rig_beside(self.path.parent, self.camera_names)
+        return rig_beside(Path(os.path.abspath(self.path)).parent, self.camera_names)
 
     def settings(self) -> dict[str, Settings]:
         """Return the recorded camera settings by camera name; LogError if they are malformed."""

@@ -72,6 +72,7 @@ def recording_files(path: Path) -> list[Path]:
 
 def calibration_files(path: Path) -> list[Path]:
     """List the files beside the recording or in its folder that may hold its calibration."""
+    path = Path(os.path.abspath(path))  # the parent of `..` is not `.`
     if path.name == STORE_FILE:
         path = path.parent
     folders = [path.parent]
