@@ -112,6 +112,7 @@ LCM = {
     "address: found None, expected str": (None,),
     "address: found a null byte": ("file:///a\0b",),
     "a new file": ("file://no/poses.lcm", f"file://{__file__}"),
+    "publish file:///xxx": (f"file:///{'x' * 300}",),
     "expected lcm://": (
         *(f"{GROUP}:7667?ttl=0&ttl=1", f"{GROUP}:7667?ttl=0&transmit_only=1", f"{GROUP}:7667?ttl"),
         *(f"{GROUP}:70000?ttl=0", f"{GROUP}:0?ttl=0", f"{GROUP}:7667/more?ttl=0"),

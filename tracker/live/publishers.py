@@ -251,7 +251,7 @@ def _url(address: str, public: bool) -> str:
             raise LiveError(f"publish: {_VARIABLE}: found {address}, expected udpm://ADDRESS:PORT?ttl=0")
     elif kind == "file" and rest and "?" not in rest:
         path = path_of(rest, "publish: address", LiveError)
-        if path.exists() or not path.parent.is_dir():
+        if os.path.exists(path) or not path.parent.is_dir():  # Path.exists raises for too long names
             raise LiveError(f"publish {address}: expected a new file, in a folder that there is")
         return f"file://{rest}{_NEW}"
     try:
