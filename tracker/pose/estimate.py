@@ -104,7 +104,9 @@ class PoseEstimator:
 
         The first hypothesis settles most images. If its fit is in doubt, others compete: with other positions
         and rotations, and with each camera left out in turn, since one image that is tinted, mirrored or from
-        another moment spoils the vote. Those few that explain the label maps best are refined.
+        another moment spoils the vote. Those few that explain the label maps best are refined. If no pose is
+        accepted, a first hypothesis is tried in the images as they are, since a white or black table is not
+        as bright as the platform's greys, and a coloured one is none.
 
         Args:
             images: one for each camera; None for a missing one.
@@ -113,8 +115,24 @@ class PoseEstimator:
             lag: how old the images are; None: all were taken at the same time.
             hidden: masks of pixels whose labels and edges count neither for nor against a pose.
         """
+        found = self._found(images, timing, thorough, lag, hidden)
+        if isinstance(found, Status) and thorough and self.reader.colors.normalise:
+            other = self._found(images, timing, False, lag, hidden, as_they_are=True)
+            return found if isinstance(other, Status) else other.changed(as_they_are=True)
+        return found
+
+    def _found(
+        self,
+        images: Sequence[Image | None],
+        timing: dict[str, float],
+        thorough: bool,
+        lag: Lag | None,
+        hidden: Hidden,
+        as_they_are: bool = False,
+    ) -> Fit | Status:
+        """Search in one light: `find`, with the images' greys made grey, or in the images as they are."""
         laps = [time.perf_counter()]
-        pictures = self.reader.lit(images)
+        pictures = self.reader.lit(images, as_they_are=as_they_are)
         laps.append(time.perf_counter())
         sight = self.reader.labelled(images, pictures, hidden=hidden)
         laps.append(time.perf_counter())

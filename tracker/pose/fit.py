@@ -146,6 +146,8 @@ class Fit:
     """Log odds over all clearly different poses together; infinite if none was tried."""
     left_out: tuple[int, ...] = ()
     """Cameras whose images were left out because the others agree without them."""
+    as_they_are: bool = False
+    """Whether it was found in images whose greys keep their colour and brightness."""
     offsets: FloatArray | None = None
     """(C, 6) displacement of the object in the cameras' views by errors of their calibration [m, rad]."""
     lags: FloatArray | None = None

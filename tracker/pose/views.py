@@ -220,6 +220,8 @@ class Reader:
         images: Sequence[Image | None],
         lights: Array | None = None,
         fresh: Sequence[bool] | None = None,
+        *,
+        as_they_are: bool = False,
     ) -> Array:
         """Return pictures (C,) of PICTURE with their light.
 
@@ -227,12 +229,14 @@ class Reader:
             images: of the cameras.
             lights: (C,) of PICTURE, with the light of earlier images; None: there is none.
             fresh: for each camera, whether to estimate its light again; None: all.
+            as_they_are: whether greys keep their colour and brightness.
         """
         pictures = np.zeros(len(images), PICTURE) if lights is None else lights.copy()
+        normalise = self.colors.normalise and not as_they_are
         pictures["used"], pictures["hidden"] = False, 0
         for c, image in enumerate(images):
             if image is not None:
-                look_at(image, self.colors.normalise, fresh is None or fresh[c], pictures, c)
+                look_at(image, normalise, fresh is None or fresh[c], pictures, c)
         return pictures
 
     def labelled(

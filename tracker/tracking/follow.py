@@ -45,6 +45,8 @@ class Memory(NamedTuple):
     cameras: tuple[CameraMemory, ...]
     lights: Array | None = None
     """(C,) of PICTURE: the light of each camera's image as last measured."""
+    as_they_are: bool = False
+    """Whether the object was last found in images whose greys keep their colour and brightness."""
     start: Start | None = None
     """The unknowns other than the pose in the last frame; None: none yet."""
     agreement: Agreement = Agreement()
@@ -60,6 +62,14 @@ class Memory(NamedTuple):
     def empty(cls, cameras: int, options: TrackingOptions | None = None) -> Memory:
         """Return the state of a tracker that has seen nothing."""
         return cls(Belief(options or TrackingOptions()), (CameraMemory(),) * cameras)
+
+    def after(self, found: Fit) -> Memory:
+        """Return the state after a search everywhere; light of another kind is measured again."""
+        memory = self._replace(extra=lasting(found), resized=found.evidence.resized)
+        if found.as_they_are == self.as_they_are:
+            return memory
+        cameras = tuple(one._replace(age=None) for one in self.cameras)
+        return memory._replace(as_they_are=found.as_they_are, lights=None, cameras=cameras)
 
 
 class Gate:
@@ -165,10 +175,10 @@ class Follower:
                 return near, memory
         found = self._estimator.find(images, timing, thorough=near is None, lag=lag, hidden=hidden)
         if near is not None and (isinstance(found, Status) or rank(found) <= rank(near)):
-            found = near
+            found = near.changed(as_they_are=memory.as_they_are)
         if isinstance(found, Status):
             return found, memory._replace(extra=0.0)
-        return found, memory._replace(extra=lasting(found), resized=found.evidence.resized)
+        return found, memory.after(found)
 
     def _near(
         self,
@@ -183,7 +193,7 @@ class Follower:
         laps, estimator = [time.perf_counter()], self._estimator
         cameras, fresh = looked_at(memory.cameras, images)
         windows = [estimator.search.window(c, expected.position) for c in range(len(images))]
-        pictures = estimator.reader.lit(images, memory.lights, fresh)
+        pictures = estimator.reader.lit(images, memory.lights, fresh, as_they_are=memory.as_they_are)
         sight = estimator.reader.labelled(images, pictures, windows, hidden)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
