@@ -95,7 +95,7 @@ def test_a_table_whose_tilt_is_uncertain_may_be_lower_beside_its_centre():
 
 @given(ARENAS)
 def test_every_arena_survives_its_file(tmp_path_factory, arena):
-    folder = tmp_path_factory.getbasetemp()
+    folder = tmp_path_factory.getbasetemp() / "arena"
     CameraRig((make_camera(60),), arena).save(folder)
     assert read_arena(folder) == arena
 
