@@ -19,7 +19,8 @@ from tracker.batch.run import Batch, run_batch
 from tracker.batch.tables import state
 from tracker.batch.workers import engine
 from tracker.calibration.files import Calibrated, calibration_text
-from tracker.errors import LogError, TrackerError
+from tracker.errors import CalibrationError, LogError, TrackerError
+from tracker.files import told_as, write_together
 from tracker.logs import open_log
 from tracker.logs.folder import write_folder
 from tracker.logs.frame import LogFrame, with_stamps
@@ -340,15 +341,18 @@ def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
     assert len(state(one).lines) == 3
 
 
+def write_calibration(path, camera):
+    with told_as(CalibrationError, path):
+        write_together([(path, calibration_text(Calibrated(camera)))])
+
+
 WRITERS = {
     "poses.h5": lambda path, poses, log: write_poses(path, poses),
     "poses.csv": lambda path, poses, log: write_csv(path, poses),
     "poses.tum": lambda path, poses, log: write_tum(path, poses),
     "bop.csv": lambda path, poses, log: write_bop(path, poses, poses.about.rig[0]),
     "poses.parquet": lambda path, poses, log: write_parquet(path, poses),
-    "camera60.yml": lambda path, poses, log: path.write_text(
-        calibration_text(Calibrated(poses.about.rig[0]))
-    ),
+    "camera60.yml": lambda path, poses, log: write_calibration(path, poses.about.rig[0]),
     "log.h5": lambda path, poses, log: write_hdf5(path, log, tiny_rig(), lambda count: None),
     "folder": lambda path, poses, log: write_folder(path, log, tiny_rig(), lambda count: None),
 }

@@ -81,7 +81,7 @@ def _goal(data: Any) -> JobGoal:
     if not isinstance(data, list) or not data or not all(isinstance(entry, list) for entry in data):
         raise TaskError("found no goal, expected a pose, a trajectory or the positions of dice")
     if all(len(entry) == 2 for entry in data):
-        goals = [(time, listed(place, f"trajectory: position {k}")) for k, (time, place) in enumerate(data)]
+        goals = [(time, listed(place, f"trajectory: entry {k}")) for k, (time, place) in enumerate(data)]
         move_object.active_goal(goals, 0)  # checks the rest
         return JobGoal("trajectory", trajectory=tuple((float(time), tuple(place)) for time, place in data))
     return JobGoal("rearrange_dice", position=places_of(data))
