@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Formats of `write_image`."""
 
+MAX_SIDE = 65500
+"""Largest width and height of a JPEG file that OpenCV writes [px]."""
+
 _SLOWEST, _FASTEST = 0.5, 60.0  # frame rates of a recording's film [frames per second]
 
 
@@ -37,13 +40,14 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
     if not (of_pixels and (image.ndim == 2 or image.shape[2:] == (3,))):
         found = described_input(image)
         raise ImageError(f"image {target}: found {found}, expected uint8 of shape (H, W) or (H, W, 3)")
+    if max(image.shape[:2]) > MAX_SIDE:
+        found = described_input(image)
+        raise ImageError(f"image {target}: found {found}, expected at most {MAX_SIDE} px a side")
     suffix = target.suffix.lower()
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
-    encoded, content = cv2.imencode(suffix, image, options)
-    if not encoded:
-        raise ImageError(f"image {target}: found {described_input(image)}, expected a smaller one")
+    content = cv2.imencode(suffix, image, options)[1].tobytes()
     with told_as(ImageError, f"image {target}"):
-        write_whole(target, content.tobytes())
+        write_whole(target, content)
 
 
 def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: float) -> int:
