@@ -105,8 +105,8 @@ class PoseEstimator:
         The first hypothesis settles most images. If its fit is in doubt, others compete: with other positions
         and rotations, and with each camera left out in turn, since one image that is tinted, mirrored or from
         another moment spoils the vote. Those few that explain the label maps best are refined. If no pose is
-        accepted, a first hypothesis is tried in the images as they are, since a white or black table is not
-        as bright as the platform's greys, and a coloured one is none.
+        accepted, though there are faces' colours, a first hypothesis is tried in the images as they are: a
+        white or black table is not as bright as the platform's greys, and a coloured one is none.
 
         Args:
             images: one for each camera; None for a missing one.
@@ -116,7 +116,8 @@ class PoseEstimator:
             hidden: masks of pixels whose labels and edges count neither for nor against a pose.
         """
         found = self._found(images, timing, thorough, lag, hidden)
-        if isinstance(found, Status) and thorough and self.reader.colors.normalise:
+        refused = isinstance(found, Status) and found is not Status.NO_OBJECT_COLORS
+        if refused and thorough and self.reader.colors.normalise:
             other = self._found(images, timing, False, lag, hidden, as_they_are=True)
             return found if isinstance(other, Status) else other.changed(as_they_are=True)
         return found
