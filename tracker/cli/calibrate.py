@@ -123,12 +123,8 @@ class Filmed:
 
     def lenses(self, rig: tracker.CameraRig) -> dict[str, Calibrated]:
         """Return what the files of an opened rig state of the lenses, by camera name."""
-        cameras = {camera.name: camera for camera in rig}
-        return {
-            name: one.resized(cameras[name].width, cameras[name].height)
-            for one in self.files(rig).values()
-            for name in [one.camera.name]
-        }
+        found = {one.camera.name: one for one in self.files(rig).values()}
+        return {one.name: found[one.name].resized(one.width, one.height) for one in rig if one.name in found}
 
 
 _output = option("DIR", "Folder for the new calibration; new or empty.", OutFolder(new=True), required=True)
@@ -303,9 +299,10 @@ def refine(
     with filmed.opened() as (model, footage, rig, colors, progress):
         found = refine_cameras(model, footage, rig, colors, focal=focal, most=frames, progress=progress)
     model = replace(model, colors=filmed.subject.colors or model.colors)
-    lenses = filmed.lenses(rig)
     if focal:
         lenses = {one.name: Calibrated(one, std) for one, std in zip(found.rig, found.lens_std, strict=True)}
+    else:
+        lenses = filmed.lenses(rig)
     save_rig(found.rig, output, lenses, {"object.toml": object_text(model, found.rim)})
     if not filmed.quiet:
         click.echo(_refined(found, focal, output))
