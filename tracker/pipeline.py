@@ -23,8 +23,7 @@ from tracker.inputs import (
     object_of,
     rig_of,
 )
-from tracker.objects.box import Box
-from tracker.objects.model import CuboidModel, load_object, object_names
+from tracker.objects.model import Box, CuboidModel, load_object, object_names
 from tracker.pose.agreement import CONTRADICTION, size, spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit

@@ -26,8 +26,7 @@ from tracker.compiled import is_cached
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.geometry.probability import probability_within
-from tracker.objects.box import Box
-from tracker.objects.model import load_object
+from tracker.objects.model import Box, load_object
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import explanation_score
 from tracker.pose.estimate import PoseEstimator

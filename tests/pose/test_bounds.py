@@ -7,7 +7,7 @@ import tracker
 from synthetic.camera.rigs import default_cameras
 from tests.helpers.kept_stills import bare
 from tracker.geometry.camera import BENT, CENTER, FARTHEST, FOCAL
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose import refine
 from tracker.pose.refine import LIKELY, begin
 from tracker.pose.refiner import Refiner

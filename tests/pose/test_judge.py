@@ -9,7 +9,7 @@ from tests.helpers.fits import LABELS, made_fit, with_cameras
 from tracker import Status
 from tracker.geometry import so3
 from tracker.geometry.probability import probability_within
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose import judge, rivals
 from tracker.pose.evidence import NUMBERS, log_odds, weighed
 from tracker.pose.rivals import SHOWN, lead, shifted_along, turned_about_face

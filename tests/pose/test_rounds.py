@@ -7,7 +7,7 @@ import tracker
 from tests.helpers.kept_stills import bare
 from tests.helpers.pushed_cube import MODEL, pose_at, shot
 from tracker.geometry import so3
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose.estimate import REFINED, PoseEstimator
 from tracker.pose.hypotheses import EVERYWHERE, LIKELIEST, NEARBY, TURNS, Search
 from tracker.pose.judge import settled

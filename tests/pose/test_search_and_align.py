@@ -12,7 +12,7 @@ from tests.helpers.kept_stills import bare
 from tracker import Arena, load_object
 from tracker.geometry import cuboid, so3
 from tracker.geometry.lens import project, stack_lenses
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose.align import WHOLLY, align, count_labels, explanation_score
 from tracker.pose.evidence import NUMBERS, RESIZED, resized
 from tracker.pose.fit import SEEN

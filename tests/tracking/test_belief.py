@@ -10,7 +10,7 @@ from tests.helpers import random_rotations
 from tests.helpers.fits import HOME, made_fit
 from tracker import Status, TrackerError
 from tracker.geometry import so3
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose.judge import confidence, fits
 from tracker.tracking.belief import Belief, TrackingOptions, measured
 

@@ -13,7 +13,7 @@ from tracker.calibration.deviations import is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import explanation_score
 from tracker.pose.fit import Fit, Lag, OwnViews

@@ -12,7 +12,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose.align import IMPOSSIBLE, count_labels, try_hypotheses
 from tracker.pose.evidence import NUMBERS, resized
 from tracker.pose.fit import SEEN, Fit

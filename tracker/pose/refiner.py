@@ -12,7 +12,7 @@ from tracker.calibration.deviations import calibration_covariance
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose.edge_fit import OFFSET
 from tracker.pose.edge_model import SCRATCH
 from tracker.pose.evidence import NUMBERS, judge

@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose.fit import Fit
 from tracker.pose.hypotheses import apart
 from tracker.pose.judge import rank

@@ -11,7 +11,7 @@ from tracker.compiled import compiled
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import clamped, project
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 
 REFERENCE = 55.0
 """Size in the image for which lengths are stated [px]: a little more than that of the platform's objects at

@@ -16,8 +16,8 @@ from tracker.calibration.rig import CameraRig
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.geometry.camera import Camera
-from tracker.objects.box import Box
 from tracker.objects.labels import UNKNOWN
+from tracker.objects.model import Box
 from tracker.pose.scale import label_camera, label_factors
 from tracker.segmentation.color_model import ColorModel, fill_channels
 from tracker.segmentation.labels import label_of

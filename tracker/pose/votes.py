@@ -17,8 +17,8 @@ from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import clamped, project, project_with_jacobian, stack_lenses
 from tracker.geometry.linear import solve_positive
-from tracker.objects.box import Box
 from tracker.objects.labels import UNKNOWN
+from tracker.objects.model import Box
 
 MIN_VOTE, RELATIVE_VOTE = 0.15, 0.35
 """Smallest vote of a position: absolute, and relative to the best."""

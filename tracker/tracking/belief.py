@@ -12,7 +12,7 @@ from tracker.checks import is_number
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError, shown
 from tracker.geometry import so3
-from tracker.objects.box import Box
+from tracker.objects.model import Box
 from tracker.pose.fit import Fit
 from tracker.pose.judge import alone, apparent, nearness, trust
 from tracker.pose.result import Forecast, MotionEstimate, MotionKind, PoseEstimate, Status

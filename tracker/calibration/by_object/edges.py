@@ -18,8 +18,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
-from tracker.objects.box import Box
-from tracker.objects.model import CuboidModel
+from tracker.objects.model import Box, CuboidModel
 from tracker.pose.fit import Fit, Start
 from tracker.pose.refiner import Refiner
 from tracker.pose.schedule import FOLLOWING
