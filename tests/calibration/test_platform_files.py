@@ -240,7 +240,7 @@ def test_the_deviation_of_a_focal_length_is_that_of_the_file():
         ("distortion_coefficients", ..., None, "is missing"),
         ("tf_world_to_camera", ..., None, "tf_world_to_camera is missing; found camera_matrix"),
         ("camera_name", 60, None, "found 60, expected a name"),
-        ("image_width", -270, None, "found -270, expected a whole number from 1"),
+        ("image_width", -270, None, "found -270, expected a whole number of pixels from 1"),
         ("image_width", True, None, "found True"),
         ("image_width", 270.5, None, "found 270.5"),
         ("image_height", "270 px", None, "found '270 px'"),

@@ -27,12 +27,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tracker.checks import is_number, is_whole, naming
+from tracker.checks import is_number, naming
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.files import read_bounded, told_of
 from tracker.geometry import so3
-from tracker.geometry.camera import COUNTS, MAX_SIZE, ROTATION_TOLERANCE, Camera, check_rotation
+from tracker.geometry.camera import COUNTS, ROTATION_TOLERANCE, Camera, check_rotation
 
 MAX_FILE_SIZE = 100_000
 """Largest file that is parsed [bytes]; real files have 2 kB, and PyYAML takes seconds for a megabyte."""
@@ -119,8 +119,8 @@ def _camera_of(data: dict[Any, Any]) -> Camera:
     distortion = _matrix_of(data, "distortion_coefficients", *shapes).ravel()
     return Camera(
         name=_require(data, "camera_name"),
-        width=_whole(data, "image_width"),
-        height=_whole(data, "image_height"),
+        width=_require(data, "image_width"),
+        height=_require(data, "image_height"),
         matrix=_matrix_of(data, "camera_matrix", (3, 3)),
         distortion=np.append(distortion, 0.0) if len(distortion) == 4 else distortion,  # k3 = 0
         camera_from_world=transform,
@@ -133,13 +133,6 @@ def _require(data: dict[Any, Any], key: str, remark: str = "") -> Any:
         found = ", ".join(sorted(map(str, data)))[:200] or "nothing"
         raise CalibrationError(f"key {key} is missing; found {found}{remark}")
     return data[key]
-
-
-def _whole(data: dict[Any, Any], key: str) -> int:
-    value = _require(data, key)
-    if not is_whole(value) or not 0 < value <= MAX_SIZE:
-        raise CalibrationError(f"{key}: found {shown(value)}, expected a whole number from 1 to {MAX_SIZE}")
-    return value
 
 
 def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:

@@ -42,6 +42,9 @@ a cropped image."""
 _NAME = re.compile(r"[\w-]([\w. -]{0,98}[\w-])?")
 """Pattern of a valid camera name: names become parts of file names and are shown in pages."""
 
+_IN_FILES = {"matrix": "camera_matrix", "width": "image_width", "height": "image_height"}
+"""Names of a camera's fields in files, for messages."""
+
 VIEW = 1.2
 """Points are in view up to this multiple of the largest tangent of the image's rays; beyond it, distortion
 may fold them back into the image."""
@@ -111,7 +114,7 @@ class Camera(Frozen):
             raise self._error(key, found, valid)
 
     def _error(self, key: str, found: str, valid: str) -> CalibrationError:
-        key = "camera_matrix" if key == "matrix" else key  # its name in files
+        key = _IN_FILES.get(key, key)
         return CalibrationError(f"{self.name}: {key}: found {found}, expected {valid}")
 
     def _size(self, key: str, value: Any) -> int:
