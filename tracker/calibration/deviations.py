@@ -42,11 +42,6 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
     return solution
 
 
-def rotation_std(rotation: FloatArray, variances: FloatArray) -> FloatArray:
-    """Return the element-wise deviations (3, 3) of a rotation for variances (3,) of ω."""
-    return np.asarray(np.sqrt(np.tensordot(variances, rotation_slopes(rotation) ** 2, axes=1)))
-
-
 def is_stated(camera: Camera) -> bool:
     """Return whether a calibration states deviations; if not, it counts as exact."""
     return camera.camera_from_world_std is not None and bool(camera.camera_from_world_std.any())
@@ -73,5 +68,5 @@ def element_std(rotation: FloatArray, covariance: FloatArray) -> FloatArray:
     variances = np.diag(turned @ covariance @ turned.T)
     out = np.zeros((4, 4))
     out[:3, 3] = np.sqrt(variances[:3])
-    out[:3, :3] = rotation_std(rotation, variances[3:])
+    out[:3, :3] = np.sqrt(np.tensordot(variances[3:], rotation_slopes(rotation) ** 2, axes=1))
     return out

@@ -209,7 +209,8 @@ def _odd_one(
         except CalibrationError:  # only this photo links some camera to the others
             continue
         left -= 1
-        odd = fit.squares - rest.squares > _odd_gain(photos[at], rest.squares, others)
+        variance = max(rest.squares / sum(map(len, others.values())), LEAST_RMS**2)
+        odd = fit.squares - rest.squares > MANY_TIMES**2 * variance * len(photos[at])
         if odd and (best is None or rest.squares < best[1].squares):
             best = at, rest
     if best is None:
@@ -218,12 +219,6 @@ def _odd_one(
     missed = float(np.sqrt((fit.squares - rest.squares) / len(photos[at])))
     usual = float(np.sqrt(rest.squares / sum(len(one) for other, one in photos.items() if other != at)))
     return at, f"with it all miss by {missed:.2f} px for each of its corners, without it {usual:.2f}", rest
-
-
-def _odd_gain(photo: BoardView, rest: float, others: Photos) -> float:
-    """Return how much a photo that agrees with the others may add to the sum of squares [px²]."""
-    variance = max(rest / sum(len(one) for one in others.values()), LEAST_RMS**2)
-    return MANY_TIMES**2 * variance * len(photo)
 
 
 def _optics(one: Calibrated) -> Optics:

@@ -93,8 +93,8 @@ def observed(tracker: ObjectTracker, footage: Footage) -> Iterator[tuple[Shot, O
             continue
         if begins:
             tracker.reset()
-        stamps = None if shot.stamps is None else shot.stamps.tolist()
-        yield shot._replace(begins=begins), None if stamps is None else tracker.update(shot.images, stamps)
+        found = None if shot.stamps is None else tracker.update(shot.images, shot.stamps)
+        yield shot._replace(begins=begins), found
         begins = False
 
 
