@@ -47,9 +47,9 @@ class DatasetSource(Source):
     gaps = True
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path)
+        super().__init__(path.parent if path.name == STORE_FILE else path)
         self.format = "image store of trifinger_rl_datasets"
-        self.store = LmdbFile(path / STORE_FILE)
+        self.store = LmdbFile(self.path / STORE_FILE)
         with on_error(self.close):
             self._open()
 
@@ -216,7 +216,7 @@ def is_store(path: Path) -> bool:
 def read_steps(path: Path) -> StoreSteps:
     """Return the control steps of a store; LogError if it is not a store, or is damaged or inconsistent."""
     # DatasetSource checks the stored numbers of images for consistency.
-    with closing(DatasetSource(path.parent if path.name == STORE_FILE else path)) as source:
+    with closing(DatasetSource(path)) as source:
         shown, ends = (
             StoredArray(source.store, name, str(path)) for name in ("obs_to_image_index", "episode_ends")
         )

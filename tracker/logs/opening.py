@@ -99,11 +99,9 @@ def _calibration_in(folder: Path, _: int) -> list[Path]:
 
 
 def _source(path: Path, rate: float) -> Source:
-    if path.name == STORE_FILE:
-        path = path.parent
+    if is_store(path):
+        return DatasetSource(path)
     if path.is_dir():
-        if is_store(path):
-            return DatasetSource(path)
         logs = _existing(path, JOB_LOGS)
         if len(logs) > 1:
             found = " and ".join(log.name for log in logs)
