@@ -83,18 +83,21 @@ def head(**entries):
     return lambda data: json.dumps({**json.loads(data), **entries}).encode()
 
 
+SHOWN, IMAGES = "obs_to_image_index/.zarray", "images/.zarray"
+
+
 @pytest.mark.parametrize(
     ("key", "change", "frames", "message"),
     [
-        ("images/.zarray", lambda data: None, None, "images is missing"),
-        ("images/.zarray", lambda data: b"{}", None, "expected zarr 2"),
-        ("images/.zarray", lambda data: b"[", None, "no JSON"),
-        ("images/.zarray", head(filters=[{"id": "pickle"}]), None, "coded as .'pickle'"),
+        (IMAGES, lambda data: None, None, "images is missing"),
+        (IMAGES, lambda data: b"{}", None, "expected zarr 2"),
+        (IMAGES, lambda data: b"[", None, "no JSON"),
+        (IMAGES, head(filters=[{"id": "pickle"}]), None, "coded as .'pickle'"),
         *[
-            ("images/.zarray", head(compressor={"id": packer}), None, f"packed by '{packer}'")
+            (IMAGES, head(compressor={"id": packer}), None, f"packed by '{packer}'")
             for packer in ("pickle", "zlib", "gzip", "bz2", "lzma", "lz4", "zstd")
         ],
-        ("images/.zarray", head(shape=[16]), None, "multiple of 3"),
+        (IMAGES, head(shape=[16]), None, "multiple of 3"),
         ("images/.zattrs", head(image_shape=[24]), None, "image_shape"),
         ("images/.zattrs", head(image_shape=[24, 30]), 0, "28×24 px, expected 30×24"),
         ("images/1", lambda data: None, 3, "block 1 is missing"),
@@ -102,28 +105,18 @@ def head(**entries):
         ("images/1", lambda data: b"\xff\xff\xff\xff" + data[4:], 3, "items stated"),
         ("images/1", lambda data: data[:150] + bytes([data[150] ^ 1]) + data[151:], 4, "checksum"),
         # What would take memory or time without end.
-        ("images/.zarray", head(shape=[10**12]), None, "images: found 1000000000000 items stated"),
-        ("obs_to_image_index/.zarray", head(shape=[10**12]), None, "found 1000000000000 items stated"),
-        ("obs_to_image_index/.zarray", head(shape=[10**7], chunks=[1]), None, "10000000 blocks stated"),
-        ("obs_to_image_index/.zarray", head(chunks=[0.5]), None, "expected zarr 2"),
-        ("obs_to_image_index/.zarray", head(dtype="<f8"), None, "found float64, expected whole numbers"),
-        ("obs_to_image_index/.zarray", head(shape=[40], fill_value=1e300), None, "fill_value: found 1e"),
-        (
-            "obs_to_image_index/.zarray",
-            head(shape=[8, 1], chunks=[4, 1]),
-            None,
-            r"shape \(8, 1\), expected 1 ax",
-        ),
-        ("obs_to_image_index/.zarray", head(order="A"), None, "expected zarr 2"),
-        (
-            "obs_to_image_index/0",
-            lambda data: data[:24] + b"\7" + data[25:],
-            None,
-            "step 3: found 7, expected a mu",
-        ),
+        (IMAGES, head(shape=[10**12]), None, "images: found 1000000000000 items stated"),
+        (SHOWN, head(shape=[10**12]), None, "found 1000000000000 items stated"),
+        (SHOWN, head(shape=[10**7], chunks=[1]), None, "10000000 blocks stated"),
+        (SHOWN, head(chunks=[0.5]), None, "expected zarr 2"),
+        (SHOWN, head(dtype="<f8"), None, "found float64, expected whole numbers"),
+        (SHOWN, head(shape=[40], fill_value=1e300), None, "fill_value: found 1e"),
+        (SHOWN, head(shape=[8, 1], chunks=[4, 1]), None, r"shape \(8, 1\), expected 1 ax"),
+        (SHOWN, head(order="A"), None, "expected zarr 2"),
+        ("obs_to_image_index/0", lambda data: data[:24] + b"\7" + data[25:], None, "step 3: found 7, exp"),
         ("episode_ends/.zarray", head(shape=[2, 1], chunks=[4, 1]), None, r"shape \(2, 1\), expected 1 axes"),
         ("episode_ends/.zarray", head(dtype="<f8"), None, "found float64, expected whole numbers"),
-        ("images/.zarray", lambda data: data[:-1] + b" " * (1 << 20) + b"}", None, "at most 1048576"),
+        (IMAGES, lambda data: data[:-1] + b" " * (1 << 20) + b"}", None, "at most 1048576"),
     ],
 )
 def test_damage_is_named(tmp_path, key, change, frames, message):
