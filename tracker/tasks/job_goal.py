@@ -28,14 +28,12 @@ FILE_NAME = "goal.json"
 STEPS_PER_SECOND = 1000.0
 """Rate of the platform's control steps, the unit of time in trajectories [1/s]."""
 
-Task = Literal["move_object", "trajectory", "rearrange_dice"]
-
 
 @dataclass(frozen=True, eq=False)
 class JobGoal:
     """The goal of a job."""
 
-    task: Task
+    task: Literal["move_object", "trajectory", "rearrange_dice"]
     """Kind of task."""
     level: int | None = None
     """Difficulty of moving an object, 1 to 4."""

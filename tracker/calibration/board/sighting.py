@@ -139,7 +139,9 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
     beside = _neighbours(found.tolist(), board.columns - 1)
     places = _refined(gray, places, np.concatenate(beside), board)
     height, width = gray.shape
-    blur = edge_blur(gray, places, beside)
+    # A moving board is blurred differently along rows and columns: the larger blur counts.
+    blurs = [[_profile_blur(gray, *places[pair]) for pair in pairs] for pairs in beside]
+    blur = max((float(np.median(some)) for some in blurs if some), default=float("nan"))
     view = BoardView(photo, (width, height), found, places, board.corners[found], blur)
     return view if view.fixes_pose else None
 
@@ -251,18 +253,11 @@ def _blur_along_rows(image: Array) -> float:
     return more / float(np.sqrt(max(ratio**2 - 1, 1e-6)))
 
 
-def edge_blur(gray: Image, places: FloatArray, neighbours: Sequence[Array]) -> float:
-    """Return the blur [px] of the edges between corners (N, 2) that are `neighbours` in rows and in columns.
-
-    A step blurred by a Gaussian of standard deviation σ has a maximum slope of step/(√(2π) σ). A moving board
-    is blurred differently along rows and columns; the larger blur is returned.
-    """
-    kinds = [[_profile_blur(gray, *places[pair]) for pair in pairs] for pairs in neighbours]
-    return max((float(np.median(kind)) for kind in kinds if kind), default=float("nan"))
-
-
 def _profile_blur(gray: Image, start: FloatArray, end: FloatArray) -> float:
-    """Return the blur [px] of the edge between two corners, from the profile across its middle."""
+    """Return the blur [px] of the edge between two corners, from the profile across its middle.
+
+    A step blurred by a Gaussian of standard deviation σ has a maximum slope of step/(√(2π) σ).
+    """
     along = end - start
     length = float(np.hypot(*along))
     across = np.array([-along[1], along[0]]) / length

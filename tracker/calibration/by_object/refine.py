@@ -149,7 +149,9 @@ def solve(views: Sequence[tuple[FloatArray, Sequence[Contour | None]]], now: Unk
         held, joint, force = _HELD.copy(), np.zeros((6, size)), np.zeros(6)
         motion = seen_motion(position)
         for c, contour, left in view:
-            found = _products(contour, motion, left, limit, own)
+            moves = contour.jacobian  # columns of the pose, of the camera (to the lens), rim and residual
+            columns = [moves, moves @ motion, contour.bloom, contour.lens, contour.rim, left]
+            found = contour.information(np.column_stack(columns), _weights(left, limit), own)
             its = [*range(10 * c, 10 * c + 10), size - 1]
             held += found[:6, :6]
             joint[:, its] += found[:6, 6:-1]
@@ -189,13 +191,6 @@ def relative_covariance(covariance: FloatArray) -> FloatArray:
     apart = np.kron(np.eye(count) - 1.0 / count, np.eye(6))
     relative = (apart @ joint @ apart.T).reshape(count, 6, count, 6)
     return np.stack([relative[c, :, c] for c in range(count)])
-
-
-def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: float, own: float) -> FloatArray:
-    """Return the weighted products (18, 18) of the columns pose, camera, rim and residual."""
-    moves = contour.jacobian
-    columns = np.column_stack([moves, moves @ motion, contour.bloom, contour.lens, contour.rim, left])
-    return contour.information(columns, _weights(left, limit), own)
 
 
 def _weights(left: FloatArray, limit: float) -> FloatArray:
