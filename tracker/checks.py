@@ -113,11 +113,6 @@ def described(array: Any) -> str:
     return f"{array.dtype} of shape {array.shape}"
 
 
-def described_input(given: object) -> str:
-    """Describe what should be an array, for messages: its dtype and shape, or whatever else it is."""
-    return described(given) if isinstance(given, np.ndarray) else shown(given)
-
-
 def array_of(given: object) -> Array:
     """Convert to an array; one of dtype object if it is ragged, refuses, or has masked values."""
     if isinstance(given, np.ndarray) and type(given) is not np.ndarray and np.ma.is_masked(given):
@@ -151,7 +146,7 @@ def float_array(
     array = array_of(given)
     numeric = array.dtype.kind in "iuf"
     if not numeric or array.shape != shape:
-        found = f"shape {array.shape}" if numeric else described_input(given)
+        found = f"shape {array.shape}" if numeric else shown(given)
         raise fault(f"{what}: found {found}, expected numbers of shape {shape}")
     result: FloatArray = array.astype(np.float64)
     if finite and not np.isfinite(result).all():

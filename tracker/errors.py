@@ -48,7 +48,9 @@ def install(extra: str) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a short description of a value of any type and size."""
+    """Return a short description of a value of any type and size: of arrays their dtype and shape."""
+    if (shape := getattr(value, "shape", ())) and hasattr(value, "dtype"):
+        return f"{value.dtype} of shape {shape}"
     if isinstance(value, (dict, list)):
         return f"a {'mapping' if isinstance(value, dict) else 'list'} of {len(value)}"
     if isinstance(value, int) and abs(value) > 10**18:

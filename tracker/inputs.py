@@ -10,9 +10,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import LATEST, UNSTAMPED, check_sequence, described_input, in_range, path_of, seconds
+from tracker.checks import LATEST, UNSTAMPED, check_sequence, in_range, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import ImageError, TrackerError
+from tracker.errors import ImageError, TrackerError, shown
 from tracker.objects.model import CuboidModel, load_object
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
@@ -90,7 +90,7 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
         size = camera.height, camera.width
         fits = isinstance(mask, np.ndarray) and (mask.dtype, mask.shape) == (bool, size)
         if mask is not None and not fits:
-            found = described_input(mask)
+            found = shown(mask)
             raise ImageError(f"hidden of {camera.name}: found {found}, expected bool of shape {size}")
         masks.append(np.ascontiguousarray(mask) if mask is not None and mask.any() else None)
     return masks if any(mask is not None for mask in masks) else None
@@ -102,7 +102,7 @@ def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> li
     ones: Sequence[Any] = _by_camera(what, given, names, ImageError, "None") if by_name else given
     check_sequence(ones, what, ImageError, valid)
     if len(ones) != len(names):
-        found = described_input(given) if isinstance(given, np.ndarray) else len(ones)
+        found = shown(given) if isinstance(given, np.ndarray) else len(ones)
         raise ImageError(f"{what}: found {found}, expected {valid}")
     return list(ones)
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from tracker.checks import described_input, is_number
+from tracker.checks import is_number
 from tracker.conventions import Image
 from tracker.errors import LiveError, shown
 from tracker.files import on_error
@@ -264,7 +264,7 @@ def _checked(picture: Grabbed) -> Grabbed:
     image: Any = picture.image
     fits = isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.size
     if not fits or (image.shape[2:] != (3,) and image.ndim != 2):
-        raise LiveError(f"found {described_input(image)}, expected uint8 (H, W, 3), or (H, W) if raw")
+        raise LiveError(f"found {shown(image)}, expected uint8 (H, W, 3), or (H, W) if raw")
     return picture
 
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracker.checks import check_sequence, described_input, is_number, is_whole, one_stamp
+from tracker.checks import check_sequence, is_number, is_whole, one_stamp
 from tracker.errors import LiveError, shown
 from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults
 from tracker.live.sources import FORMS, open_source
@@ -295,7 +295,7 @@ class Live:
             shape = camera.height, camera.width, 3
             plain = isinstance(image, np.ndarray) and image.dtype == np.uint8
             if not plain or image.ndim != 3 or image.shape[2] != 3:
-                fault = f"found {described_input(image)}, expected uint8 of {shape}"
+                fault = f"found {shown(image)}, expected uint8 of {shape}"
             elif image.shape != shape:
                 found = f"{image.shape[1]}x{image.shape[0]}"
                 fault = f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"

@@ -17,7 +17,6 @@ from tracker.calibration.camera_info import CAMERA_DATASETS, write_arena
 from tracker.calibration.rig import CameraRig
 from tracker.checks import (
     check_sequence,
-    described_input,
     float_array,
     is_number,
     naming,
@@ -256,7 +255,7 @@ class Hdf5LogWriter:
                 continue
             shapes = (height, width), (height, width, 3)
             if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape not in shapes:
-                found, valid = described_input(image), f"{shapes[0]} or {shapes[1]}"
+                found, valid = shown(image), f"{shapes[0]} or {shapes[1]}"
                 raise LogError(f"{where}: {name}: found {found}, expected uint8 of {valid}")
             raw[c] = image if image.ndim == 2 else to_bayer(image)
         return raw

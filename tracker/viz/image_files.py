@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tracker.checks import described_input, is_number, optional, path_of
+from tracker.checks import is_number, optional, path_of
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, shown
 from tracker.files import check_suffix, told_as, whole_file, write_whole
@@ -38,10 +38,10 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
     check_suffix(target, IMAGE_SUFFIXES, "image", ImageError)
     of_pixels = isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.size
     if not (of_pixels and (image.ndim == 2 or image.shape[2:] == (3,))):
-        found = described_input(image)
+        found = shown(image)
         raise ImageError(f"image {target}: found {found}, expected uint8 of shape (H, W) or (H, W, 3)")
     if max(image.shape[:2]) > MAX_SIDE:
-        found = described_input(image)
+        found = shown(image)
         raise ImageError(f"image {target}: found {found}, expected at most {MAX_SIDE} px a side")
     suffix = target.suffix.lower()
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
@@ -87,7 +87,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
             if count == 0:
                 stream.height, stream.width = height, width
             if not height * width or (height, width) != (stream.height, stream.width):
-                found, valid = described_input(picture), "images of one size, of 2×2 px or more"
+                found, valid = shown(picture), "images of one size, of 2×2 px or more"
                 raise ImageError(f"film {target}: image {count}: found {found}, expected {valid}")
             frame = av.VideoFrame.from_ndarray(picture[:height, :width].copy(), format="bgr24")
             film.mux(stream.encode(frame))
