@@ -45,21 +45,21 @@ def write_arena(file: Any, arena: Arena) -> None:
         file.attrs[_ARENA] = hdf5.encoded(json.dumps(dataclasses.asdict(arena)))
 
 
-def read_camera(file: Any, name: str, size: tuple[int, int], where: str) -> Camera:
-    """Return one camera, whose images have `size` (width, height) [px]; `where` names the file in errors.
+def read_camera(file: Any, name: str, size: tuple[int, int]) -> Camera:
+    """Return one camera, whose images have `size` (width, height) [px].
 
     LogError: something is missing or damaged; CalibrationError: it is not a camera.
     """
     group = f"camera_info/{name}"
     arrays: dict[str, Any] = {}
     for key, (attribute, shape) in CAMERA_DATASETS.items():
-        stored = hdf5.find(file, f"{group}/{key}", where)
+        stored = hdf5.find(file, f"{group}/{key}")
         if stored is None and attribute == "camera_from_world_std":
             continue
         if stored is not None and attribute == "distortion":
             shape = stored.shape if stored.shape in _LENSES else _LENSES[0]
-        values = hdf5.array(file, f"{group}/{key}", shape, "fiu", where).astype(np.float64)
+        values = hdf5.array(file, f"{group}/{key}", shape, "fiu").astype(np.float64)
         arrays[attribute] = values.ravel() if attribute == "distortion" else values
     transform = arrays["camera_from_world"]
-    transform[:3, :3] = rotation_of(transform[:3, :3], f"{where}{group}/tf_world_to_camera", LogError)
+    transform[:3, :3] = rotation_of(transform[:3, :3], f"/{group}/tf_world_to_camera", LogError)
     return Camera(name=name, width=size[0], height=size[1], **arrays)

@@ -100,12 +100,9 @@ def check_stated_end(path: Path) -> str | None:
     return fault if size > stated else None
 
 
-def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
-    """Return the dataset at a path, unread, or None; LogError if it is unsafe to read or not a dataset.
-
-    where: text before the path in errors.
-    """
-    with faults_as_log_errors(f"{where}{name}"):
+def find(file: Any, name: str) -> h5py.Dataset | None:
+    """Return the dataset at a path, unread, or None; LogError if it is unsafe to read or not a dataset."""
+    with faults_as_log_errors(f"/{name}"):
         item = _item(file, name)
         if item is None:
             return None
@@ -117,26 +114,26 @@ def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
         return item
 
 
-def has_group(file: Any, name: str, where: str) -> bool:
+def has_group(file: Any, name: str) -> bool:
     """Whether there is a group at a path."""
-    with faults_as_log_errors(f"{where}{name}"):
+    with faults_as_log_errors(f"/{name}"):
         return isinstance(_item(file, name), h5py.Group)
 
 
-def dataset(file: Any, name: str, where: str = "/") -> h5py.Dataset:
+def dataset(file: Any, name: str) -> h5py.Dataset:
     """Return the dataset as `find` does; LogError if there is none."""
-    found = find(file, name, where)
+    found = find(file, name)
     if found is None:
-        raise LogError(f"{where}{name}: found nothing, expected a dataset")
+        raise LogError(f"/{name}: found nothing, expected a dataset")
     return found
 
 
-def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str = "/") -> Array:
+def array(file: Any, name: str, shape: tuple[int, ...], kinds: str) -> Array:
     """Return a dataset's `values`; LogError unless it has this shape and a type of `kinds`, one of TYPES."""
-    stored = dataset(file, name, where)
+    stored = dataset(file, name)
     if stored.dtype.kind not in kinds or stored.shape != shape:
-        raise LogError(f"{where}{name}: found {described(stored)}, expected {TYPES[kinds]} of shape {shape}")
-    with faults_as_log_errors(f"{where}{name}"):
+        raise LogError(f"/{name}: found {described(stored)}, expected {TYPES[kinds]} of shape {shape}")
+    with faults_as_log_errors(f"/{name}"):
         return values(stored)
 
 

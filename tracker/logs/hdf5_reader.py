@@ -157,7 +157,7 @@ class Hdf5Source(Source):
         self._flushed = self._attribute(FLUSHED)
         self.unfinished = self._flushed is not None
         self._check_head()
-        self._images = images = StoredImages(dataset(self._file, "images", ""))
+        self._images = images = StoredImages(dataset(self._file, "images"))
         sizes = {"num_cameras": images.cameras, "image_width": images.columns, "image_height": images.rows}
         for name, expected in sizes.items():
             stated = self._attribute(name)
@@ -165,7 +165,7 @@ class Hdf5Source(Source):
                 raise LogError(f"{name}: found {stated}, expected {expected} as in images")
         self.image_sizes = ((images.columns, images.rows),) * images.cameras
         self.camera_names = default_names(images.cameras)
-        if (names := find(self._file, "camera_names", "")) is not None:
+        if (names := find(self._file, "camera_names")) is not None:
             self.camera_names = read_names(names, images.cameras, self.path)
         if (stamps := self._rows("timestamps", images.cameras)) is None:
             raise LogError("timestamps is missing, expected a camera log")
@@ -209,11 +209,10 @@ class Hdf5Source(Source):
 
     def rig(self) -> CameraRig | None:
         """See Source."""
-        where = f"{self.path}: "
-        with faults_as_log_errors(str(self.path)), naming(f"{where}camera_info", LogError, CalibrationError):
-            if hdf5.has_group(self._file, "camera_info", where):
+        with faults_as_log_errors(str(self.path)), naming("/camera_info", LogError, CalibrationError):
+            if hdf5.has_group(self._file, "camera_info"):
                 names, size = self.camera_names, self.image_sizes[0]
-                cameras = tuple(read_camera(self._file, name, size, where) for name in names)
+                cameras = tuple(read_camera(self._file, name, size) for name in names)
                 return CameraRig(cameras, read_arena(self._file))
         return super().rig()
 
@@ -223,7 +222,7 @@ class Hdf5Source(Source):
         for camera in self.camera_names:
             name = f"camera_info/{camera}/settings"
             with faults_as_log_errors(f"{self.path}: {name}"):
-                if (field := find(self._file, name, "")) is None:
+                if (field := find(self._file, name)) is None:
                     continue
                 if field.dtype != np.uint8 or field.ndim != 1 or field.size > _MAX_SETTINGS:
                     raise LogError(f"found {described(field)}, expected up to {_MAX_SETTINGS} bytes")
@@ -241,7 +240,7 @@ class Hdf5Source(Source):
 
     def _rows(self, name: str, width: int) -> FloatArray | None:
         """Return (n, width) numbers of the frames, or None if there is no such field."""
-        if (field := find(self._file, name, "")) is None:
+        if (field := find(self._file, name)) is None:
             return None
         shape = field.shape or ()
         if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):

@@ -262,7 +262,7 @@ def _poses(file: Any) -> Poses:
     status = _texts(file, "status", (count,))
     columns: dict[Kind, Any] = {}
     for kind, group in GROUPS.items():
-        if kind == "recorded" and not hdf5.has_group(file, group, "/"):
+        if kind == "recorded" and not hdf5.has_group(file, group):
             columns[kind] = None
             continue
         has_pose = hdf5.array(file, f"{group}/has_pose", (count,), "b")
@@ -275,7 +275,7 @@ def _poses(file: Any) -> Poses:
     texts = {attribute: hdf5.text(file, key) for key, attribute in _ABOUT.items()}
     texts |= {key: hdf5.text(file, key) for key in _MAY_BE_MISSING if key in file.attrs}
     about, cameras = About(rig=_rig(file), **texts), None
-    if hdf5.find(file, "cameras", "/") is not None:  # older files have none
+    if hdf5.find(file, "cameras") is not None:  # older files have none
         cameras = _texts(file, "cameras", (count, len(about.rig)))
     try:
         return Poses(index, timestamp, status, **columns, about=about, cameras=cameras)
@@ -313,9 +313,9 @@ def _rig(file: Any) -> CameraRig:
     cameras = []
     for name in hdf5.decoded(hdf5.array(file, "camera_names", dataset.shape, "S")):
         path = f"camera_info/{name}"
-        if not hdf5.has_group(file, path, "/"):
+        if not hdf5.has_group(file, path):
             raise LogError(f"/{path}: found none, expected a group for each of /camera_names")
         with naming(f"/{path}", LogError):
             size = [int(hdf5.attribute(file[path], f"image_{key}", "iu")) for key in ("width", "height")]
-        cameras.append(read_camera(file, name, (size[0], size[1]), "/"))
+        cameras.append(read_camera(file, name, (size[0], size[1])))
     return CameraRig(tuple(cameras), read_arena(file))
