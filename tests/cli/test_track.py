@@ -252,7 +252,7 @@ def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):
     *bars, last = shown.decode().rstrip("\r\n").split("\r")
     assert any("frames/s" in bar for bar in bars)
     assert last.startswith("tracker: ")
-    assert "record 3" in last
+    assert "frame 3" in last
 
 
 def test_track_writes_the_page_and_says_what_is_not_well(film, rig, tmp_path, run_here):  # noqa: F811

@@ -157,10 +157,10 @@ SECOND = 12 + 8 + 3 * (13 + 24 * 28 + 8)  # offset of record 1, of a log without
         (4, struct.pack("<Q", 0), 0, "0 records"),
         (20, struct.pack("<i", 2**30), 0, "expected a camera log"),
         (20, struct.pack("<i", 4000), 0, "end of the file|expected 8 to 4096"),
-        (SECOND + 8, struct.pack("<i", 25), 3, "record 1, camera number 1: found 28×25 px"),
-        (SECOND + 16, struct.pack("<i", 5), 3, "record 1, camera number 1: .*type 5"),
-        (SECOND, struct.pack("<d", np.nan), 3, "record 1: stamp: found nan"),
-        (SECOND, struct.pack("<d", 1_604_999_999e3), 3, "record 1: the frame's stamp goes back by 1 s"),
+        (SECOND + 8, struct.pack("<i", 25), 3, "frame 1, camera number 1: found 28×25 px"),
+        (SECOND + 16, struct.pack("<i", 5), 3, "frame 1, camera number 1: .*type 5"),
+        (SECOND, struct.pack("<d", np.nan), 3, "frame 1: stamp: found nan"),
+        (SECOND, struct.pack("<d", 1_604_999_999e3), 3, "frame 1: the frame's stamp goes back by 1 s"),
         (SECOND, struct.pack("<d", 1000 * 1_605_009_999.0), 3, "goes forward by 9999 s since frame 0"),
     ],
 )
@@ -181,7 +181,7 @@ def test_the_frame_whose_stamp_is_damaged_is_left_out_not_those_after_it(tmp_pat
     content = make_content(6)
     content.stamps[damaged] += 600
     path = write_native(tmp_path / "log", content, packed=packed)
-    message = f"record {damaged + 1}: the frame's stamp goes back by 59.* s since frame {damaged}"
+    message = f"frame {damaged + 1}: the frame's stamp goes back by 59.* s since frame {damaged}"
     before, after = recovered(path, message)
     assert before == list(range(damaged + 1))
     assert after == [k for k in range(6) if k != damaged]
@@ -207,7 +207,7 @@ def test_a_recorded_pose_is_one_of_length_1_or_none_or_an_error(tmp_path, row, m
     content.poses[2, 3:7] *= 1.001
     path = write_native(tmp_path / "log", content, poses=1)
     if message is not None:
-        assert recovered(path, f"record 1, pose: .*{message}") == ([0], [0, 2])
+        assert recovered(path, f"frame 1, pose: .*{message}") == ([0], [0, 2])
         return
     poses = [frame.recorded_pose for frame in frames_of(path)]
     assert poses[:2] == [None, None]
@@ -239,7 +239,7 @@ def test_a_checksum_that_disagrees_and_bytes_after_the_end_are_reported_at_the_e
     data = bytearray(gzip.compress(native_bytes(make_content(3)), 1))
     data[-8] ^= 1
     more = gzip.compress(native_bytes(make_content(3)) + b"x")
-    for content, message in ((data, "CRC"), (more, "bytes after record 2")):
+    for content, message in ((data, "CRC"), (more, "bytes after frame 2")):
         (tmp_path / "log").write_bytes(content)
         assert recovered(tmp_path / "log", message) == ([0, 1, 2],) * 2
 

@@ -274,11 +274,11 @@ def test_damage_is_named_and_what_is_whole_recovered(tmp_path):
     content = bytearray(log.read_bytes())
     struct.pack_into("<d", content, 12 + 7 * ((len(content) - 12) // FRAMES), -1.0)  # a stamp that cannot be
     log.write_bytes(content)
-    with pytest.raises(LogError, match="record 7"):
+    with pytest.raises(LogError, match="frame 7"):
         run(make_job(log, tmp_path / "poses.h5"))
     assert not (tmp_path / "poses.h5").exists()
     result = run(make_job(log, tmp_path / "poses.h5", recover=True))
-    assert "record 7" in result.fault
+    assert "frame 7" in result.fault
     assert result.poses.index.tolist() == [k for k in range(FRAMES) if k != 7]
     assert result.new == FRAMES - 1
     assert run(make_job(log, tmp_path / "poses.h5", recover=True)).new == 0
@@ -405,6 +405,6 @@ def test_a_recording_that_grows_while_it_is_converted_is_reported(name, tmp_path
     with (tmp_path / "log").open("ab") as file:
         file.write(b"more")
     (tmp_path / "out").mkdir()
-    with pytest.raises(TrackerError, match="found bytes after record 3"):
+    with pytest.raises(TrackerError, match="found bytes after frame 3"):
         WRITERS[name](tmp_path / "out" / name, poses, log)
     assert os.listdir(tmp_path / "out") == []

@@ -102,7 +102,7 @@ class NativeSource(Source):
             what = f"{where}, camera number {number}"
             header = _header(camera["header"].tobytes(), what)
             if header != expected:
-                raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in record 0")
+                raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in frame 0")
         pixels = [camera["pixels"] for camera in cameras]
         raw = pixels if all(one.ndim == 2 for one in pixels) else None
         # Copy colour images, so that a kept image does not keep the whole record in memory.
@@ -112,14 +112,10 @@ class NativeSource(Source):
         poses = record["poses"][0, :, -8:]
         return recorded_frame(index, images, raw, stamps, stamp, poses, where=where)
 
-    def where(self, index: int) -> str:
-        """See Source."""
-        return f"{self.path}: record {index}"
-
     def check_end(self) -> None:
         """See Source; reading to the end also makes gzip verify its checksum."""
         if self._read_at(self._end, 1) and self.opening_fault is None:
-            raise LogError(f"{self.path}: found bytes after record {self.count - 1}, expected the file's end")
+            raise LogError(f"{self.path}: found bytes after frame {self.count - 1}, expected the file's end")
 
     def close(self) -> None:
         """See Source."""
@@ -132,7 +128,7 @@ class NativeSource(Source):
         first = self._read_at(offset, _SAME)
         headers = []
         for number in range(1, _CAMERAS + 1):
-            what = f"{self.path}: record 0, camera number {number}"
+            what = f"{self.where(0)}, camera number {number}"
             headers.append(_header(self._read_at(offset, _HEADER.size), what))
             offset += _camera(headers[-1]).itemsize
         self._start, self._headers = start, headers
@@ -151,7 +147,7 @@ class NativeSource(Source):
                 return count
         size = "gzipped data" if self.sequential else f"{self._largest} bytes"
         raise LogError(
-            f"{self.path}: after the images of record 0 found neither poses and the next record nor the end "
+            f"{self.path}: after the images of frame 0 found neither poses and the next frame nor the end "
             f"of the log of {count} records: {size}, expected a native camera log that is whole"
         )
 
