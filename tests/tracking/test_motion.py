@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.helpers import numerical_jacobian, random_rotations
 from tests.helpers.consistency import FACTORS, consistent, nees, pose_error
@@ -122,20 +120,20 @@ def test_no_time_changes_nothing(rng):
 def test_covariance_stays_symmetric_and_positive_and_weights_stay_probabilities(seed):
     rng = np.random.default_rng(seed)
     position, rotation = AT_HOME
-    filtered = MotionFilter.start(position, rotation, NOISE)
+    filtered = MotionFilter.start(position, rotation, 10.0 ** (-6 * seed) * np.eye(6))
     for _ in range(200):
-        # Anything goes: rests, jumps, turns by up to half a turn, gaps, good and bad measurements.
+        # Anything goes: rests, jumps, turns by up to half a turn, gaps, measurements of any accuracy.
         leap = rng.choice([0.0, 1e-3, 0.1], p=[0.5, 0.4, 0.1])
         position = position + leap * rng.normal(size=3)
         rotation = so3.exp(min(30 * leap, 2.0) * rng.normal(size=3)) @ rotation
-        filtered = filtered.predicted(rng.choice([1e-4, 0.03, 0.1, 0.5]))
+        filtered = filtered.predicted(rng.choice([0.0, 1e-6, 1e-4, 0.03, 0.1, 0.5, 10.0]))
         if rng.random() < 0.8:
-            root = rng.normal(size=(6, 6)) * 10 ** rng.uniform(-5, -2)
+            root = rng.normal(size=(6, 6)) * 10 ** rng.uniform(-9, 0)
             measurement = position, rotation, root @ root.T + 1e-10 * np.eye(6)
             assert surprise(filtered, *measurement) >= 0
             filtered = filtered.updated(*measurement)
         state = filtered.state
-        assert np.isfinite(state.position).all()
+        assert np.isfinite([*state.position, *state.velocity]).all()
         np.testing.assert_allclose(state.rotation @ state.rotation.T, np.eye(3), atol=1e-9)
         asymmetry = np.abs(state.covariance - state.covariance.T).max()
         assert asymmetry <= 1e-9 * np.abs(state.covariance).max()
@@ -253,19 +251,6 @@ def test_an_object_that_lies_still_is_known_to_and_one_that_moves_at_once():
         assert filtered.state.at_rest > max(0.8, seen[3].state.at_rest - 0.1)
         filtered = filtered.predicted(DT).updated(np.array([0.01, 0.0, 0.0]), np.eye(3), NOISE)
         assert filtered.state.at_rest < 0.05
-
-
-@given(st.sampled_from([1e-9, 1e-6, 1e-2, 1.0]), st.sampled_from([0.0, 1e-6, 0.1, 0.5, 10.0]))
-def test_any_accuracy_and_any_gap_give_finite_answers(size, gap):
-    noise = size**2 * np.eye(6)
-    filtered = MotionFilter.start(*AT_HOME, noise)
-    for k in range(1, 4):
-        measurement = 0.1 * k * np.ones(3), so3.exp([0.5 * k, 0.0, 0.0]), noise
-        filtered = filtered.predicted(gap)
-        assert np.isfinite(surprise(filtered, *measurement))
-        filtered = filtered.updated(*measurement)
-        for key in ("position", "rotation", "velocity", "covariance", "at_rest"):
-            assert np.isfinite(getattr(filtered.state, key)).all()
 
 
 def test_only_the_white_share_of_the_covariance_averages_away():
