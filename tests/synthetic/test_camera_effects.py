@@ -12,6 +12,7 @@ from synthetic.camera.rigs import default_cameras, standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, linear, mosaicked
 from synthetic.camera.units import units_of
 from synthetic.effects import NAMES, EffectError, chosen_effects, stream
+from tests.helpers import opencv_pixels
 
 RAMP = np.tile(np.arange(8, dtype=np.float32), (8, 1))
 PLACE = np.full((1, 1), 3.51, np.float32)
@@ -71,19 +72,22 @@ def test_fringes_are_none_in_the_middle_and_grow_with_the_distance_to_it():
     assert np.array_equal(seen[..., 1], lens.to_camera(layer, "mean")[..., 1])
 
 
-def test_a_stretched_channel_is_the_picture_of_a_longer_lens_to_opencv():
-    camera, stretch = default_cameras(270)[1], 1.01
-    lens = Lens(camera, 1)
-    view = lens.view
+@pytest.mark.parametrize(("supersampling", "stretch"), [(1, None), (2, None), (3, None), (1, 1.01)])
+def test_pictures_are_those_of_opencvs_lens_and_stretched_channels_of_a_longer_one(supersampling, stretch):
+    camera = default_cameras(270)[1]
+    lens = Lens(camera, supersampling)
+    view, channels = lens.view, None if stretch is None else np.array([stretch, stretch, 1.0])
+    even = np.full((view.height, view.width, 3), 0.3, np.float32)
+    np.testing.assert_allclose(lens.to_camera(even, "mean", channels), 0.3, rtol=1e-6)
+    # A layer that holds its own rays: coordinates come back as OpenCV distorts them.
     columns, rows = np.meshgrid(np.arange(view.width), np.arange(view.height))
     x, y = (columns - view.cx) / view.fx, (rows - view.cy) / view.fy
-    seen = lens.to_camera(np.dstack([x, y, x]), "mean", np.array([stretch, stretch, 1.0]))
+    seen = lens.to_camera(np.dstack([x, y, np.ones(x.shape)]), "mean", channels).astype(np.float64)
     longer = camera.matrix.copy()
-    longer[(0, 1), (0, 1)] *= stretch
-    pixels = np.stack(np.meshgrid(np.arange(10, 260, 25), np.arange(10, 260, 25)), axis=-1).reshape(-1, 2)
-    points = np.insert(seen[pixels[:, 1], pixels[:, 0], :2].astype(np.float64), 2, 1.0, axis=1)
-    back, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), longer, camera.distortion)
-    np.testing.assert_allclose(back.reshape(-1, 2), pixels, atol=0.01 if EXACT else 1 / 32)
+    longer[(0, 1), (0, 1)] *= stretch or 1.0
+    pixels = opencv_pixels(dataclasses.replace(camera, matrix=longer), seen.reshape(-1, 3), np.eye(4))
+    expected = np.stack(np.meshgrid(np.arange(270), np.arange(270)), axis=-1)
+    np.testing.assert_allclose(pixels.reshape(expected.shape), expected, atol=0.01 if EXACT else 1 / 32)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -93,17 +93,3 @@ def test_pyrender_sees_the_same_labels_and_depths() -> None:
         assert ((own.nearness > 0) == (depth > 0)).mean() > 1 - 2e-4
         both = (own.nearness > 0) & (depth > 0)
         assert np.quantile(np.abs(1 / own.nearness[both] - depth[both]), 0.999) < 1e-4
-
-
-@pytest.mark.parametrize("supersampling", [1, 2, 3])
-def test_lens_keeps_flat_layers_and_places(supersampling: int) -> None:
-    lens = Lens(CAMERA, supersampling)
-    view = lens.view
-    assert np.allclose(lens.to_camera(np.full((view.height, view.width, 3), 0.3, np.float32), "mean"), 0.3)
-    # A layer that holds its own rays: coordinates come back as OpenCV distorts them.
-    x, y = np.meshgrid(np.arange(view.width), np.arange(view.height))
-    rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones(x.shape)], axis=-1)
-    back = lens.to_camera(rays, "mean").astype(float).reshape(-1, 3)
-    pixels = opencv_pixels(CAMERA, back, np.eye(4))
-    grid = np.stack(np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height)), axis=-1)
-    assert np.abs(pixels.reshape(grid.shape) - grid).max() < 0.03
