@@ -296,3 +296,41 @@ def test_lenses_of_more_coefficients_are_as_good(rig, name, pairs, count):
     bent = tracker.CameraRig(tuple(cameras), rig.arena)
     fit = new(name, bent).fit(bare(name, bent.cameras, [70, 0]).images)
     assert within(fit, pairs[0][1], 3e-4, 0.5)
+
+
+TABLES = {"white": (235, 235, 235), "black": (12, 12, 12)}
+"""Colours that are not grey, as all tables in the generator's and the platform's images are."""
+
+
+def on_table(rig, name, color, seed):
+    """A still, and its images with all around the object in one colour, but for noise."""
+    still, rng, images = bare(name, rig.cameras, [31, seed]), np.random.default_rng(seed), []
+    for image, labels in zip(still.images, still.labels, strict=True):
+        around = cv2.dilate((labels > 0).astype(np.uint8), np.ones((3, 3))) == 0
+        painted = image.copy()
+        painted[around] = np.clip(rng.normal(color, 3.0, (np.count_nonzero(around), 3)), 0, 255)
+        images.append(painted)
+    return still, images
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_an_object_is_found_on_a_table_of_any_brightness(rig, name, table):
+    finder, right = new(name, rig), []
+    for seed in range(6):
+        still, images = on_table(rig, name, TABLES[table], seed)
+        fit = finder.fit(images)
+        assert not isinstance(fit, Fit) or np.linalg.norm(fit.position - still.position) < 4e-3
+        right.append(isinstance(fit, Fit))
+    assert sum(right) >= 5
+
+
+def test_the_light_in_which_an_object_was_found_is_kept_until_another_shows_it(rig):
+    finder, found = new("cube_v2", rig), []
+    still, black = on_table(rig, "cube_v2", TABLES["black"], 0)
+    shown = [(0.1 * k, black) for k in range(4)] + [(5.0 + 0.1 * k, list(still.images)) for k in range(3)]
+    for stamp, images in shown:
+        answer = finder.update(images, stamp)
+        assert np.linalg.norm(answer.object_pose.position - still.position) < 1e-3
+        found.append((str(answer.status), finder._memory.as_they_are))
+    assert found[:4] == [("found", True)] + [("tracking", True)] * 3
+    assert found[4:] == [("refound", False)] + [("tracking", False)] * 2
