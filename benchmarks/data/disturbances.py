@@ -22,11 +22,7 @@ SHIFT_STD, TURN_STD = 0.0005, float(np.radians(0.1))
 
 def light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     """Vary white balance by ±20 % per channel and exposure from 0.6 to 1.4, for each camera."""
-    result = []
-    for image in images:
-        gains = rng.uniform(0.8, 1.2, 3) * rng.uniform(0.6, 1.4)
-        result.append(as_bytes(image * gains))
-    return result
+    return [as_bytes(image * (rng.uniform(0.8, 1.2, 3) * rng.uniform(0.6, 1.4))) for image in images]
 
 
 def hard_light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:

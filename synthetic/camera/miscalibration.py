@@ -61,11 +61,6 @@ class Calibrated:
         return ObjectState(state.name, rotation @ state.position + shift, rotation @ state.rotation)
 
 
-def exactly(rig: CameraRig) -> Calibrated:
-    """Return a calibration without any error."""
-    return Calibrated(rig, rig)
-
-
 def miscalibrated(rig: CameraRig, rng: np.random.Generator) -> Calibrated:
     """Draw a wrong calibration of a rig that is given in the simulation's world."""
     height, angle, azimuth = rng.uniform(0.0, FLOAT), rng.uniform(0.0, TILT), rng.uniform(0.0, 2.0 * np.pi)

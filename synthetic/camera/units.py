@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from synthetic.camera.compression import GROUP, Compression
-from synthetic.camera.miscalibration import Calibrated, exactly, miscalibrated
+from synthetic.camera.miscalibration import Calibrated, miscalibrated
 from synthetic.camera.optics import Coma, Focus, Fringes
 from synthetic.camera.response import Drift, FixedPattern, Response, Sharpening
 from synthetic.camera.sensor import CameraSettings, Sensor, mosaicked
@@ -199,9 +199,12 @@ def crew_of(
         timing = Timing.sample(stream("timing", seed, number), len(rig))
     elif "motion_blur" in effects:
         timing = Timing.together(stream("motion_blur", seed, number), len(rig))
+    calibrated = Calibrated(rig, rig)
+    if "calibration" in effects:
+        calibrated = miscalibrated(rig, stream("calibration", seed, number))
     return Crew(
         units_of(rig, sensor, rng, effects, seed, number),
-        miscalibrated(rig, stream("calibration", seed, number)) if "calibration" in effects else exactly(rig),
+        calibrated,
         timing,
         Compression.sample(stream("compression", seed, number)) if "compression" in effects else None,
     )
