@@ -142,18 +142,15 @@ def test_values_that_a_mosaic_did_not_measure_do_not_matter():
     assert_equal(measure(image, pieces(), 0.7, red=0), measure(other, pieces(), 0.7, red=0))
 
 
-def test_of_the_pieces_one_in_so_many_is_measured():
-    whole, part = measure(drawn(), pieces()), measure(drawn(), pieces(), every=3)
-    assert_equal(part[::3], whole[::3])
-    assert np.count_nonzero(part["usable"]) == len(part[::3])
-
-
-def test_pixels_that_are_collected_later_are_those_collected_at_once():
+@pytest.mark.parametrize("red", [NO_MOSAIC, 0])
+def test_one_piece_in_so_many_is_measured_and_pixels_collected_later_are_those_collected_at_once(red):
     image = interpolated(drawn())
-    for red in (NO_MOSAIC, 0):
-        whole = measure(image, pieces(), red=red)
-        assert_equal(measure(image, pieces(), red=red, collected=(2, 1)), whole)
-        assert_equal(measure(image, pieces(), red=red, every=2, collected=(2,))[::2], whole[::2])
+    whole = measure(image, pieces(), red=red)
+    assert_equal(measure(image, pieces(), red=red, collected=(2, 1)), whole)
+    for every, collected in ((3, (1,)), (2, (2,))):
+        part = measure(image, pieces(), red=red, every=every, collected=collected)
+        assert_equal(part[::every], whole[::every])
+        assert np.count_nonzero(part["usable"]) == len(part[::every])
 
 
 @pytest.mark.parametrize("outside", [0, 2])
