@@ -98,7 +98,7 @@ def test_what_compiles_beside_runs_nothing_of_the_present_folder(tmp_path, monke
     (tmp_path / "tracker.py").write_text("open('ran', 'w').close()")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(warm_up.sys, "path", [str(ROOT), *filter(None, warm_up.sys.path)])
-    process = warm_up._begin("filter")
+    process = warm_up._begin()
     assert process is not None
     assert process.wait() == 0
     assert not (tmp_path / "ran").exists()

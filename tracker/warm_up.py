@@ -14,7 +14,7 @@ import logging
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -70,20 +70,20 @@ def warm_up() -> None:
     with _alone(), quickly(), _counted():
         if kernels_are_cached():
             return
-        other = _begin("refine")
-        for name, part in PARTS.items():
-            if name == "refine" and other is not None:
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    other.wait(timeout=_SECONDS)
-            part()
+        other = _begin()
+        use_others()
+        if other is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                other.wait(timeout=_SECONDS)
+        use_refinement()
 
 
 @functools.cache
 def load() -> None:
     """Load all kernels into this process, so that its first images take no longer than later ones."""
     warm_up()
-    for part in PARTS.values():
-        part()
+    use_others()
+    use_refinement()
 
 
 @contextlib.contextmanager
@@ -163,11 +163,11 @@ def quickly() -> Iterator[None]:
         BaseFunction.get_call_type = resolve  # type: ignore[method-assign]
 
 
-def _begin(part: str) -> subprocess.Popen[bytes] | None:
-    """Start a process that compiles a part; None if it cannot start, or has no folder for its results."""
+def _begin() -> subprocess.Popen[bytes] | None:
+    """Start a process that compiles `refine`; None if it cannot start, or has no folder for its results."""
     if _folder() is None or not sys.executable:
         return None
-    run = f"from tracker.warm_up import PARTS, quickly\nwith quickly(): PARTS[{part!r}]()"
+    run = "from tracker.warm_up import quickly, use_refinement\nwith quickly(): use_refinement()"
     quiet = subprocess.DEVNULL
     try:
         return subprocess.Popen(python_command(run), stdin=quiet, stdout=quiet, stderr=quiet)
@@ -177,7 +177,7 @@ def _begin(part: str) -> subprocess.Popen[bytes] | None:
 
 @functools.cache
 def _estimator() -> PoseEstimator:
-    """Return an estimator with one camera, shared by all parts."""
+    """Return an estimator with one camera, shared by both parts."""
     transform = so3.transform(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 0.5])
     matrix = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 31.5], [0.0, 0.0, 1.0]])
     camera = Camera("above", _SIZE, _SIZE, matrix, np.zeros(5), transform)
@@ -196,13 +196,11 @@ def _sight() -> Sight:
     return Sight(labels, pictures, (image,))
 
 
-def _read() -> None:
-    image = np.random.default_rng(0).integers(0, 255, (_SIZE, _SIZE, 3)).astype(np.uint8)
-    _estimator().reader([image])
-
-
-def _search() -> None:
+def use_others() -> None:
+    """Compile or load all kernels but those of `use_refinement`."""
     estimator, sight, place = _estimator(), _sight(), (np.eye(3), _POSITION, np.zeros((1, 6)))
+    image = np.random.default_rng(0).integers(0, 255, (_SIZE, _SIZE, 3)).astype(np.uint8)
+    estimator.reader([image])
     positions = estimator.search.positions
     views = positions.views(sight.labels, sight.pictures)
     next(positions(views, sight.labels, sight.pictures, 1), None)
@@ -211,24 +209,12 @@ def _search() -> None:
     estimator.search.window(0, _POSITION)
     seen = estimator.search.counted(sight, np.eye(3), _POSITION)
     explanation_score(seen)
-    # Fits are judged by "refine", which takes long enough without these two.
+    # Fits are judged by the refinement, which takes long enough without these two.
     estimator.search.resized(sight, Fit(_POSITION, np.eye(3), np.eye(6), seen, converged=True))
     maps, faces = estimator.search.lenses, estimator.search.faces
     judge(maps, sight.labels, sight.pictures, sight.pictures, faces, place, 0.0, seen, NUMBERS)
-
-
-def _refine() -> None:
-    estimator, sight = _estimator(), _sight()
-    fit = estimator.refiner(sight, np.eye(3), _POSITION)
-    estimator.refiner.edges(sight.pictures, fit.rotation, fit.position)
-
-
-def _judge() -> None:
     nothing = OwnViews(np.zeros((1, 6, 6)), np.zeros((1, 6)), np.zeros(1))
-    disagreement(nothing, _estimator().search.lenses, _POSITION, 0.05)
-
-
-def _filter() -> None:
+    disagreement(nothing, maps, _POSITION, 0.05)
     covariance = 1e-8 * np.eye(6)
     motion = MotionFilter.start(np.zeros(3), np.eye(3), covariance).predicted(0.1)
     _ = motion.updated(np.zeros(3), np.eye(3), covariance).state
@@ -236,7 +222,8 @@ def _filter() -> None:
     so3.quaternion(np.eye(3))
 
 
-PARTS: dict[str, Callable[[], None]] = {
-    "read": _read, "search": _search, "judge": _judge, "filter": _filter, "refine": _refine,
-}  # fmt: skip
-"""Functions that compile kernels, by name; "refine" takes about as long as the others together."""
+def use_refinement() -> None:
+    """Compile or load the kernels of the refinement; it takes about as long as the others together."""
+    estimator, sight = _estimator(), _sight()
+    fit = estimator.refiner(sight, np.eye(3), _POSITION)
+    estimator.refiner.edges(sight.pictures, fit.rotation, fit.position)
