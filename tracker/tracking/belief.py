@@ -63,15 +63,6 @@ class TrackingOptions:
             raise TrackerError(f"min_confidence: found {shown(self.min_confidence)}, expected {valid}")
 
 
-@dataclass(frozen=True, eq=False)
-class Pending:
-    """An implausible measurement that waits for a second one to confirm it."""
-
-    timestamp: float
-    position: FloatArray
-    rotation: FloatArray
-
-
 class Belief(NamedTuple):
     """The estimated motion of one object. Immutable: every method returns a new one."""
 
@@ -93,8 +84,9 @@ class Belief(NamedTuple):
     """Whether that measurement rests on a single camera."""
     spread: float = 0.0
     """Variance along each axis that the cameras' disagreement adds [m²]."""
-    pending: Pending | None = None
-    """The measurement that waits for confirmation, if any."""
+    pending: tuple[float, FloatArray, FloatArray] | None = None
+    """Timestamp [s], rotation (3, 3) and position (3,) [m] of an implausible measurement, if any, that waits
+    for a second one to confirm it."""
     step: float = 0.0
     """Time between the last images and those before them [s]."""
 
@@ -157,7 +149,7 @@ class Belief(NamedTuple):
             return self._believed(fit, motion, fitting, spread), Status.TRACKING
         sure = apparent(fit) >= self.options.jump_confidence
         if expected is not None and not sure and not self._confirmed(fit):
-            pending = Pending(self.timestamp, fit.position, fit.rotation)
+            pending = self.timestamp, fit.rotation, fit.position
             return self._replace(pending=pending), Status.COASTING
         motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
         status = Status.FOUND if self.last_pose is None else Status.REFOUND
@@ -180,9 +172,9 @@ class Belief(NamedTuple):
         if self.pending is None or self.timestamp is None:
             return False
         limits, speed = self.options.max_disagreement, self.options.max_speed
-        seconds = self.timestamp - self.pending.timestamp
-        shift, turn = (limits[k] + 0.5 * speed[k] * seconds for k in range(2))
-        return _close(fit, self.pending.rotation, self.pending.position, shift, turn)
+        stamp, rotation, position = self.pending
+        shift, turn = (limits[k] + 0.5 * speed[k] * (self.timestamp - stamp) for k in range(2))
+        return _close(fit, rotation, position, shift, turn)
 
     def forecast(self, timestamp: float, box: Box, ground: float) -> Forecast | None:
         """Predict the object at a later timestamp [s] that has no images; None if it is lost.
