@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.judge.results import Results, ResultsError
-from benchmarks.score.metrics import ANSWERS, TIMES, TRUST, Metric, bootstrap_interval, median, right
+from benchmarks.score.metrics import ANSWERS, TIMES, TRUST, bootstrap_interval, median, right
 
 KEYS = ["group", "object", "index"]
 
@@ -76,18 +76,15 @@ def _ratio(pairs: pd.DataFrame, unit: str) -> tuple[float, float, float]:
 
 def text(rows: list[dict[str, Any]]) -> str:
     """Return the changes as text, one paragraph per workload and object."""
-    return "\n".join(line for row in rows for line in _lines(row))
-
-
-def _lines(row: dict[str, Any]) -> list[str]:
-    lines = [f"{row['object']}, {row['group']} ({row['n']}): {row['lost']} lost, {row['gained']} gained"]
-    for unit in ("mm", "deg"):
-        middle, low, high = row[f"ratio_{unit}"]
-        lines.append(f"  {unit}: median ratio {middle:.3f} ({low:.3f} to {high:.3f})")
-    changed = [_change(metric, *row[metric.name]) for metric in COMPARED]
-    return lines + [f"  {line}" for line in changed if line]
-
-
-def _change(metric: Metric, before: float, after: float) -> str:
-    was, now = metric.text(before), metric.text(after)
-    return "" if was == now else f"{metric.title} [{metric.name}]: {was} → {now}"
+    lines = []
+    for row in rows:
+        head = f"{row['object']}, {row['group']} ({row['n']})"
+        lines.append(f"{head}: {row['lost']} lost, {row['gained']} gained")
+        for unit in ("mm", "deg"):
+            middle, low, high = row[f"ratio_{unit}"]
+            lines.append(f"  {unit}: median ratio {middle:.3f} ({low:.3f} to {high:.3f})")
+        for metric in COMPARED:
+            was, now = map(metric.text, row[metric.name])
+            if was != now:
+                lines.append(f"  {metric.title} [{metric.name}]: {was} → {now}")
+    return "\n".join(lines)
