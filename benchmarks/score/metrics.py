@@ -147,8 +147,6 @@ class Table:
 
     name: str
     """Name in results."""
-    part: str
-    """Part of the results with the rows."""
     title: str
     text: str
     """Explanation above the table."""
@@ -163,6 +161,11 @@ class Table:
     """Headings of object, group and bin; columns with empty headings are left out."""
     page: tuple[str, ...] = ()
     """Patterns of the groups that the figures page shows; the results show all."""
+    part: str = ""
+    """Part of the results with the rows; empty: the part with the table's name."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "part", self.part or self.name)
 
     def figures(self, frames: pd.DataFrame) -> Iterator[dict[str, Any]]:
         """Yield a row for each group, object and bin: `table`, `group`, `object`, `bin`, `n`, all metrics."""

@@ -104,7 +104,6 @@ def _stage(name: str) -> Metric:
 TABLES: tuple[Table, ...] = (
     Table(
         "accuracy",
-        "accuracy",
         "Accuracy",
         "Rendered scenes with exact truth, three 270×270 images unless a workload says otherwise. Errors "
         "are of the poses given, shares of all scenes. Wrong and sure: beyond 5 mm or 5° with a confidence "
@@ -116,7 +115,6 @@ TABLES: tuple[Table, ...] = (
     ),
     Table(
         "trust",
-        "accuracy",
         "Covariance and confidence",
         "NEES is dᵀ Σ⁻¹ d of the six errors d in the stated covariance Σ: if Σ is right, its median is "
         "5.35 and 95 % lie inside the ellipsoid. Stated − right, without sign: mean confidence of the poses "
@@ -125,48 +123,48 @@ TABLES: tuple[Table, ...] = (
         without=NOT_THE_OBJECT,
         heads=("object", "workload", ""),
         page=_BRIEFLY,
+        part="accuracy",
     ),
     Table(
         "finds",
-        "accuracy",
         "Without the object",
         "Pictures that do not show the object, or show something like it.",
         FINDS,
         NOT_THE_OBJECT,
         heads=("object", "workload", ""),
+        part="accuracy",
     ),
     Table(
         "detect",
-        "accuracy",
         "Time of `detect`",
         "Processor time with one thread, and the multiple of reference work (`cv2.medianBlur` 5 and "
         "conversion to HSV of the same images) right after it.",
         (*TIMES, *map(_stage, STAGES)),
         heads=("object", "workload", ""),
         page=_BRIEFLY,
+        part="accuracy",
     ),
     Table(
         "visibility",
-        "accuracy",
         "By visible fraction",
         "The mean over the cameras of the share of the object that nothing hides.",
         ANSWERS,
         ("realistic", "world", "two cameras", "one camera"),
         split=by_visibility(*VISIBLE),
         heads=("object", "workload", "visible"),
+        part="accuracy",
     ),
     Table(
         "confidence",
-        "accuracy",
         "Stated confidence",
         "And the share that was right.",
         _STATED,
         ("realistic", "world", "two cameras", "one camera", "hard light", "poor images"),
         split=by_confidence,
         heads=("object", "workload", "confidence"),
+        part="accuracy",
     ),
     Table(
-        "triplets",
         "triplets",
         "Recorded triplets",
         "Hand-made masks; draws of gains (0.8 to 1.2 for each channel) and exposure (0.6 to 1.4), each "
@@ -179,7 +177,6 @@ TABLES: tuple[Table, ...] = (
         ),
     ),
     Table(
-        "third camera",
         "third camera",
         "Recorded triplets: cameras against each other",
         "The pose from two cameras against what the third sees by itself, in its picture [px at a focal "
@@ -194,7 +191,6 @@ TABLES: tuple[Table, ...] = (
     ),
     Table(
         "two sizes",
-        "two sizes",
         "Recorded triplets: two sizes of the pictures",
         "The pose of the pictures as recorded against that of the same pictures at half or twice the size.",
         (
@@ -203,7 +199,6 @@ TABLES: tuple[Table, ...] = (
         ),
     ),
     Table(
-        "recorded, one camera",
         "recorded, one camera",
         "Recorded pictures, one camera",
         "Each recorded picture alone, in drawn light with drawn noise: `detect`, and `update` through a "
@@ -231,7 +226,6 @@ TABLES: tuple[Table, ...] = (
     ),
     Table(
         "segmentation",
-        "segmentation",
         "Segmentation",
         "Intersection over union with hand-made masks over the whole picture; the masks are a little too "
         "small on purpose. Left out: fitted without the picture that is judged, for colours that another "
@@ -243,7 +237,6 @@ TABLES: tuple[Table, ...] = (
         ),
     ),
     Table(
-        "films",
         "films",
         "Over time",
         "Filtered poses of `update` in films at 10 Hz of each object, pushed, tumbled, lifted, carried and "
@@ -267,7 +260,6 @@ TABLES: tuple[Table, ...] = (
     ),
     Table(
         "films, at rest",
-        "films",
         "At rest and moving",
         "Median errors of the filtered pose, and over those of `detect` on the same frames.",
         (
@@ -279,10 +271,10 @@ TABLES: tuple[Table, ...] = (
         ("all",),
         split=by_rest,
         heads=("object", "", "state"),
+        part="films",
     ),
     Table(
         "films, one camera",
-        "films",
         "Over time, one camera",
         "What one camera alone measures of the frames in which it sees at least half of the object. Right: "
         "within 20 mm and 5°.",
@@ -294,10 +286,10 @@ TABLES: tuple[Table, ...] = (
         ),
         ("camera *", "world, *"),
         heads=("object", "camera", ""),
+        part="films",
     ),
     Table(
         "films, vanished",
-        "films",
         "Over time, the object gone",
         "It vanishes for two seconds and comes back elsewhere.",
         (
@@ -306,19 +298,19 @@ TABLES: tuple[Table, ...] = (
             Metric("longest_wait", "found again after", films.vanished("longest_wait"), "{:.0f} frames"),
         ),
         ("vanished",),
+        part="films",
     ),
     Table(
         "update",
-        "films",
         "Time of `update`",
         "Of all frames of the same films, as the time of `detect`.",
         TIMES,
         ("all", "world", "world, *"),
         heads=("object", "given", ""),
         page=("all", "world"),
+        part="films",
     ),
     Table(
-        "motion",
         "motion",
         "Fast motions",
         "The object flies at about 0.5 m/s, turning, and rests now and then; each frame was taken twice: "
@@ -337,7 +329,6 @@ TABLES: tuple[Table, ...] = (
     ),
     Table(
         "dice, masks",
-        "dice, masks",
         "Dice: masks",
         "Of all pixels of all views together. Not dice: pixels of the blue cross painted on the table, and "
         "all others more than 2 px from any die, of the whole picture.",
@@ -354,7 +345,6 @@ TABLES: tuple[Table, ...] = (
     ),
     Table(
         "dice, positions",
-        "dice, positions",
         "Dice: positions",
         "Of the true dice, by visible fraction; reported dice are paired with true ones within half a "
         "die's edge.",
@@ -369,7 +359,6 @@ TABLES: tuple[Table, ...] = (
     ),
     Table(
         "dice, reported",
-        "dice, reported",
         "Dice: reported",
         "Those that are none, and whether the stated probability is true.",
         (
@@ -379,11 +368,8 @@ TABLES: tuple[Table, ...] = (
         ),
         heads=("", "scenes", ""),
     ),
+    Table("dice, time", "Dice: time", "Of three 270×270 pictures.", TIMES, heads=("", "work", "")),
     Table(
-        "dice, time", "dice, time", "Dice: time", "Of three 270×270 pictures.", TIMES, heads=("", "work", "")
-    ),
-    Table(
-        "start-up",
         "start-up",
         "Start-up and memory",
         "Of a fresh process; compiling happens once per machine.",
