@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 import click
 
-from tracker.errors import TrackerError, install
+from tracker.errors import TrackerError, install, reason
 from tracker.processes import ended_by_signals, exit_code
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "dice")
@@ -131,12 +131,10 @@ def _run(arguments: list[str]) -> int:
         return _fail(f"{error.format_message()} (see {where} --help)")
     except click.ClickException as error:
         return _fail(error.format_message())
-    except TrackerError as error:
-        return _fail(str(error))
     except ImportError as error:
         return _fail(f"{error}: {install('synthetic')}")
-    except OSError as error:
-        return _fail(f"{error.filename or 'output'}: {error.strerror or error}")
+    except (TrackerError, OSError) as error:
+        return _fail(reason(error))
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{os.path.basename(last.filename)}:{last.lineno}"
