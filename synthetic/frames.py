@@ -8,6 +8,7 @@ start.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Container, Iterable, Iterator
 from typing import Any, ClassVar
@@ -251,10 +252,7 @@ class FrameMaker(Closing):
             if chosen is None or index in chosen:
                 yield self._recorded(frame, taken, crew)
             if index in emptied:
-
-                def emptied_at(time: float, whole_at: SceneAt = scene_at) -> PlatformScene:
-                    return whole_at(time).emptied()
-
+                emptied_at = functools.partial(_emptied, scene_at)
                 yield self._recorded(self._frame(index, timestamp, emptied_at, crew), taken, crew)
             taken.append(frame.images)
 
@@ -357,6 +355,10 @@ class FrameMaker(Closing):
         """Return the frame as it comes out of a recording in which the images `before` came first."""
         images = crew.recorded([*before, frame.images], raw=self.options.raw)
         return dataclasses.replace(frame, images=images)
+
+
+def _emptied(scene_at: SceneAt, time: float) -> PlatformScene:
+    return scene_at(time).emptied()
 
 
 def frames(
