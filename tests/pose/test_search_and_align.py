@@ -86,6 +86,25 @@ def test_search_finds_position_and_rotation(scene):
     assert np.degrees(min(turned)) < 30
 
 
+@pytest.mark.parametrize("label", [4, 6])
+def test_a_block_in_a_faces_colour_beside_the_object_hides_no_rotation(label):
+    model, cameras = tracker.load_object("cuboid_2x2x8_v2"), default_cameras()
+    box, truth = Box.of(model), bare(model, cameras, 8, Sensor.clean())
+    small, best = [label_camera(camera, 2) for camera in cameras], np.empty((10, 3, 3))
+    for angle in np.radians([0, 90, 180, 270]):
+        away = np.array([np.cos(angle), np.sin(angle), 0.0])
+        middle = truth.position + (abs(away @ truth.rotation) @ box.half + 0.03) * away
+        middle[2] = 0.025
+        block = cuboid.corners((0.06, 0.06, 0.05)) @ so3.exp(np.array([0, 0, angle])).T + middle
+        labels = np.stack([image[::2, ::2] for image in truth.labels])
+        for camera, one in zip(small, labels, strict=True):
+            outline = cv2.convexHull(np.rint(camera.project(block)).astype(np.int32))
+            one[(cv2.fillConvexPoly(np.zeros_like(one), outline, 1) > 0) & (one == 0)] = label
+        faces, lenses, pictures = (box.half, box.face_labels), stack_lenses(small), pictures_of(labels)
+        likely_rotations(lenses, labels, pictures, faces, truth.position, rotation_grid(), best)
+        assert min(so3.angle_between(one, truth.rotation) for one in best) < np.radians(25)
+
+
 def counted(labels, camera, points):
     """Shares (N, 2) of the object in the wide and the tight square around points (N, 3), a third per colour.
 

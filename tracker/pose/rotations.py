@@ -17,7 +17,7 @@ from tracker.geometry import so3
 from tracker.geometry.lens import project_with_jacobian
 from tracker.geometry.linear import smallest
 from tracker.pose.strips import SUMS
-from tracker.pose.votes import gather
+from tracker.pose.votes import NEARER, gather
 
 ROTATIONS = 1400
 """Rotations of the even grid: neighbours are about 22° apart."""
@@ -48,14 +48,16 @@ def _add_costs(axis, faces, rotations, costs):  # type: ignore[no-untyped-def]
 
     This is equation (5) of docs/how-it-works.md.
     faces (6, 8), in single precision: row 0, the vector to the camera, half the edge, and pixels per metre
-    above the face; rows 0 and 1, columns 5 and 6, the pixels seen of each face and their square root; rows 2
-    and 3, the projection's derivatives; rows 4 and 5, each face's centroid minus the box's centre [px].
+    above the face; rows 0 and 1, columns 5 to 7, the pixels seen of each face, their square root, and the
+    weight of their centroid; rows 2 and 3, the projection's derivatives; rows 4 and 5, each face's centroid
+    minus the box's centre [px].
     """
     vx, vy, vz, half, scale = faces[0, 0], faces[0, 1], faces[0, 2], faces[0, 3], faces[0, 4]
     ax, ay, az, bx, by, bz = faces[2, 0], faces[2, 1], faces[2, 2], faces[3, 0], faces[3, 1], faces[3, 2]
     seen_f, seen_b, root_f, root_b = faces[0, 5], faces[1, 5], faces[0, 6], faces[1, 6]
+    sure_f, sure_b = faces[0, 7], faces[1, 7]
     u_f, v_f, u_b, v_b = faces[4, 0], faces[4, 1], faces[5, 0], faces[5, 1]
-    zero, one, small, few = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(4.0)
+    zero, one, small = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     for h in range(np.uint64(len(costs))):
         x, y, z = rotations[axis, 0, h], rotations[axis, 1, h], rotations[axis, 2, h]
         cosine = x * vx + y * vy + z * vz
@@ -68,7 +70,7 @@ def _add_costs(axis, faces, rotations, costs):  # type: ignore[no-untyped-def]
         dv = (v_f if front else v_b) - out * (bx * x + by * y + bz * z)
         # Pixels that are missing may be hidden.
         cost = gap * gap * (small if gap < zero else one) - seen
-        cost += small * min(seen, expected) * (du * du + dv * dv) / (seen + few)
+        cost += (sure_f if front else sure_b) * min(seen, expected) * (du * du + dv * dv)
         costs[h] += cost if height > zero else zero
 
 
@@ -101,7 +103,9 @@ def rank_rotations(lenses, pictures, box, position, stats, rotations, costs):  #
                 for i in range(3):
                     faces[0, i], faces[2, i], faces[3, i] = view[i], jacobian[0, i], jacobian[1, i]
                 faces[0, 3], faces[0, 4] = half[axis], area * per_area / distance
-                faces[side, 5], faces[side, 6] = one[0], math.sqrt(one[0])
+                # No more of a colour counts than its face can show: something else has it, too.
+                count = min(one[0], NEARER * area * per_area)
+                faces[side, 5], faces[side, 6], faces[side, 7] = count, math.sqrt(count), 0.5 / (one[0] + 4.0)
                 faces[4 + side, 0], faces[4 + side, 1] = one[1] - u, one[2] - v
             _add_costs(axis, faces, rotations, costs)
 

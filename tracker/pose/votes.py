@@ -47,6 +47,9 @@ FACE = np.float32(1.0 / 3.0)
 """Largest share of the object that one colour counts for: a camera sees up to three faces, and a cloth of one
 colour is no object."""
 
+NEARER = 1.2
+"""Pixels that a face shows at most, relative to its area at the object's depth: it may be nearer."""
+
 BITS = 21
 """Width of a label's count: three share an integer."""
 
@@ -183,10 +186,11 @@ def gather(lenses, labels, pictures, position, radius, stats):  # type: ignore[n
 
 
 @compiled
-def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
+def _toward(lenses, stats, radius, face, position):  # type: ignore[no-untyped-def]
     """Move a position (3,) [m] in place so that it projects to the centroids of stats (C, 7, 3).
 
-    It moves by at most 0.8 radii along each axis.
+    It moves by at most 0.8 radii along each axis. face: what a colour shows of the object at most [m²]; one
+    that shows more counts less, since something else has it, too.
     """
     jacobian, matrix = np.empty((2, 3)), np.zeros((3, 3))
     vector, step = np.zeros(3), np.empty(3)
@@ -195,13 +199,16 @@ def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
         matrix[i, i] = 5.0 / radius**2
     for c in range(len(stats)):
         n, su, sv = 0.0, 0.0, 0.0
+        u, v, z = project_with_jacobian(lenses, c, position[0], position[1], position[2], jacobian)
+        most = face * lenses[c].focal[0] * lenses[c].focal[1] / z**2
         for label in range(1, 7):
-            n += stats[c, label, 0]
-            su += stats[c, label, 0] * stats[c, label, 1]
-            sv += stats[c, label, 0] * stats[c, label, 2]
+            count = stats[c, label, 0]
+            count *= min(1.0, most / max(count, 1.0)) ** 2
+            n += count
+            su += count * stats[c, label, 1]
+            sv += count * stats[c, label, 2]
         if n < 1:
             continue
-        u, v, _ = project_with_jacobian(lenses, c, position[0], position[1], position[2], jacobian)
         weight = min(n, 100.0) / 100.0
         du, dv = su / n - u, sv / n - v
         for i in range(3):
@@ -214,16 +221,17 @@ def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def next_place(points, votes, lenses, labels, pictures, radius, position):  # type: ignore[no-untyped-def]
+def next_place(points, votes, lenses, labels, pictures, sizes, position):  # type: ignore[no-untyped-def]
     """Put the best point into a position (3,), remove those near it, and centre it; return its vote.
 
     A centred point projects to the centroids of the face-coloured pixels around it.
     """
+    radius, face = sizes
     best = _take_best(points, votes, 2.0 * SEPARATION * radius, position)
     stats = np.empty((len(pictures), 7, 3))
     for _ in range(CENTRING_ROUNDS):
         gather(lenses, labels, pictures, position, radius, stats)
-        _toward(lenses, stats, radius, position)
+        _toward(lenses, stats, radius, face, position)
     return best
 
 
@@ -256,6 +264,7 @@ class PositionSearch:
         half = box.half
         area = 2 * (half[0] * half[1] + half[1] * half[2] + half[2] * half[0])
         self._cameras, self._area = cameras, area
+        self._sizes = self.radius, 4.0 * NEARER * float(np.sort(half)[1:].prod())
         self.boxes = self.boxes_at(self.points)
 
     def boxes_at(self, points: FloatArray) -> Array:
@@ -281,7 +290,7 @@ class PositionSearch:
         found: list[FloatArray] = []
         while len(found) < most:
             position = np.empty(3)
-            if next_place(self.points, votes, self.lenses, labels, pictures, self.radius, position) < least:
+            if next_place(self.points, votes, self.lenses, labels, pictures, self._sizes, position) < least:
                 return
             if all(math.dist(position, other) > separation for other in found):
                 found.append(position)
