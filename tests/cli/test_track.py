@@ -18,44 +18,21 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_health import film  # noqa: F401
-from tests.helpers import RIG, ROOT, contents
+from tests.helpers import ROOT, contents
 from tests.helpers.command import assert_one_line_error, assert_refused, begin, until, well
-from tests.helpers.kept_stills import take
 from tests.helpers.log_writers import write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
-from tests.helpers.stills import posed_scene
+from tracker.cli.demo import DATA
 from tracker.cli.export import _of_height, observation
 from tracker.cli.track import CONTRADICTED, _calibration_rows
 from tracker.files import claimed
-from tracker.geometry import so3
 from tracker.pose.result import CameraUse, Status
 from tracker.poses.file import read_poses
 
 FRAMES = 6
-
-
-@pytest.fixture(scope="module")
-def filmed(tmp_path_factory):
-    """A folder of images of a moving cube with a calibration beside them, and the truth in truth.npy."""
-    root = tmp_path_factory.mktemp("filmed")
-    folder = root / "film"
-    model = tracker.load_object("cube_v2")
-    RIG.save(root)
-    rng = np.random.default_rng(5)
-    start, rotation = np.array([-0.01, 0.02, model.size[2] / 2]), so3.exp([0.0, 0.0, rng.uniform(0, 6)])
-    truth = [start + 0.1 * k * np.array([0.05, 0.02, 0.0]) for k in range(FRAMES)]
-    for k, position in enumerate(truth):
-        turned = so3.exp([0.0, 0.0, 0.02 * k]) @ rotation
-        scene = posed_scene(model, (position, turned), np.random.default_rng(6))
-        images = take(scene, RIG.cameras, Sensor.realistic(), rng).images
-        for name, image in zip(RIG.names, images, strict=True):
-            write_picture(folder / name / f"{k:06d}.png", image)
-    np.save(root / "truth.npy", truth)
-    tracker.ObjectTracker(model, RIG).detect(images)  # compiles, which processes would tell on stderr
-    return folder
+DEMO = (DATA, "--object", "cube_v2", "--to", FRAMES)
 
 
 @pytest.fixture
@@ -63,17 +40,18 @@ def run_here(run_here):
     return functools.partial(run_here, "track")
 
 
-def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path, run_here):
+def test_a_recording_is_tracked_and_written_in_every_format(tmp_path, run_here):
     av = pytest.importorskip("av", reason="video: no module av")
     pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
-    base = (filmed, "--object", "cube_v2", "-o", "poses.h5")
+    base = (*DEMO, "-o", "poses.h5")
     exports = ("--csv", "poses.csv", "--tum", "poses.tum", "--bop", "poses_bop.csv", "--camera", "camera180")
     pictures = ("--video", "overlay.mp4", "--plot", "poses.png")
     result = well(run_here(*base, "--json", *exports, *pictures, folder=tmp_path))
     assert result.stderr == ""
     written = {"poses.h5", "poses.csv", "poses.tum", "poses_bop.csv", "overlay.mp4", "poses.png"}
     assert set(os.listdir(tmp_path)) == written
-    truth = np.load(filmed.parent / "truth.npy")
+    truths = json.loads((DATA / "truth.json").read_text())["poses"][:FRAMES]
+    truth = [one["position"] for one in truths]
     poses = read_poses(tmp_path / "poses.h5")
     assert np.linalg.norm(poses.measured.position - truth, axis=1).max() < 1e-3
     np.testing.assert_allclose(poses.timestamp - poses.timestamp[0], 0.1 * np.arange(FRAMES), atol=1e-6)
@@ -111,12 +89,11 @@ def test_two_processes_change_nothing_and_tell_in_order(tmp_path, run_here):
     assert one == two
 
 
-def test_a_camera_that_is_mirrored_is_named_with_what_to_look_at(filmed, tmp_path, run_here):
-    shutil.copytree(filmed, tmp_path / "film")
-    for path in (tmp_path / "film" / "camera180").iterdir():
+def test_a_camera_that_is_mirrored_is_named_with_what_to_look_at(tmp_path, run_here):
+    shutil.copytree(DATA, tmp_path / "film")
+    for path in (tmp_path / "film").glob("*/camera180.jpg"):
         write_picture(path, cv2.flip(cv2.imread(str(path)), 1))
-    base = [tmp_path / "film", "--object", "cube_v2", "--calibration", filmed.parent]
-    result = run_here(*base, "-o", tmp_path / "poses.h5")
+    result = run_here(tmp_path / "film", *DEMO[1:], "-o", tmp_path / "poses.h5")
     lines = [line.strip() for line in result.stdout.splitlines()]
     (number,) = (k for k, line in enumerate(lines) if line.startswith("camera"))
     name, remark = re.split(r"  +", lines[number])
@@ -128,12 +105,12 @@ def test_a_camera_that_is_mirrored_is_named_with_what_to_look_at(filmed, tmp_pat
     assert shown.cameras == (CameraUse.USED, CameraUse.CONTRADICTING, CameraUse.USED)
 
 
-def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run_here):
-    base = (filmed, "--object", "cube_v2", "--correct-halved-principal-point", "--from", 2, "--to", 4)
-    well(run_here(*base, "-o", tmp_path / "poses.h5", "--calibration", filmed.parent))
+def test_frames_can_be_chosen_and_the_calibration_be_given(tmp_path, run_here):
+    base = (*DEMO, "--correct-halved-principal-point", "--from", 2, "--to", 4)
+    well(run_here(*base, "-o", tmp_path / "poses.h5", "--calibration", DATA))
     poses = read_poses(tmp_path / "poses.h5")
     assert poses.index.tolist() == [2, 3]
-    plain = tracker.CameraRig.load(filmed.parent)
+    plain = tracker.CameraRig.load(DATA)
     shift = [a.matrix[0, 2] - b.matrix[0, 2] for a, b in zip(plain, poses.about.rig, strict=True)]
     np.testing.assert_allclose(shift, 0.25)
     well(run_here(*base, "-o", tmp_path / "beside.h5"))
