@@ -215,7 +215,7 @@ def test_a_damaged_store_is_one_error_and_leaves_nothing(
 def test_the_command_tracks_a_named_robot_and_reports_a_damaged_episode(
     robots, tmp_path, run_here, monkeypatch
 ):
-    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: engine(1))
+    monkeypatch.setattr("tracker.cli.batch.processes", lambda _: engine(1))
     monkeypatch.setattr("tracker.recordings.Options", partial(Options, make_tracker=NoiseTracker))
     store, folder = write(tmp_path / "a.zarr", observations=with_robots(2)), tmp_path / "out"
     base = ["batch", "run", store, "--calibration", robots, "--object", "cube_v2", "-o", folder]

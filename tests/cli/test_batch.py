@@ -106,7 +106,7 @@ def test_a_full_disk_is_reported_with_what_to_do(recordings, tmp_path, run_here,
             full(job.output)
         return run(job)
 
-    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: engine(1))
+    monkeypatch.setattr("tracker.cli.batch.processes", lambda _: engine(1))
     base = ["batch", "run", f"{recordings}/00[01]", "--object", "cube_v2", "-o", tmp_path, "--to", 4]
     with monkeypatch.context() as disk:
         disk.setattr("tracker.batch.run.run", full_for_one)
@@ -144,7 +144,7 @@ def test_status_is_reported_for_people_and_programs(recordings, tmp_path, run_he
 
 
 def test_a_recording_may_be_called_as_a_command(tmp_path, run_here, monkeypatch):
-    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: engine(1))
+    monkeypatch.setattr("tracker.cli.batch.processes", lambda _: engine(1))
     for name in ("status", "run"):
         write_log(tmp_path / name, 2)
     asked = ("--object", "cube_v2", "-o", "out", "--jobs", 1)

@@ -22,7 +22,7 @@ def run_here(run_here):
 
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
+    monkeypatch.setattr("tracker.cli.colors.FitOptions", partial(FitOptions, draws=5000))
 
 
 @pytest.fixture(scope="module")

@@ -327,7 +327,9 @@ def test_what_cannot_be_done_is_one_line_and_changes_nothing(command, words, fol
 def files_written(group: click.Group = commands) -> list[Any]:
     """The options of all commands that name a file to write."""
     found = []
-    for name, command in group.commands.items():
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
         own = [param for param in command.params if isinstance(param.type, OutFile)]
         found += [pytest.param(param, id=f"{name} {param.opts[0]}") for param in own]
         found += files_written(command) if isinstance(command, click.Group) else []

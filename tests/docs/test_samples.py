@@ -178,10 +178,10 @@ def quickly(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     # Plain pictures must not be taken for those that the gate measures.
     monkeypatch.setenv("TRACKER_BENCHMARK_CACHE", str(tmp_path / "scenes"))
     monkeypatch.setattr("synthetic.export.dataset.run_tasks", lambda *given: run_tasks(*given[:2], 1))
-    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
+    monkeypatch.setattr("tracker.cli.batch.processes", lambda _: nullcontext(here))
     monkeypatch.setattr("benchmarks.score.metrics.RESAMPLES", 39)
     monkeypatch.setattr("benchmarks.program.QUICK", 3)
-    monkeypatch.setattr("tracker.color_learning.fit.FitOptions", partial(FitOptions, draws=5000))
+    monkeypatch.setattr("tracker.cli.colors.FitOptions", partial(FitOptions, draws=5000))
     other = {"frames": 10, "rounds": 2, "speed": 1.5}
     for option in (*adapt.params, *live.params):
         monkeypatch.setattr(option, "default", other.get(option.name, option.default))

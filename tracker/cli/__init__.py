@@ -1,7 +1,7 @@
 """The command line: parse, call, print.
 
 Errors are one line on stderr that starts with `tracker: `; EXIT_CODES describes the exit codes.
-Commands import what they need when they run, so that `--help` is quick.
+A command's module is imported when the command is used, so that `tracker --help` is quick.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from importlib import import_module
 from typing import NoReturn
 
 import click
-from click.shell_completion import shell_complete
+from click.shell_completion import CompletionItem, shell_complete
 
-from tracker.cli import batch, calibrate, colors, demo, doctor, export, info, live, score, stills, track
 from tracker.cli.terminal import say
 from tracker.errors import NotBetterError, TrackerError, reason
 from tracker.processes import ended_by_signals, exit_code
@@ -43,33 +43,51 @@ def _print_version(context: click.Context, _: click.Parameter, requested: bool) 
     context.exit()
 
 
-class _InTheirOrder(click.Group):
-    """Lists its commands in the order in which users need them."""
+_COMMANDS = {
+    "demo": ("demo", "Find a cube in a recording that comes with the package."),
+    "detect": ("stills", "Find an object in one IMAGE per camera."),
+    "track": ("track", "Find an object's pose in every frame of a recording."),
+    "view": ("export", "Show a recording in time and space."),
+    "live": ("live", "Track an object while cameras run."),
+    "batch": ("batch", "Find an object's pose in thousands of recordings."),
+    "info": ("info", "Show what is in a recording or in a file of poses."),
+    "export": ("export", "Write poses as CSV, Parquet, TUM, BOP, film or plot."),
+    "convert": ("export", "Write a recording and its calibration in another format."),
+    "dice": ("stills", "Find the dice in one IMAGE per camera, and the error."),
+    "score": ("score", "Compute the rewards of a job's folder for its task."),
+    "calibrate": ("calibrate", "Calibrate cameras; check and mend calibrations."),
+    "colors": ("colors", "Fit, learn and check the colours of objects."),
+    "doctor": ("doctor", "Find problems of this machine, and their remedies."),
+}
+"""Module and short help of each command, in the order in which users need them."""
+
+
+class _Commands(click.Group):
+    """The commands of _COMMANDS, listed and completed without importing them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.commands)
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        found: click.Command = getattr(import_module(f"tracker.cli.{_COMMANDS[cmd_name][0]}"), cmd_name)
+        return found
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        fitting = (name for name in _COMMANDS if name.startswith(incomplete))
+        found = [CompletionItem(name, help=_COMMANDS[name][1]) for name in fitting]
+        return found + click.Command.shell_complete(self, ctx, incomplete)
 
 
 @click.group(
-    cls=_InTheirOrder,
+    cls=_Commands,
     no_args_is_help=False,  # click would report an error of several lines
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    commands=[
-        demo.demo,
-        stills.detect,
-        track.track,
-        export.view,
-        live.live,
-        batch.batch,
-        info.info,
-        export.export,
-        export.convert,
-        stills.dice,
-        score.score,
-        calibrate.calibrate,
-        colors.colors,
-        doctor.doctor,
-    ],
     epilog="\b\nExit codes:\n" + "\n".join(f"  {code:<4} {what}" for code, what in EXIT_CODES.items()),
 )
 @click.option(

@@ -7,21 +7,24 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from tracker.batch.jobs import Scheduler, describe, do_share
+from tracker.batch.results import FAILURES
+from tracker.batch.run import Batch, only_run, read_batch, run_batch, unfinished
+from tracker.batch.stores import Retracking, are_stores
+from tracker.batch.tables import State, state, write_tables
+from tracker.batch.workers import cores, dask_workers, processes
+from tracker.calibration.files import robots_in
 from tracker.cli import options
 from tracker.cli.options import argument, command, flag, option, several
 from tracker.cli.outputs import InFile, OutFolder
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import LogError
-
-if TYPE_CHECKING:
-    from tracker.batch.jobs import Scheduler
-    from tracker.batch.run import Batch
-    from tracker.batch.tables import State
-    from tracker.recordings import Options
+from tracker.recordings import Options
+from tracker.warm_up import warm_up
 
 
 @click.group(no_args_is_help=False)
@@ -80,8 +83,6 @@ def run(
     DIR` shows the progress, also of HTCondor and Slurm. Parquet and --scheduler need python3 -m pip install
     -e '.[cluster]'. See docs/batch.md.
     """
-    from tracker.batch.stores import Retracking
-
     planned = _planned(recordings, output, asked.options(), robot)
     if engine.submits is None:
         _run(planned, engine, as_csv, quiet)
@@ -93,10 +94,6 @@ def run(
 
 def _planned(recordings: tuple[str, ...], output: Path, asked: Options, robot: str | None) -> Batch:
     """Plan the work, by episodes if the recordings are image stores of several robots."""
-    from tracker.batch.run import Batch
-    from tracker.batch.stores import Retracking, are_stores
-    from tracker.calibration.files import robots_in
-
     one_folder = len(asked.calibration) == 1 and asked.pattern is None
     if one_folder and robots_in(Path(asked.calibration[0])):
         if are_stores(recordings, output):
@@ -109,12 +106,6 @@ def _planned(recordings: tuple[str, ...], output: Path, asked: Options, robot: s
 
 
 def _run(batch: Batch, engine: Engine, as_csv: bool, quiet: bool) -> None:
-    from tracker.batch.results import FAILURES
-    from tracker.batch.run import only_run, run_batch
-    from tracker.batch.stores import Retracking
-    from tracker.batch.tables import state, write_tables
-    from tracker.batch.workers import cores, dask_workers, processes
-
     work = batch.work()  # report faults before anything begins
     count = min(engine.jobs or cores(), len(batch.pairs))
     failures: dict[str, str] = {}
@@ -155,10 +146,6 @@ def _run(batch: Batch, engine: Engine, as_csv: bool, quiet: bool) -> None:
 
 
 def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> None:
-    from tracker.batch.jobs import describe
-    from tracker.batch.run import only_run, unfinished
-    from tracker.warm_up import warm_up
-
     tasks = list(unfinished(batch.work(), lambda: None))
     if not tasks:
         if not quiet:
@@ -188,9 +175,6 @@ def status(
 
     DIR is the folder of its results.
     """
-    from tracker.batch.run import read_batch
-    from tracker.batch.tables import state, write_tables
-
     batch = read_batch(folder)
     found = state(batch)
     if write or as_csv:
@@ -205,8 +189,6 @@ def status(
 @command(batch, hidden=True)
 def share(list_path: Path = argument("LIST", InFile()), number: int = argument("N", int)) -> None:
     """Do the Nth job of a LIST: jobs of HTCondor and Slurm run this."""
-    from tracker.batch.jobs import do_share
-
     failed = do_share(list_path, number)
     if failed:
         say(f"{failed} recordings failed")

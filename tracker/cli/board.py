@@ -9,24 +9,27 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 import tracker
+from tracker.calibration.board import sighting
+from tracker.calibration.board.board import Board, page_of
+from tracker.calibration.board.board import printed as content_of
+from tracker.calibration.board.extrinsics import Photo, Placed, place_cameras
+from tracker.calibration.board.intrinsics import Lens, fit_lens
+from tracker.calibration.board.sighting import BoardView, rms, squares_shown
+from tracker.calibration.files import Calibrated, calibration_text, file_name, read_all_calibrated
 from tracker.cli.options import Range, command, file_option, flag, numbers, option, several
 from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording, refuse_repeated
 from tracker.cli.stills import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
+from tracker.color_learning.labelled import read_image
+from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
-
-if TYPE_CHECKING:
-    from tracker.calibration.board.board import Board
-    from tracker.calibration.board.extrinsics import Photo, Placed
-    from tracker.calibration.board.intrinsics import Lens
-    from tracker.calibration.board.sighting import BoardView
-    from tracker.calibration.files import Calibrated
-    from tracker.conventions import FloatArray
+from tracker.files import told_as, write_together, write_whole
+from tracker.geometry.camera import check_name
+from tracker.viz.calibration import residual_picture
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,6 @@ class Printed:
 
     def board(self, legacy: bool = False) -> Board:
         """Make the board; UsageError if --squares cannot be read, CalibrationError for an invalid board."""
-        from tracker.calibration.board.board import Board
-
         sizes = re.fullmatch(r"(\d{1,4})[x×X](\d{1,4})", self.squares)
         if sizes is None:
             raise click.UsageError(f"--squares {self.squares!r}: expected columns and rows, e.g. 5x7")
@@ -54,9 +55,6 @@ def _sightings_of(
     paths: Sequence[Path], board: Board
 ) -> tuple[Board, list[BoardView | None], dict[str, str]]:
     """Return the board with the pattern seen, its view in each photo, and why some photos show none."""
-    from tracker.calibration.board import sighting
-    from tracker.color_learning.labelled import read_image
-
     with silent_libraries():
         images = [read_image(path) for path in paths]
     board = sighting.pattern_seen(images, board)
@@ -93,8 +91,6 @@ def _naming(faults: Mapping[str, str]) -> Iterator[None]:
 
 def _draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray, FloatArray, bool]]) -> None:
     """Draw the residuals in the photos of a camera, see `residual_picture`."""
-    from tracker.viz.calibration import residual_picture
-
     camera, used = calibrated.camera, sum(counts for *_, counts in photos)
     picture = residual_picture(f"{camera.name}, {used} photos", (camera.width, camera.height), photos)
     tracker.viz.write_image(path, picture)
@@ -131,9 +127,6 @@ class Smaller:
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
         """Write all files for the cameras and list them; CalibrationError if --crop exceeds the image."""
-        from tracker.calibration.files import calibration_text
-        from tracker.files import told_as, write_together
-
         texts: dict[Path, str] = {}
         for calibrated, path in cameras:
             files, last, suffix = [(path, calibrated)], calibrated, ""
@@ -167,10 +160,6 @@ def board(
     Print at 100 %, without fitting to the page, on something that stays flat. Then measure a row of squares:
     its length, divided by their number, is --square of the other commands.
     """
-    from tracker.calibration.board.board import page_of
-    from tracker.calibration.board.board import printed as content_of
-    from tracker.files import write_whole
-
     page = page_of(printed.board(legacy))
     write_whole(output, content_of(page, output.suffix.lower()))
     click.echo(f"{output}: {page.board}, on a page of {page.width:g}x{page.height:g} mm")
@@ -195,9 +184,6 @@ def intrinsics(
     near and far, out to the image's corners. Photos must be sharp, with the focus that the camera will keep.
     Each photo is checked against a lens fitted without it. Those that do not fit are listed and left out.
     """
-    from tracker.calibration.board.intrinsics import fit_lens
-    from tracker.geometry.camera import check_name
-
     check_name(name, "--name", CalibrationError)
     refuse_repeated(images)
     board = printed.board()
@@ -212,8 +198,6 @@ def intrinsics(
 
 
 def _lens_table(lens: Lens, faults: dict[str, str]) -> str:
-    from tracker.calibration.board.sighting import rms
-
     rows = [["photo", "corners", "dropped", "blur [px]", "RMS [px]", "left out [px]"]]
     for one in lens.photos:
         numbers = [len(one.sighting), one.dropped]
@@ -287,9 +271,6 @@ def extrinsics(
     board lies face up, at --center, --height and --yaw. In the others, it may be anywhere. More places make
     the result more accurate.
     """
-    from tracker.calibration.board.extrinsics import place_cameras
-    from tracker.calibration.files import file_name, read_all_calibrated
-
     lenses = read_all_calibrated(intrinsics, pattern)
     names = [lens.camera.name for lens in lenses]
     plots = [] if plot is None else [plot / f"{name}.png" for name in names]
@@ -337,8 +318,6 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
 
 def _placed_tables(placed: Placed, faults: dict[str, str]) -> list[str]:
     """Return a table of the photos and one of the cameras."""
-    from tracker.calibration.board.sighting import rms
-
     photos = [["photo", "corners", "blur [px]", "RMS [px]"]]
     for at, residuals in placed.residuals.items():
         seen = placed.sightings[at]
@@ -356,8 +335,6 @@ def _placed_tables(placed: Placed, faults: dict[str, str]) -> list[str]:
 
 def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[str]]:
     """Note if only part of the board is seen: the centre of a smaller board would be elsewhere."""
-    from tracker.calibration.board.sighting import squares_shown
-
     first = [one for (_, place), one in sightings.items() if place == 0]
     columns, rows = shown = squares_shown(first, board) if first else (board.columns, board.rows)
     if shown == (board.columns, board.rows):

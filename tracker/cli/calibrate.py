@@ -8,11 +8,20 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import numpy as np
 
 import tracker
+from tracker.calibration import files
+from tracker.calibration.by_object.check import DEPTH, FOCAL, LIMIT, CalibrationCheck
+from tracker.calibration.by_object.check import check as look
+from tracker.calibration.by_object.refine import Refined, refine_cameras
+from tracker.calibration.by_object.sightings import Footage
+from tracker.calibration.by_object.table import FoundTable, find_table
+from tracker.calibration.files import Calibrated, focal_deviations, halved_by_rows
+from tracker.calibration.rig import save_rig
 from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
 from tracker.cli.options import command, file_option, flag, option, several
@@ -20,27 +29,21 @@ from tracker.cli.outputs import DRAWN, OutFolder, Recording, is_recording
 from tracker.cli.stills import NO_IMAGE, read_images
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import CalibrationError, ImageError, TrackerError
+from tracker.logs.opening import calibration_files
+from tracker.objects.model import to_toml
+from tracker.summaries.remarks import OUT_OF_VIEW, in_view
+from tracker.viz.calibration import check_picture
+from tracker.viz.image_files import write_image
 
-if TYPE_CHECKING:
-    from tracker.calibration.by_object.check import CalibrationCheck
-    from tracker.calibration.by_object.refine import Refined
-    from tracker.calibration.by_object.sightings import Footage
-    from tracker.calibration.by_object.table import FoundTable
-    from tracker.calibration.files import Calibrated
-
-    Opened = tuple[
-        tracker.CuboidModel, list[Footage], tracker.CameraRig, tracker.ColorModel, Callable[[int], None]
-    ]
+Opened = tuple[
+    tracker.CuboidModel, list[Footage], tracker.CameraRig, tracker.ColorModel, Callable[[int], None]
+]
 
 MANY = 20
 """Number of looks below which a calibration that fits may not."""
 
 
-@click.group(
-    no_args_is_help=False,
-    commands=(board, intrinsics, extrinsics),
-    short_help="Calibrate cameras; check and mend calibrations.",
-)
+@click.group(no_args_is_help=False, commands=(board, intrinsics, extrinsics))
 def calibrate() -> None:
     """Make a calibration from photos of a board, or correct one with a known object.
 
@@ -62,9 +65,6 @@ class Filmed:
     @contextmanager
     def opened(self) -> Iterator[Opened]:
         """Open all inputs for the `with` block; TrackerError if one is invalid."""
-        from tracker.calibration.by_object.sightings import Footage
-        from tracker.summaries.remarks import OUT_OF_VIEW, in_view
-
         model, colors = self.subject.load()
         pictures = [path for path in self.inputs if path == NO_IMAGE or not is_recording(path)]
         rig = self.cameras.load() if self.cameras.calibration else None
@@ -96,11 +96,6 @@ class Filmed:
 
     def files(self, rig: tracker.CameraRig) -> dict[Path, Calibrated]:
         """Return the files that the cameras of an opened rig were read from, and what they hold."""
-        import numpy as np
-
-        from tracker.calibration import files
-        from tracker.logs.opening import calibration_files
-
         paths = [Path(path) for path in self.cameras.calibration]
         if len(paths) == 1 and paths[0].is_dir():
             paths = files.calibration_files(paths[0], self.cameras.pattern)
@@ -163,9 +158,6 @@ def check(
     Also prints the errors that the files' deviations predict, and the possible depth error of each camera.
     The exit code is 1 if the calibration does not fit.
     """
-    from tracker.calibration.by_object.check import check as look
-    from tracker.calibration.files import focal_deviations, halved_by_rows
-
     with filmed.opened() as (model, footage, rig, colors, progress):
         files = filmed.files(rig)
         found = look(model, footage, rig, colors, progress, focal_deviations(files.values()))
@@ -174,9 +166,6 @@ def check(
     halved = filter(halved_by_rows, () if filmed.cameras.correct_halved_principal_point else files)
     warnings = [*found.warnings, *(f"{path}: {fault}: {remedy}" for path in halved)]
     if plot is not None:
-        from tracker.viz.calibration import check_picture
-        from tracker.viz.image_files import write_image
-
         write_image(plot, check_picture(found, rig))
     if as_json:
         click.echo(json.dumps(_plain(found, warnings), allow_nan=False))
@@ -188,8 +177,6 @@ def check(
 
 def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
     """Return the result as plain numbers; None for unknown ones."""
-    from tracker.calibration.by_object.check import DEPTH, FOCAL
-
     cameras = []
     for one in found.cameras:
         focal, corners = one.focal, vars(one.corners)
@@ -222,8 +209,6 @@ def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
 
 
 def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
-    from tracker.calibration.by_object.check import DEPTH, FOCAL
-
     def number(value: float, digits: int) -> str:
         return "" if math.isnan(value) else f"{value:.{digits}f}"
 
@@ -252,8 +237,6 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
 
 
 def _verdict(found: CalibrationCheck) -> str:
-    from tracker.calibration.by_object.check import LIMIT
-
     disagree = f"cameras disagree by {1e3 * found.miss:.1f} mrad (median; limit {1e3 * LIMIT:.1f})"
     if found.fits:
         few = f"; few looks: {found.looks}" if found.looks < MANY else ""
@@ -292,10 +275,6 @@ def refine(
     Also writes object.toml with the object's rim: how far inside the nominal edges its colours end. Give this
     file as --object from then on.
     """
-    from tracker.calibration.by_object.refine import refine_cameras
-    from tracker.calibration.files import Calibrated
-    from tracker.calibration.rig import save_rig
-
     with filmed.opened() as (model, footage, rig, colors, progress):
         found = refine_cameras(model, footage, rig, colors, focal=focal, most=frames, progress=progress)
     model = replace(model, colors=filmed.subject.colors or model.colors)
@@ -310,15 +289,11 @@ def refine(
 
 def object_text(model: tracker.CuboidModel, rim: tuple[float, float]) -> str:
     """Return the text of an object's file with a new rim and its standard deviation [m]."""
-    from tracker.objects.model import to_toml
-
     colors = str(Path(model.colors).resolve()) if Path(model.colors).is_file() else model.colors
     return to_toml(replace(model, colors=colors, rim=max(rim[0], 0.0), rim_std=rim[1]))
 
 
 def _refined(found: Refined, focal: bool, output: Path) -> str:
-    import numpy as np
-
     rows = [["against the mean", "moved [mm]", "±", "turned [°]", "±", *(["focal", "center [px]"] * focal)]]
     for camera, moved, std, lens in zip(found.rig, found.moved, found.std, found.lenses, strict=True):
         shift, turn = 1e3 * np.linalg.norm(moved[:3]), np.degrees(np.linalg.norm(moved[3:]))
@@ -354,9 +329,6 @@ def table_command(filmed: Filmed, output: Path = _output) -> None:
     The object must rest in at least five places, spread over the table, on any face, seen by at least two
     cameras. You may hold, lift and carry it in between.
     """
-    from tracker.calibration.by_object.table import find_table
-    from tracker.calibration.rig import save_rig
-
     with filmed.opened() as given:
         found = find_table(*given)
     save_rig(found.rig, output, filmed.lenses(given[2]))
@@ -365,8 +337,6 @@ def table_command(filmed: Filmed, output: Path = _output) -> None:
 
 
 def _table_found(found: FoundTable, output: Path) -> str:
-    import numpy as np
-
     plane = found.plane
     used, still, (height, tilt) = np.count_nonzero(plane.used > 0.5), len(plane.used), plane.std
     slopes = np.degrees(np.arctan(plane.slope))

@@ -6,26 +6,28 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
 import tracker
 from tracker.cli import options
+from tracker.cli.colors_report import print_counts, report
 from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import InFile, OutFile, Recording
 from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
+from tracker.color_learning.adapt import Adapted, from_names, nearest
+from tracker.color_learning.adapt import adapt as learn_colors
+from tracker.color_learning.fit import FitOptions, combine, image_histograms
+from tracker.color_learning.labelled import LabelledImage, read_labelled
+from tracker.color_learning.lessons import FEWEST_FRAMES, Frames, frames_of, shares
 from tracker.errors import ColorModelError, ImageError
 from tracker.files import write_whole
-
-if TYPE_CHECKING:
-    from tracker.color_learning.adapt import Adapted
-    from tracker.color_learning.labelled import LabelledImage
-    from tracker.color_learning.lessons import Frames
+from tracker.objects.model import face_labels_of, object_names, to_toml
 
 
-@click.group(no_args_is_help=False, short_help="Fit, learn and check the colours of objects.")
+@click.group(no_args_is_help=False)
 def colors() -> None:
     """Fit a colour model to labelled images, and measure one.
 
@@ -55,8 +57,6 @@ class Lesson:
 
     def footage(self) -> list[Frames]:
         """Read frames from the recordings; TrackerError if that fails or there are too few."""
-        from tracker.color_learning.lessons import FEWEST_FRAMES, frames_of, shares
-
         lengths, found = [], 0
         result: list[Frames] = []
         for path in self.recordings:
@@ -79,9 +79,6 @@ class Lesson:
         first: bool = False,
     ) -> None:
         """Learn colours from the frames and write the model; print one line per round. first: see `adapt`."""
-        from tracker.color_learning.adapt import adapt as learn_colors
-        from tracker.color_learning.fit import FitOptions
-
         say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
         draws, name = FitOptions(seed=self.seed), self.output.stem
         learned = learn_colors(
@@ -106,8 +103,6 @@ def adapt(
 
     Give the file to `--colors` of other commands, or name it in the object's TOML file.
     """
-    from tracker.color_learning.adapt import nearest
-
     model = tracker.load_object(object_name)
     start = tracker.load_colors(colors_name) if colors_name is not None else None
     footage = lesson.footage()
@@ -131,9 +126,6 @@ def new(
     continues like `adapt`, but keeps the start if nothing is gained. Also writes the object's TOML file,
     unless --object gives one. Use its path wherever an object's name goes.
     """
-    from tracker.color_learning.adapt import from_names
-    from tracker.objects.model import to_toml
-
     description = lesson.output.with_suffix(".toml")
     if known is not None and (size is not None or faces is not None):
         raise click.UsageError("found --object with --size or --faces, expected one or the other")
@@ -151,10 +143,6 @@ def described(
     output: Path, size: tuple[float, float, float] | None, faces: str | None
 ) -> tracker.CuboidModel:
     """Return the object given by --size and --faces; its name and colours are those of the output."""
-    import numpy as np
-
-    from tracker.objects.model import face_labels_of, object_names
-
     if size is None or faces is None:
         raise click.UsageError("expected --size and --faces, or --object")
     if output.stem in object_names():
@@ -196,8 +184,6 @@ class Fitting:
 
     def to(self, images: Sequence[LabelledImage]) -> Callable[[Sequence[int], str], tracker.ColorModel]:
         """Return a function that fits a model with a given name to the images with given indices."""
-        from tracker.color_learning.fit import FitOptions, combine, image_histograms
-
         draws, normalise = FitOptions(seed=self.seed), not self.rendered
         read = functools.partial(image_histograms, normalise=normalise)
         own = [read(image, draws) for image in images]
@@ -221,8 +207,6 @@ def fit(
 
     Give its file to `tracker detect --colors`, or name it in the object's TOML file.
     """
-    from tracker.cli.colors_report import print_counts
-
     if output is None:
         if name is None:
             raise click.UsageError("found neither --name nor -o, expected one of them")
@@ -256,8 +240,6 @@ def check(
     Also prints which colours are confused, how close they are to each other and to the light, and which
     colours would be easier to distinguish.
     """
-    from tracker.cli.colors_report import report
-
     if (name is not None) == cross_validate:
         raise click.UsageError("expected either --colors NAME or --cross-validate")
     if not cross_validate and (fitting.others or fitting.rendered):
@@ -275,7 +257,5 @@ def check(
 
 
 def _read(folders: Sequence[str]) -> list[LabelledImage]:
-    from tracker.color_learning.labelled import read_labelled
-
     with silent_libraries():
         return [image for folder in folders for image in read_labelled(folder)]

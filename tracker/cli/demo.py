@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import click
+import numpy as np
 
 import tracker
 from tracker.cli.options import command, option
@@ -19,7 +20,7 @@ from tracker.files import told_as, whole_file
 DATA = Path(__file__).parents[1] / "demo"
 
 
-@command(short_help="Find a cube in a recording that comes with the package.")
+@command()
 def demo(
     output: Path = option(
         "DIR",
@@ -35,8 +36,6 @@ def demo(
     the recording, its calibration, and overlay.png: the first images with the pose drawn in. If the command
     is interrupted, there is no folder.
     """
-    import numpy as np
-
     if output.exists():
         raise TrackerError(f"{output}: exists already; delete it, or name another folder with -o DIR")
     truths = json.loads((DATA / "truth.json").read_text(encoding="utf-8"))
@@ -79,8 +78,6 @@ def _copied(source: Path, target: Path) -> Path:
 
 def _error(pose: tracker.PoseEstimate | None, truth: dict[str, list[float]]) -> tuple[float, float]:
     """Return distance [mm] and angle [deg] from the ground truth; NaN without a pose."""
-    import numpy as np
-
     if pose is None:
         return math.nan, math.nan
     so3 = tracker.geometry.so3

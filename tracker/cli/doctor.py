@@ -50,7 +50,7 @@ class Finding(NamedTuple):
     """Empty if all is well."""
 
 
-@click.command(short_help="Find problems of this machine, and their remedies.")
+@click.command()
 def doctor() -> None:
     """Check this machine: versions, compiled code, OpenGL, extras, speed.
 

@@ -8,21 +8,31 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import numpy as np
 
 import tracker
+from tracker.calibration.by_object.health import Sample, sample
 from tracker.cli import options
 from tracker.cli.options import argument, command, file_option, flag, option
 from tracker.cli.outputs import AnyPath, InFile, Recording, refuse_overwriting, require_folder
 from tracker.cli.terminal import bar, say
-
-if TYPE_CHECKING:
-    from tracker.calibration.by_object.health import Sample
-    from tracker.conventions import Array, Image
-    from tracker.logs import LogFrame
-    from tracker.poses.columns import MeasuredColumns
+from tracker.conventions import Array, Image
+from tracker.logs import LogFrame, read_robot_log
+from tracker.logs.folder import write_folder
+from tracker.logs.hdf5_writer import write_hdf5
+from tracker.logs.opening import fitted_to
+from tracker.objects.model import object_names
+from tracker.poses.columns import MeasuredColumns
+from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
+from tracker.poses.file import is_poses_file
+from tracker.recordings.track import answers
+from tracker.summaries.summary import best_kind, refuse_others
+from tracker.tracking.cameras import slow
+from tracker.viz.image_files import film_rate, write_log_film
+from tracker.viz.rerun_viewer import open_scene, require_rerun
 
 
 @dataclass(frozen=True)
@@ -55,9 +65,6 @@ class Outputs:
         more: dict[str, Array] | None = None,
     ) -> None:
         """Write all files except the film; the table includes `more`, and the corners of a given object."""
-        from tracker.poses.exports import write_bop, write_csv, write_tum
-        from tracker.summaries.summary import best_kind
-
         kind = best_kind(poses)
         if self.csv is not None:
             write_csv(self.csv, poses, keypoints_of=keypoints_of, more=more)
@@ -79,8 +86,6 @@ def write_tracked_film(
     rig: tracker.CameraRig | None = None,
 ) -> None:
     """Write a film of the tracked frames; `rig`: the cameras in the log's order, by default the poses'."""
-    from tracker.viz.image_files import film_rate
-
     rows = {index: row for row, index in enumerate(poses.index.tolist())}
 
     def pictures() -> Iterator[Image]:
@@ -100,8 +105,6 @@ def poses_of(path: Path, object_name: str | None) -> tuple[tracker.Poses, tracke
     """Read poses and load their object, as `object_name` if given; UsageError if that is another object."""
     poses = tracker.read_poses(path)
     its = poses.about.object_name
-    from tracker.objects.model import object_names
-
     if object_name is None and its not in object_names():
         raise click.UsageError(f"--object: expected the TOML file of {its!r}, of which {path} has poses")
     model = tracker.load_object(object_name or its)
@@ -128,20 +131,16 @@ def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
 
 def _widest() -> tracker.Observation:
     """Return an observation with the tallest caption that can occur."""
-    import numpy as np
-
     pose = tracker.PoseEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0)
     return tracker.Observation(pose, None, max(tracker.Status, key=lambda status: len(status.value)))
 
 
 def _of_height(picture: Image, height: int) -> Image:
     """Crop or pad an image to a height: captions wrap, but a film's images must have one size."""
-    import numpy as np
-
     return np.pad(picture[:height], ((0, max(0, height - len(picture))), (0, 0), (0, 0)), mode="edge")
 
 
-@command(short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
+@command()
 def export(
     *,
     source: Path = argument("POSES", InFile()),
@@ -157,8 +156,6 @@ def export(
 
     Nothing is tracked again.
     """
-    from tracker.logs import read_robot_log
-
     video = outputs.video
     if not outputs and parquet is None:
         every = "--csv, --parquet, --tum, --bop, --plot or --video"
@@ -178,13 +175,8 @@ def export(
     more = read_robot_log(robot_log).at(poses.timestamp).columns() if robot_log else None
     outputs.write(poses, corners_of, more)
     if parquet is not None:
-        from tracker.poses.exports import write_parquet
-
         write_parquet(parquet, poses, keypoints_of=corners_of, more=more)
     if video is not None and log is not None and model is not None:
-        from tracker.logs.opening import fitted_to
-        from tracker.summaries.summary import refuse_others
-
         with tracker.open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
             rig = fitted_to(log, opened, poses.about.rig)
             refuse_others(source, poses, log, opened)
@@ -211,10 +203,6 @@ def convert(
     Colour images become the mosaic that the platform's cameras would have recorded. A folder of images
     (one PNG per camera) keeps frames' numbers, stamps and the calibration, too.
     """
-    from tracker.logs.folder import write_folder
-    from tracker.logs.hdf5_writer import write_hdf5
-    from tracker.viz.image_files import write_log_film
-
     refuse_overwriting({"-o": output}, (source,), cameras.calibration)
     suffix = output.suffix.lower()
     if suffix not in (".h5", ".hdf5", ".mp4", ""):
@@ -248,7 +236,7 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 """Arguments of `Scene.show` for each frame."""
 
 
-@command(short_help="Show a recording in time and space.")
+@command()
 def view(
     *,
     source: Path = argument("RECORDING|POSES", Recording()),
@@ -271,10 +259,6 @@ def view(
 
     The viewer is Rerun: python3 -m pip install -e '.[rerun]'. `rerun FILE.rrd` opens a file.
     """
-    from tracker.poses.file import is_poses_file
-    from tracker.recordings.track import answers
-    from tracker.viz.rerun_viewer import open_scene, require_rerun
-
     require_rerun()
     target = _target(source, output)
     with ExitStack() as stack:
@@ -309,9 +293,6 @@ def _of_poses(
     stack: ExitStack, source: Path, log: Path | None, object_name: str | None, part: options.Part, every: int
 ) -> tuple[tracker.CuboidModel, tracker.CameraRig, int, _Frames]:
     """Return object, cameras, number of frames, and frames with images of `log`, which `stack` closes."""
-    from tracker.logs.opening import fitted_to
-    from tracker.summaries.summary import refuse_others
-
     poses, model = poses_of(source, object_name)
     numbers = poses.index.tolist()
     chosen = part.of(source, numbers[-1] + 1 if numbers else 0)[::every]
@@ -332,9 +313,6 @@ def _looked_at(
     finder: tracker.ObjectTracker, answered: Iterable[tuple[LogFrame, tracker.Observation]]
 ) -> _Frames:
     """Yield frames with the tracker's results, images, and samples of rig health."""
-    from tracker.calibration.by_object.health import sample
-    from tracker.tracking.cameras import slow
-
     for frame, answer in answered:
         motion = answer.filtered_object_pose
         look = sample(finder, frame.images, still=motion is not None and slow(motion.velocity))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 import tracker
 from tracker.cli import options
@@ -14,6 +15,9 @@ from tracker.cli.options import argument, command, flag
 from tracker.cli.outputs import InFile
 from tracker.cli.terminal import bar, listing
 from tracker.errors import TrackerError
+from tracker.logs.opening import fitted_to
+from tracker.poses.file import is_poses_file
+from tracker.summaries.remarks import OUT_OF_VIEW, in_view
 
 _GAP = 1.5  # a time between frames is a gap if it exceeds this multiple of the median
 
@@ -29,8 +33,6 @@ def info(
     Reads all of it: format, frames, cameras and sizes, stamps and gaps, missing images, poses, and whether
     the calibration in or beside a recording fits its cameras and sizes.
     """
-    from tracker.poses.file import is_poses_file
-
     if is_poses_file(source):
         found = _of_poses(tracker.read_poses(source))
     else:
@@ -43,11 +45,6 @@ def info(
 
 
 def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
-    import numpy as np
-
-    from tracker.logs.opening import fitted_to
-    from tracker.summaries.remarks import OUT_OF_VIEW, in_view
-
     stamps: list[float] = []
     without = dict.fromkeys(log.camera_names, 0)
     poses = 0
@@ -83,8 +80,6 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
 
 
 def _of_poses(poses: tracker.Poses) -> dict[str, Any]:
-    import numpy as np
-
     names, counts = np.unique(poses.status, return_counts=True)
     recorded = poses.recorded
     return {
@@ -109,8 +104,6 @@ def _of_poses(poses: tracker.Poses) -> dict[str, Any]:
 
 def _times(stamps: tracker.conventions.FloatArray) -> dict[str, Any]:
     """Return first timestamp and duration [s], usual rate [Hz], gaps, and number of repeated timestamps."""
-    import numpy as np
-
     steps = np.diff(stamps)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else None
     return {

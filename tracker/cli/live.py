@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
+import cv2
 
 import tracker
 from tracker.cli import options
@@ -20,10 +21,10 @@ from tracker.cli.outputs import InFile, Recording
 from tracker.cli.terminal import say
 from tracker.errors import LiveError
 from tracker.files import on_error
+from tracker.live.sources import CAMERAS, FORMS, SIMULATION
 from tracker.processes import Ended
 
 _POSITIVE = Range(0, min_open=True)
-_CAMERAS = ("pylon", "opencv")  # the same as in tracker.live.sources, which is not imported for --help
 
 
 @dataclass(frozen=True)
@@ -39,18 +40,18 @@ class Pace:
     def refuse_what_does_nothing(self, source: str, cameras: options.Cameras) -> None:
         """Raise UsageError for options that have no effect on the source."""
         kind = source.partition(":")[0]
-        recording = kind not in (*_CAMERAS, "simulation")
-        fitting = {"rate": kind in _CAMERAS, "settings": kind == "pylon", "speed": recording}
+        recording = kind not in (*CAMERAS, SIMULATION)
+        fitting = {"rate": kind in CAMERAS, "settings": kind == "pylon", "speed": recording}
         for name, value in vars(self).items():
             if value is not None and not fitting[name]:
                 raise click.UsageError(f"--{name}: has no effect on the source {source}")
-        if kind == "simulation" != source:
+        if kind == SIMULATION != source:
             raise click.UsageError(f"{source}: expected simulation, without a name")
-        if kind == "simulation" and cameras.calibration:
+        if kind == SIMULATION and cameras.calibration:
             raise click.UsageError("--calibration: the simulation has its own, expected none")
-        if kind in _CAMERAS and not cameras.calibration:
+        if kind in CAMERAS and not cameras.calibration:
             raise click.UsageError(f"{source}: expected --calibration")
-        if kind in _CAMERAS and cameras.resize_calibration:
+        if kind in CAMERAS and cameras.resize_calibration:
             raise click.UsageError(
                 f"--resize-calibration: found the cameras of {source}, whose images always have the "
                 "calibration's size"
@@ -139,14 +140,10 @@ def _track(
 def _source(
     source: str, object_name: str, cameras: options.Cameras, pace: Pace
 ) -> tuple[tracker.live.ImageSource, tracker.CameraRig]:
-    from tracker.live.sources import FORMS
-
-    if source == "simulation":
+    if source == SIMULATION:
         simulation = tracker.live.Simulation(object_name)
         return simulation, simulation.rig
-    if source.partition(":")[0] in _CAMERAS:
-        import cv2
-
+    if source.partition(":")[0] in CAMERAS:
         if "OPENCV_LOG_LEVEL" not in os.environ:
             # It would warn each second of a camera that does not open. Before OpenCV 5, it is in cv2 itself.
             getattr(cv2.utils, "logging", cv2).setLogLevel(2)  # errors only

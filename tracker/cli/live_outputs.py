@@ -10,19 +10,20 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 import tracker
 from tracker.cli.options import file_option, flag, option
 from tracker.cli.terminal import listing, say, table
-
-if TYPE_CHECKING:
-    from tracker.live import ImageSource, Moment
-    from tracker.live.listeners import Listener, Recorder
-    from tracker.live.publishers import Publisher
-    from tracker.live.web_page import WebPage
+from tracker.live import ImageSource, Moment
+from tracker.live.camera_check import look_at
+from tracker.live.listeners import Listener, Recorder, RerunView
+from tracker.live.publishers import Publisher, is_lcm, message_of, open_publisher
+from tracker.live.web_page import WebPage
+from tracker.summaries.remarks import swapped
+from tracker.summaries.summary import SURE
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,6 @@ class Requested:
         return any((self.addresses, self.record, self.view, self.rrd, self.page is not None, self.as_json))
 
     def __post_init__(self) -> None:
-        from tracker.live.publishers import is_lcm
-
         if self.public and not self.addresses:
             raise click.UsageError("--public: expected with --publish")
         if self.body is not None and not any(map(is_lcm, self.addresses)):
@@ -69,10 +68,6 @@ class LiveOutputs:
     def __init__(
         self, requested: Requested, source: ImageSource, finder: tracker.ObjectTracker, stack: ExitStack
     ) -> None:
-        from tracker.live.listeners import Recorder, RerunView
-        from tracker.live.publishers import message_of, open_publisher
-        from tracker.live.web_page import WebPage
-
         rig, model = finder.rig, finder.model
         self.recorder: Recorder | None = None
         self.listeners: list[Callable[[Moment], None]] = []
@@ -194,10 +189,8 @@ class Statistics:
         recent = [f"{name or 'stamps'}: {reasons[name]} ({n} of {sets} sets)" for name, n in lately.items()]
         return "  ".join([*parts, *recent])
 
-    def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
+    def summary(self, left_out: int, faults: Sequence[str], recorder: Recorder | None = None) -> str:
         """Return the final summary."""
-        import numpy as np
-
         count = self._statuses.total()
         rows = [["sets of images", f"{count}, {left_out} skipped"]]
         if count:
@@ -240,9 +233,6 @@ class Lookout:
 
     def look(self, moment: Moment | None) -> str | None:
         """Check the newest moment if a check is due; return the warning once, else None."""
-        from tracker.summaries.remarks import swapped
-        from tracker.summaries.summary import SURE
-
         if moment is None:
             return None
         pose, agreed = moment.object_pose, tracker.CameraUse.CONTRADICTING not in moment.cameras
@@ -264,8 +254,6 @@ class Lookout:
 
 def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:
     """Print a table of the cameras and their faults; exit with 1 if there are any."""
-    from tracker.live.camera_check import look_at
-
     looks = look_at(source, rig, seconds or 10.0)
     rows = [["camera", "images", "missing", "late [ms]", "grey level", "clipped [%]", "blur [px]"]]
     for one in looks.cameras:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,9 @@ from click.shell_completion import CompletionItem
 import tracker
 from tracker.cli.outputs import Command, InFile, OutFile
 from tracker.errors import LogError
+from tracker.logs.opening import fitted_to
+from tracker.objects.model import object_names
+from tracker.segmentation.color_model import color_model_names
 
 _SHORT = {"output": ["-o"], "quiet": ["-q"]}
 
@@ -102,13 +105,12 @@ seed = whole("Seed of random choices.", least=0, default=0)
 as_json = flag("Print one JSON object.", name="--json")
 
 
-def _name_or_file(name: str, folder: str, suffix: str, text: str, default: str) -> Any:
-    """Make an option for a name in a folder of the package or a file; shells complete both.
+def _name_or_file(name: str, known: Sequence[str], text: str, default: str) -> Any:
+    """Make an option for a known name or a file; shells complete both.
 
     `text` is the help, with `{}` for the names. The option is required unless `default` says what is used
     without it.
     """
-    known = sorted(path.stem for path in (Path(__file__).parents[1] / folder).glob(f"*{suffix}"))
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         found = [CompletionItem(one) for one in known if one.startswith(incomplete)]
@@ -136,13 +138,13 @@ def numbers(count: int) -> Callable[[str], tuple[float, ...]]:
 
 def object_name(default: str = "") -> Any:
     """Make `--object`; it is required unless `default` says what is used without it."""
-    return _name_or_file("--object", "objects/data", ".toml", "{}, or a TOML file.", default)
+    return _name_or_file("--object", object_names(), "{}, or a TOML file.", default)
 
 
 def colors(default: str = "the object's") -> Any:
     """Make `--colors`; `default` says what is used without it."""
     text = "Colour model: {}, or a file (.npz)."
-    return _name_or_file("--colors", "segmentation/data", ".npz", text, default)
+    return _name_or_file("--colors", color_model_names(), text, default)
 
 
 @dataclass(frozen=True)
@@ -191,8 +193,6 @@ class Cameras:
 
     def rig_of(self, path: Path, log: tracker.Log) -> tracker.CameraRig:
         """Return the rig given by the options, or else the recording's own, see `fitted_to`."""
-        from tracker.logs.opening import fitted_to
-
         correct, resize = self.correct_halved_principal_point, self.resize_calibration
         rig = self.load() if self.calibration else None
         return fitted_to(path, log, rig, correct_halved_principal_point=correct, resize=resize)

@@ -14,6 +14,8 @@ from click.core import augment_usage_errors
 
 from tracker.errors import install
 from tracker.files import check_suffix
+from tracker.logs.layout import STAMPS_FILE
+from tracker.logs.opening import JOB_LOGS, calibration_files, recording_files
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 """Suffixes of images that commands read."""
@@ -154,8 +156,6 @@ def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
 
 
 def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:
-    from tracker.logs.opening import calibration_files, recording_files
-
     for recording in filter(Path.exists, recordings):
         with suppress(OSError):  # opening it reports what cannot be read
             what = "the recording" if is_recording(recording) else "an input"
@@ -173,9 +173,6 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
 def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
     """Refuse outputs that the next run would read as an input folder's recording, or as images of it."""
-    from tracker.logs.layout import STAMPS_FILE
-    from tracker.logs.opening import JOB_LOGS
-
     opened = {os.path.realpath(recording): recording for recording in recordings if recording.is_dir()}
     folders = {real for real, one in opened.items() if not any((one / name).exists() for name in JOB_LOGS)}
     for name, path in files.items():

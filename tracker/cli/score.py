@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import astuple
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import numpy as np
 
 import tracker
 from tracker.cli import options
@@ -16,14 +17,14 @@ from tracker.cli.options import argument, command, flag, option
 from tracker.cli.outputs import InFile
 from tracker.cli.stills import unless_black
 from tracker.cli.terminal import bar, listing
-from tracker.errors import LogError
+from tracker.conventions import Array, FloatArray
+from tracker.errors import LogError, TaskError
+from tracker.summaries.summary import best, goal_file, held, refuse_others, seconds_since_beginning, totals
+from tracker.tasks import rearrange_dice
+from tracker.tasks.job_goal import JobGoal, read_job_goal
 
-if TYPE_CHECKING:
-    from tracker.conventions import Array, FloatArray
-    from tracker.tasks.job_goal import JobGoal
 
-
-@command(short_help="Compute the rewards of a job's folder for its task.")
+@command()
 def score(
     *,
     job: Path = argument("JOB", InFile()),
@@ -40,10 +41,6 @@ def score(
     The task is to move an object, to move it along a trajectory, or to arrange dice. Time counts from the
     recording's first frame. A pose holds until the next frame in which the object is seen.
     """
-    from tracker.errors import TaskError
-    from tracker.summaries.summary import goal_file, totals
-    from tracker.tasks.job_goal import read_job_goal
-
     if goal_path is None and not goal_file(job).is_file():
         raise TaskError(f"{job}: found no {goal_file(job).name} in it, expected one there or --goal")
     goal = read_job_goal(goal_path or goal_file(job))
@@ -78,8 +75,6 @@ def _of_object(
     quiet: bool,
 ) -> tuple[FloatArray, FloatArray, Array]:
     """Return times (n,) [s], rewards (n,) of the poses of all frames, and (n,) whether it was seen."""
-    from tracker.summaries.summary import best, held, seconds_since_beginning
-
     if poses_path is not None:
         if any(astuple(cameras)):
             raise click.UsageError(f"{poses_path}: the calibration is in this file of poses, expected none")
@@ -101,8 +96,6 @@ def _of_object(
 
 def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
     """Raise LogError for poses of another recording, if the job's recording exists."""
-    from tracker.summaries.summary import refuse_others
-
     try:
         log = tracker.open_log(job, recover=True)
     except LogError:
@@ -115,10 +108,6 @@ def _of_dice(
     job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool
 ) -> tuple[FloatArray, FloatArray, Array]:
     """Like `_of_object`; the rewards are minus the number of pixels that show dice outside the goal."""
-    import numpy as np
-
-    from tracker.tasks import rearrange_dice
-
     assert goal.position is not None
     stamps, rewards = [], []
     with tracker.open_log(job) as log, bar(job.name, len(log), quiet) as progress:

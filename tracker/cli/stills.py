@@ -12,20 +12,22 @@ import sys
 import time
 from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import numpy as np
 
 import tracker
 from tracker.cli import options
 from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import DRAWN, InFile, OutFolder, Recording, is_recording, refuse_overwriting
 from tracker.cli.terminal import listing, say, table
+from tracker.color_learning.labelled import read_image
+from tracker.conventions import FloatArray, Image
 from tracker.errors import ImageError, LogError
-
-if TYPE_CHECKING:
-    from tracker.conventions import FloatArray, Image
-    from tracker.tasks.rearrange_dice import Assignment
+from tracker.logs.opening import sized_for
+from tracker.summaries.remarks import DOUBTFUL, likely_cause, off_table
+from tracker.tasks.rearrange_dice import Assignment
 
 NO_IMAGE = "none"  # stands for a missing image
 
@@ -112,9 +114,6 @@ def read_images(
 
     resize: names of the cameras whose calibration may be scaled.
     """
-    from tracker.color_learning.labelled import read_image
-    from tracker.logs.opening import sized_for
-
     images: list[Image | None] = []
     cameras = []
     for path, camera in zip(of_cameras(paths, rig.names), rig, strict=True):
@@ -176,8 +175,6 @@ def detect(
 
     If the object is not found, the status says why. The exit code is 0 even then; with --exit-code it is 1.
     """
-    from tracker.summaries.remarks import DOUBTFUL, likely_cause, off_table
-
     model, colors = subject.load()
     rig, pictures = _one_set(images, cameras, frame)
     finder = tracker.ObjectTracker(model, rig, colors)
@@ -204,8 +201,6 @@ def detect(
 
 
 def _pose_rows(pose: tracker.PoseEstimate) -> list[list[str]]:
-    import numpy as np
-
     std = np.sqrt(np.diag(pose.covariance))
     rows = [["", "".join(f"{axis:>11}" for axis in "xyzw")]]
     for label, values, digits in (
@@ -219,7 +214,7 @@ def _pose_rows(pose: tracker.PoseEstimate) -> list[list[str]]:
     return [*rows, ["confidence", f"{pose.confidence:.4f}, of being within 5 mm and 5°"]]
 
 
-@command(short_help="Find the dice in one IMAGE per camera, and the error.")
+@command()
 def dice(
     *,
     images: tuple[str, ...] = _images,

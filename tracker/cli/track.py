@@ -7,11 +7,16 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import astuple
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import tracker
+from tracker.batch.results import outputs_of
+from tracker.batch.run import Task, described, track_task
+from tracker.batch.workers import engine
+from tracker.calibration.by_object.health import MOST
+from tracker.calibration.by_object.health import health as measured_health
 from tracker.cli import options
 from tracker.cli.export import Outputs, write_tracked_film
 from tracker.cli.options import command, file_option, flag, option, several
@@ -19,10 +24,11 @@ from tracker.cli.outputs import AnyPath, OutFile, OutFolder, Recording, refuse_o
 from tracker.cli.terminal import bar, listing, say
 from tracker.errors import TrackerError, reason
 from tracker.files import write_whole
-
-if TYPE_CHECKING:
-    from tracker.batch.run import Task
-    from tracker.recordings import Job
+from tracker.poses.file import refuse_other_file, refuse_other_object
+from tracker.recordings import Job
+from tracker.recordings.track import chosen, rig_for, run
+from tracker.summaries.summary import to_look_at
+from tracker.viz.calibration import page
 
 CONTRADICTED = 0.02
 """Share of frames with a pose that cameras contradict at which the calibration is reported."""
@@ -52,10 +58,6 @@ def track(
     Poses of the same recording, object, calibration and code are not computed again. Poses of another object
     are not replaced without --overwrite. docs/poses.md describes the files.
     """
-    from tracker.batch.results import outputs_of
-    from tracker.batch.run import Task
-    from tracker.poses.file import refuse_other_file, refuse_other_object
-
     if len(logs) > 1 and (outputs or health):
         raise click.UsageError(f"found {len(logs)} LOGs, expected one for other files than those of poses")
     inside = len(logs) > 1 or output.is_dir()
@@ -81,12 +83,6 @@ def track(
 
 
 def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, quiet: bool) -> None:
-    from tracker.batch.run import described
-    from tracker.calibration.by_object.health import MOST
-    from tracker.calibration.by_object.health import health as measured_health
-    from tracker.recordings.track import chosen, rig_for, run
-    from tracker.viz.calibration import page
-
     log, recipe = job.log, job.recipe
     with tracker.open_log(log, recover=recipe.recover) as opened:
         outputs.check_camera(rig_for(job, opened))
@@ -114,9 +110,6 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
 
 def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> None:
     """Track recordings in parallel, and report on them in order."""
-    from tracker.batch.run import track_task
-    from tracker.batch.workers import engine
-
     waiting, failed = deque(task.output for task in tasks), False
     results: dict[str, dict[str, Any] | Exception] = {}
     with engine(min(jobs, len(tasks))) as workers, bar("recordings", len(tasks), quiet, "recordings") as done:
@@ -154,8 +147,6 @@ def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
-    from tracker.summaries.summary import to_look_at
-
     uses = tracker.CameraUse
     moved = "did it move after its calibration? Is it mirrored, late or swapped with another?"
     remarks = {
