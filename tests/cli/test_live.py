@@ -1,6 +1,7 @@
 import functools
 import json
 import os
+import shutil
 import signal
 import struct
 import time
@@ -8,15 +9,18 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import click
+import cv2
 import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import RIG
 from tests.helpers.command import assert_one_line_error, well
-from tests.helpers.filmed import shots, write_recording
+from tests.helpers.log_writers import write_picture
 from tests.helpers.moments import estimate, moment
+from tracker.cli.demo import DATA
 from tracker.cli.live_outputs import Lookout, Statistics
+
+NAMES = ("camera60", "camera180", "camera300")
 
 
 @pytest.fixture
@@ -24,61 +28,52 @@ def live(run_here):
     return functools.partial(run_here, "live", "--object", "cube_v2")
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    """Eight pictures of one scene, each with noise of its own."""
-    (still,), noise = shots("cube_v2", 1, seed=701), np.random.default_rng(1)
-    many = [[image ^ noise.integers(0, 2, image.shape, np.uint8) for image in still.images] for _ in range(8)]
-    film = [replace(still, images=images) for images in many]
-    return write_recording(tmp_path_factory.mktemp("live") / "recording", film)
-
-
-def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, live):
+def test_a_recording_is_replayed_printed_and_recorded(tmp_path, live):
     target = tmp_path / "log.h5"
-    result = well(live(recording, "--record", target))
+    result = well(live(DATA, "--speed", 2, "--record", target))
     assert "sets of images" in result.stdout
     assert "latency         median" in result.stdout
     with tracker.open_log(target) as log:
         frames = list(log)
-        assert log.camera_names == RIG.names
-    assert 2 <= len(frames) <= 8
+        assert log.camera_names == NAMES
+    assert 2 <= len(frames) <= 20
     assert all(frame.recorded_pose is not None for frame in frames[1:])
 
 
-def test_each_line_of_json_is_a_message(recording, live):
-    result = well(live(recording, "--json", "--speed", "0.5"))
+def test_each_line_of_json_is_a_message(live):
+    result = well(live(DATA, "--json", "--speed", 2))
     messages = [json.loads(line) for line in result.stdout.splitlines()]
     assert len(messages) >= 2
     assert [one["sequence"] for one in messages] == list(range(len(messages)))
     assert messages[-1]["status"] == "tracking"
     assert len(messages[-1]["pose"]["position"]) == 3
     stamps = np.diff([one["timestamp"] for one in messages])
-    assert stamps == pytest.approx(0.2 * np.round(stamps / 0.2), abs=1e-3)
+    assert stamps == pytest.approx(0.05 * np.round(stamps / 0.05), abs=1e-3)
 
 
-def test_messages_that_cannot_be_printed_end_the_command(recording, live, monkeypatch):
+def test_messages_that_cannot_be_printed_end_the_command(live, monkeypatch):
     def print_what_is_no_message(text, *_, err=False, echo=click.echo, **more):
         if not err:
             raise OSError(28, "No space left on device")
         echo(text, err=err, **more)
 
     monkeypatch.setattr("click.echo", print_what_is_no_message)
-    assert_one_line_error(live(recording, "--json"), "output: No space left on device")
+    assert_one_line_error(live(DATA, "--json"), "output: No space left on device")
 
 
-def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, live):
+def test_poses_are_published_by_several_ways_at_once(tmp_path, live):
     lcm = pytest.importorskip("lcm", reason="lcm: no module lcm")
     pytest.importorskip("zmq", reason="live: pyzmq is not installed")
     ways = ("--publish", "tcp://127.0.0.1:*", "--publish", "file://poses.lcm", "--body", "box")
-    result = well(live(recording, "--json", *ways, folder=tmp_path))
+    result = well(live(DATA, "--json", *ways, folder=tmp_path))
     posed = [one for one in map(json.loads, result.stdout.splitlines()) if one["pose"] is not None]
     events = list(lcm.EventLog(str(tmp_path / "poses.lcm")))
     assert len(events) == len(posed) >= 2
     assert {event.channel for event in events} == {"BOX_STATE"}
 
 
-def test_it_ends_on_request(recording, live):
-    result = well(live(recording, "--seconds", "0.5", "--speed", "0.02"))
+def test_it_ends_on_request(live):
+    result = well(live(DATA, "--seconds", "0.5", "--speed", "0.02"))
     assert "sets of images  1," in result.stdout
 
 
@@ -86,7 +81,7 @@ def test_it_ends_on_request(recording, live):
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
 def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
-    number, code, recording, tmp_path, live, monkeypatch
+    number, code, tmp_path, live, monkeypatch
 ):
     def ask(_: float) -> None:
         time.sleep(0.3)
@@ -95,16 +90,16 @@ def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
 
     clock = SimpleNamespace(monotonic=time.monotonic, sleep=ask)
     monkeypatch.setattr("tracker.cli.live.time", clock)
-    result = live(recording, "--speed", "0.1", "--record", tmp_path / "log.h5")
+    result = live(DATA, "--speed", "0.1", "--record", tmp_path / "log.h5")
     assert result.returncode == code
     assert ("sets of images" in result.stdout) == (number == signal.SIGINT)
     with tracker.open_log(tmp_path / "log.h5") as log:
         assert log.fault is None
 
 
-def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, live, monkeypatch):
+def test_cameras_that_never_give_an_image_are_an_error(tmp_path, live, monkeypatch):
     absent = ",".join(f"{tmp_path}/absent{number}.mp4" for number in range(3))
-    arguments = (f"opencv:{absent}", "--calibration", recording)
+    arguments = (f"opencv:{absent}", "--calibration", DATA)
     # However long the machine takes to begin.
     monkeypatch.setattr("tracker.live.cameras.OPENING", 60.0)
     result = live(*arguments, "--seconds", "0.1")
@@ -120,22 +115,21 @@ def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, live
     assert_one_line_error(live(*arguments, "--check"), *names)
 
 
-def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, live, monkeypatch):
+def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(live, monkeypatch):
     monkeypatch.setattr("tracker.live.camera_check.MOST_AGE", 10.0)  # a busy machine takes its time
-    result = well(live(recording, "--check", "--speed", "5"))
+    result = well(live(DATA, "--check", "--speed", "5"))
     assert "nothing is wrong with the cameras" in result.stdout
-    assert all(name in result.stdout for name in RIG.names)
+    assert all(name in result.stdout for name in NAMES)
 
 
 def test_a_check_of_dark_cameras_exits_with_1(tmp_path, live):
-    film = shots("cube_v2", 2, seed=702)
-    for shot in film:
-        shot.images[1] = shot.images[1] // 10
-    path = write_recording(tmp_path / "dark", film)
-    result = live(path, "--check", "--seconds", "5")
+    shutil.copytree(DATA, tmp_path / "dark")
+    for path in (tmp_path / "dark").glob("*/camera180.jpg"):
+        write_picture(path, cv2.imread(str(path)) // 10)
+    result = live(tmp_path / "dark", "--check", "--speed", 5)
     assert result.returncode == 1
-    assert f"{RIG.names[1]}: dark" in result.stdout
-    assert f"{RIG.names[0]}: " not in result.stdout
+    assert "camera180: dark" in result.stdout
+    assert "camera60: " not in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -145,16 +139,14 @@ def test_a_check_of_dark_cameras_exits_with_1(tmp_path, live):
         ("--rrd=view.rrd", "tracker.viz.rerun_scene.Scene.show", "view"),
     ],
 )
-def test_a_file_that_ends_is_reported_even_with_quiet(
-    option, writes, what, recording, tmp_path, live, monkeypatch
-):
+def test_a_file_that_ends_is_reported_even_with_quiet(option, writes, what, tmp_path, live, monkeypatch):
     def refuse(*_):
         raise tracker.errors.LogError("no space is left")
 
     if what == "view":
         pytest.importorskip("rerun", reason="rerun: no module rerun")
     monkeypatch.setattr(writes, refuse)
-    result = live(recording, option, "--quiet", folder=tmp_path)
+    result = live(DATA, option, "--quiet", folder=tmp_path)
     assert result.returncode == 2
     assert (result.stdout, result.stderr) == ("", f"tracker: the {what} has ended: no space is left\n")
 
@@ -219,24 +211,23 @@ def test_lines_end_after_ten_seconds_without_images(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def follower():
-    return tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)
+def shown():
+    """A tracker and a set of images in which it is sure."""
+    with tracker.open_log(DATA) as log:
+        return tracker.ObjectTracker("cube_v2", log.rig), log[7].images
 
 
-@pytest.fixture(scope="module")
-def images():
-    return shots("cube_v2", 1, seed=702)[0].images
-
-
-def test_cameras_in_the_wrong_order_are_reported_once_two_looks_agree(images, follower, monkeypatch):
+def test_cameras_in_the_wrong_order_are_reported_once_two_looks_agree(shown, monkeypatch):
+    follower, images = shown
     monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     one = moment(0, (images[1], images[0], images[2]))
     lookout = Lookout(lambda: follower)
     warnings = [lookout.look(one) for _ in range(3)]
-    assert warnings == [None, f"the images of {RIG.names[0]} and {RIG.names[1]} look swapped", None]
+    assert warnings == [None, "the images of camera60 and camera180 look swapped", None]
 
 
-def test_once_the_object_is_surely_found_nobody_looks_any_more(images, follower, monkeypatch):
+def test_once_the_object_is_surely_found_nobody_looks_any_more(shown, monkeypatch):
+    follower, images = shown
     monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     found = follower.detect(images)
     assert found.object_pose.confidence > 0.9
