@@ -136,7 +136,7 @@ REFUSED = {
         ("job -o job/camera_data.h5", "would be read in place of job"),
         ("imgs -o imgs/camera_data.h5", "would be read in place of imgs"),
         ("cut -o new.h5", "camera_data.dat"),
-        ("job -o new.h5 --from 8", "`--from 8`: the recording has frames 0 to 7"),
+        ("job -o new.h5 --from 8", "`--from 8`|the recording has frames 0 to 7"),
         ("job -o new.h5 --from 2 --to 2", "expected --to beyond --from"),
         ("poses.h5 -o new.h5", "poses.h5: found a file of 'trifinger-object-tracker poses'"),
     ],

@@ -15,9 +15,9 @@ from click.shell_completion import CompletionItem
 
 import tracker
 from tracker.cli.outputs import Command, InFile, OutFile
-from tracker.errors import LogError
 from tracker.logs.opening import fitted_to
 from tracker.objects.model import object_names
+from tracker.recordings.track import chosen
 from tracker.segmentation.color_model import color_model_names
 
 _SHORT = {"output": ["-o"], "quiet": ["-q"]}
@@ -211,11 +211,8 @@ class Part:
             raise click.UsageError(f"--from {self.start} --to {self.stop}: expected --to beyond --from")
 
     def of(self, path: Path, count: int) -> range:
-        """Return the part's frame numbers in a recording of `count` frames; LogError if it starts beyond."""
-        if self.start and self.start >= count:
-            frames = f"frames 0 to {count - 1}" if count else "no frames"
-            raise LogError(f"{path}: `--from {self.start}`: the recording has {frames}")
-        return range(count)[self.start : self.stop]
+        """Return the part's frame numbers in a recording of `count` frames, see `chosen`."""
+        return chosen(path, count, self.start, self.stop)
 
 
 @dataclass(frozen=True)

@@ -86,9 +86,9 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
     log, recipe = job.log, job.recipe
     with tracker.open_log(log, recover=recipe.recover) as opened:
         outputs.check_camera(rig_for(job, opened))
-        first, last = chosen(opened, job)
+        count = len(chosen(log, len(opened), recipe.start, recipe.stop))
     job.output.parent.mkdir(parents=True, exist_ok=True)
-    with bar(log.name, last - first, quiet) as progress:
+    with bar(log.name, count, quiet) as progress:
         tracked = run(job, progress)
     result = described(job, tracked)
     _warn(result)

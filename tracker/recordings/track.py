@@ -273,23 +273,19 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
         return tracked
 
 
-def chosen(log: Log, job: Job) -> tuple[int, int]:
-    """Return the numbers of the first frame to track and of the one after the last; LogError if invalid."""
-    count, recipe = len(log), job.recipe
-    start, stop = int(recipe.start), count if recipe.stop is None else min(int(recipe.stop), count)
+def chosen(path: Path, count: int, start: int, stop: int | None) -> range:
+    """Return the numbers from `start` to before `stop` of a recording's `count` frames; LogError if none."""
     if start and start >= count:
         frames = f"frames 0 to {count - 1}" if count else "no frames"
-        raise LogError(f"{job.log}: `--from {start}` (start={start}): the recording has {frames}")
-    if start > stop:
-        raise LogError(f"{job.log}: found frames from {start} to {stop} asked for, expected some")
-    return start, stop
+        raise LogError(f"{path}: `--from {start}` (start={start}): the recording has {frames}")
+    if stop is not None and start > stop:
+        raise LogError(f"{path}: found frames from {start} to {stop} asked for, expected some")
+    return range(count)[start:stop]
 
 
 def _expected(log: Log, job: Job) -> int:
     """Return the number of frames to track, had the recording all that it states."""
-    (start, _), stop = chosen(log, job), job.recipe.stop
-    whole = len(log) + log.missing
-    return (whole if stop is None else min(int(stop), whole)) - start
+    return len(range(len(log) + log.missing)[job.recipe.start : job.recipe.stop])
 
 
 def rig_for(job: Job, log: Log) -> CameraRig:
@@ -315,13 +311,13 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
     changed = f"{job.log}: changed while it was read, is it still being written?"
     try:
         with open_log(job.log, recover=recipe.recover) as log:
-            start, stop = chosen(log, job)
+            frames = chosen(job.log, len(log), recipe.start, recipe.stop)
             rig = rig_for(job, log)
             tracker = recipe.make_tracker(recipe.model, rig, recipe.colors)
             began = time.perf_counter()
             name = unicode_text(job.log.name or job.log.resolve().name)
             builder = PosesBuilder(About(recipe.model.name, name, version(), rig))
-            for frame, answer in answers(job.log, log[start:stop], tracker):
+            for frame, answer in answers(job.log, log[frames.start : frames.stop], tracker):
                 builder.append(frame.index, frame.timestamp, answer, frame.recorded_pose)
                 if progress is not None:
                     progress(1)

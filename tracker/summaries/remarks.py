@@ -154,10 +154,10 @@ def remark_on_recording(job: Job, poses: Poses) -> str | None:
     try:
         with open_log(job.log, recover=True) as log:
             rig = rig_for(job, log)
-            first, last = chosen(log, job)
+            frames = chosen(job.log, len(log), job.recipe.start, job.recipe.stop)
             # Without random access, use the first frames.
-            step = max(1, (last - first) // _MOST_SETS) if log.random_access else 1
-            sets = (frame.images for frame in log[first:last:step])
+            step = max(1, len(frames) // _MOST_SETS) if log.random_access else 1
+            sets = (frame.images for frame in log[frames.start : frames.stop : step])
             tracker = job.recipe.make_tracker(job.recipe.model, rig, job.recipe.colors)
             return lasting_remark(tracker, sets)
     except (TrackerError, OSError):
