@@ -105,26 +105,23 @@ def test_what_is_whole_is_not_tracked_again(log, expected, tmp_path):
     assert os.listdir(tmp_path) == ["poses.h5"]
 
 
-@pytest.mark.parametrize("damage", ["cut", "changed", "emptied", "removed", "of another job"])
+@pytest.mark.parametrize(
+    "damage", ["cut", "changed", "emptied", "removed", "of another job", "a part", "posed frames"]
+)
 def test_what_is_not_whole_or_of_another_job_is_tracked_again(damage, log, expected, tmp_path):
-    job, whole = make_job(log, tmp_path / "poses.h5"), expected.read_bytes()
+    job, whole, poses = make_job(log, tmp_path / "poses.h5"), expected.read_bytes(), read_poses(expected)
     changed = bytearray(whole)
     changed[len(whole) // 2] ^= 1
     content = {"cut": whole[:-100], "changed": bytes(changed), "emptied": b""}.get(damage)
+    part = {"a part": poses[5:8], "posed frames": poses[poses.filtered.has_pose]}.get(damage)
     if content is not None:
         job.output.write_bytes(content)
-    if damage == "of another job":
+    elif part is not None:
+        write_poses(job.output, part)
+    elif damage == "of another job":
         run(make_job(log, job.output, model=tracker.load_object("cube_v1")))
     assert run(job).new == FRAMES
     assert job.output.read_bytes() == whole
-
-
-def test_a_part_of_the_poses_is_not_what_a_run_made(log, expected, tmp_path):
-    job, whole = make_job(log, tmp_path / "poses.h5"), read_poses(expected)
-    for part in (whole[5:8], whole[whole.filtered.has_pose]):
-        write_poses(job.output, part)
-        assert run(job).new == FRAMES
-        assert job.output.read_bytes() == expected.read_bytes()
 
 
 @pytest.mark.parametrize(("stop", "count"), [(None, 4), (2, 2), (9, 4)])
