@@ -130,7 +130,7 @@ def test_poses_of_another_object_are_replaced_only_where_that_is_asked_for(tmp_p
     well(run_here(*base, "cube_v2", folder=tmp_path))
 
 
-def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
+def test_of_several_recordings_the_whole_ones_are_tracked_and_none_of_them_again(tmp_path, run_here):
     for name in ("first", "second", "third"):
         write_log(tmp_path / name, 3)
     spoilt = tmp_path / "second" / "camera_data.dat"
@@ -148,19 +148,9 @@ def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
     assert result.stdout == ""
     assert result.stderr.startswith("tracker: warning: second/camera_data.dat")
     assert "tracked 1 of 3 frames, the last one is 0" in result.stderr
-
-
-def test_what_is_whole_is_neither_tracked_again_nor_overwritten_by_another_recording(tmp_path, run_here):
-    for name in ("first", "second", "third"):
-        write_log(tmp_path / name, 2)
-    base = ["--object", "cube_v2", "-o", "all", "--json"]
-    (tmp_path / "all").mkdir()
-    for name in ("first", "second"):
-        well(run_here(f"{name}/camera_data.dat", *base, folder=tmp_path))
-    logs = [f"{name}/camera_data.dat" for name in ("first", "second", "third")]
-    result = run_here(*logs, *base, folder=tmp_path)
-    assert [json.loads(line)["new"] for line in result.stdout.splitlines()] == [0, 0, 2]
-    assert run_here(*logs, *base[:-1], "--quiet", folder=tmp_path).stdout == ""
+    for again in (logs[2:], logs):  # one alone has the name that it has among several
+        result = run_here(*again, *base[3:], "--recover", "--json", folder=tmp_path)
+        assert [json.loads(line)["new"] for line in result.stdout.splitlines()] == [0] * len(again)
 
 
 def test_a_file_that_another_run_is_writing_is_left_to_it(tmp_path, run_here):
