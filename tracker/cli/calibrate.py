@@ -33,7 +33,6 @@ from tracker.logs.opening import calibration_files
 from tracker.objects.model import to_toml
 from tracker.summaries.remarks import OUT_OF_VIEW, in_view
 from tracker.viz.calibration import check_picture
-from tracker.viz.image_files import write_image
 
 Opened = tuple[
     tracker.CuboidModel, list[Footage], tracker.CameraRig, tracker.ColorModel, Callable[[int], None]
@@ -166,7 +165,7 @@ def check(
     halved = filter(halved_by_rows, () if filmed.cameras.correct_halved_principal_point else files)
     warnings = [*found.warnings, *(f"{path}: {fault}: {remedy}" for path in halved)]
     if plot is not None:
-        write_image(plot, check_picture(found, rig))
+        tracker.viz.write_image(plot, check_picture(found, rig))
     if as_json:
         click.echo(json.dumps(_plain(found, warnings), allow_nan=False))
     elif not filmed.quiet:

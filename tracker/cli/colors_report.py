@@ -1,4 +1,4 @@
-"""Reports on colour models, printed by `tracker colors`; imported when one of its commands runs."""
+"""Reports on colour models, printed by `tracker colors`."""
 
 from __future__ import annotations
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -15,9 +14,7 @@ from tracker.checks import is_number, optional, path_of
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, shown
 from tracker.files import check_suffix, told_as, whole_file, write_whole
-
-if TYPE_CHECKING:
-    from tracker.logs import Log
+from tracker.logs import Log
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Formats of `write_image`."""
