@@ -8,7 +8,8 @@ import pytest
 
 import tracker
 from tests.helpers.command import assert_one_line_error, assert_refused, well
-from tests.helpers.filmed import shots, write_recording
+from tests.helpers.log_writers import write_picture
+from tracker.cli.demo import DATA
 from tracker.color_learning.fit import FitOptions
 from tracker.segmentation.color_model import ColorModel
 
@@ -25,42 +26,38 @@ def _few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tracker.cli.colors.FitOptions", partial(FitOptions, draws=5000))
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    return write_recording(tmp_path_factory.mktemp("film") / "recording", shots("cube_v2", 6, seed=513))
-
-
-def test_adapted_colors_are_written_and_summarised(recording, tmp_path, run_here):
+def test_adapted_colors_are_written_and_summarised(tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", target, *QUICK)
-    result = well(run_here("adapt", recording, *arguments))
+    result = well(run_here("adapt", DATA, *arguments))
     assert "round 1: " in result.stdout
-    assert "3 held-out frames" in result.stdout
+    assert "10 held-out frames" in result.stdout
     assert tracker.load_colors(target).normalise
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz"]
 
 
-def test_recordings_of_one_frame_each_are_learned_and_judged_in_turn(recording, tmp_path, run_here):
-    frames = sorted(recording.glob("0*"))
+def test_recordings_of_one_frame_each_are_learned_and_judged_in_turn(tmp_path, run_here):
+    frames = sorted(DATA.glob("0*"))[::3][:6]
     arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", tmp_path / "mine.npz", *QUICK)
-    result = well(run_here("adapt", *frames, "--calibration", recording, *arguments))
+    result = well(run_here("adapt", *frames, "--calibration", DATA, *arguments))
     assert "3 held-out frames" in result.stdout
 
 
-def test_exchanged_faces_are_refused_and_nothing_is_written(recording, tmp_path, run_here):
+def test_exchanged_faces_are_refused_and_nothing_is_written(tmp_path, run_here):
     log_posterior = tracker.load_colors("cube_v2").log_posterior.copy()
     log_posterior[[2, 5]] = log_posterior[[5, 2]]
     ColorModel("wrong", log_posterior).save(tmp_path / "wrong.npz")
-    given = ("adapt", recording, "--object", "cube_v2", "--colors", "wrong.npz", "-o", "mine.npz")
+    given = ("adapt", DATA, "--object", "cube_v2", "--colors", "wrong.npz", "-o", "mine.npz")
     assert_refused(run_here, tmp_path, given, "wrong: refused", "green has the hue of magenta")
 
 
 def test_colors_that_cannot_be_bettered_keep_the_old_file(tmp_path, run_here):
-    film = shots("cube_v2", 4, seed=514)
-    for shot in film:
-        shot.images[:] = [np.full_like(image, 100) for image in shot.images]
+    for number in range(4):
+        for name in ("camera60", "camera180", "camera300"):
+            path = tmp_path / "empty" / f"{number}" / f"{name}.png"
+            write_picture(path, np.full((270, 270, 3), 100, np.uint8))
+    tracker.CameraRig.load(DATA).save(tmp_path / "empty")
     (tmp_path / "mine.npz").write_bytes(b"old")
-    write_recording(tmp_path / "empty", film)
     given = ("adapt", "empty", "--object", "cube_v2", "--colors", "cube_v2", "-o", "mine.npz", "-q")
     assert_refused(run_here, tmp_path, given, "refused", "found 0 of 2 frames", code=1)
 
@@ -68,10 +65,10 @@ def test_colors_that_cannot_be_bettered_keep_the_old_file(tmp_path, run_here):
 FACES = "+x=red,-x=magenta,+y=green,-y=yellow,+z=blue,-z=cyan"
 
 
-def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
+def test_a_new_object_needs_size_and_names_alone(tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--size", "0.065,0.065,0.065", "--faces", FACES, "-o", target, *QUICK)
-    well(run_here("new", recording, *arguments))
+    well(run_here("new", DATA, *arguments))
     model, cube = tracker.load_object(tmp_path / "mine.toml"), tracker.load_object("cube_v2")
     assert model.name == "mine"
     assert (model.face_labels == cube.face_labels).all()
