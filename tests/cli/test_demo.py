@@ -1,5 +1,6 @@
 import re
 import shlex
+from unittest.mock import Mock
 
 from tests.docs.samples import blocks
 from tests.helpers.command import assert_one_line_error, well
@@ -24,11 +25,8 @@ def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
 
 
 def test_the_demo_works_after_one_that_was_interrupted(tmp_path, run_here, monkeypatch):
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patched:
-        patched.setattr("tracker.pipeline.ObjectTracker.update", interrupt)
+        patched.setattr("tracker.pipeline.ObjectTracker.update", Mock(side_effect=KeyboardInterrupt))
         assert run_here("demo", folder=tmp_path).returncode == 130
     assert not list(tmp_path.iterdir())
     assert run_here("demo", folder=tmp_path).returncode == 0

@@ -7,6 +7,7 @@ import struct
 import time
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import click
 import cv2
@@ -140,12 +141,9 @@ def test_a_check_of_dark_cameras_exits_with_1(tmp_path, live):
     ],
 )
 def test_a_file_that_ends_is_reported_even_with_quiet(option, writes, what, tmp_path, live, monkeypatch):
-    def refuse(*_):
-        raise tracker.errors.LogError("no space is left")
-
     if what == "view":
         pytest.importorskip("rerun", reason="rerun: no module rerun")
-    monkeypatch.setattr(writes, refuse)
+    monkeypatch.setattr(writes, Mock(side_effect=tracker.errors.LogError("no space is left")))
     result = live(DATA, option, "--quiet", folder=tmp_path)
     assert result.returncode == 2
     assert (result.stdout, result.stderr) == ("", f"tracker: the {what} has ended: no space is left\n")
