@@ -33,16 +33,16 @@ MAX_CAMERAS = 16
 """Largest valid number of cameras of a recording."""
 
 
-def check_sides(width: int, height: int) -> None:
-    """Raise LogError for images of an invalid size."""
+def check_sides(width: int, height: int, where: str = "") -> None:
+    """Raise LogError, which begins with `where`, for images of an invalid size."""
     if not (MIN_SIDE <= width <= MAX_SIDE and MIN_SIDE <= height <= MAX_SIDE):
-        raise LogError(f"found {width}×{height} px, expected {MIN_SIDE} to {MAX_SIDE}")
+        raise LogError(f"{where}found {width}×{height} px, expected {MIN_SIDE} to {MAX_SIDE}")
 
 
-def check_same_size(found: tuple[int, ...], size: tuple[int, int]) -> None:
-    """Raise LogError if (width, height) differs from the camera's first image."""
+def check_same_size(found: tuple[int, ...], size: tuple[int, int], where: str = "") -> None:
+    """Raise LogError, which begins with `where`, if (width, height) differs from the camera's first image."""
     if found != size:
-        raise LogError(f"found {found[0]}×{found[1]} px, expected {size[0]}×{size[1]} as before it")
+        raise LogError(f"{where}found {found[0]}×{found[1]} px, expected {size[0]}×{size[1]} as before it")
 
 
 Progress = Callable[[int], None]

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from tracker.checks import naming
 from tracker.errors import LogError
 from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.logs.frame import LogFrame, recorded_frame
@@ -186,12 +185,14 @@ class NativeSource(Source):
                 while count := os.preadv(self._raw.fileno(), [data[done:]], offset + done):
                     done += count
             return done
-        place = f"before byte {offset + len(data)} of the content"
-        what = f"{self.path}: the gzipped data are damaged or truncated {place}"
-        faults = EOFError, zlib.error, gzip.BadGzipFile
-        with told_of(self.path), self._alone.lock(), naming(what, LogError, *faults), on_error(self._rewind):
-            self._file.seek(offset)
-            return self._file.readinto(data)
+        with told_of(self.path), self._alone.lock():
+            try:
+                with on_error(self._rewind):
+                    self._file.seek(offset)
+                    return self._file.readinto(data)
+            except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+                where = f"before byte {offset + len(data)} of the content: {' '.join(str(error).split())}"
+                raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
 
     def _rewind(self) -> None:
         # Make a new gzip reader: the state of the old one after an error or Ctrl-C is undefined.

@@ -165,7 +165,7 @@ class FilmFile:
         with naming(f"{path}: found no film", LogError, *self._faults), told_of(path):
             open_regular(path).close()  # FFmpeg would wait for a pipe's writer
             self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
-        with on_error(self.close), naming(path, LogError, LogError, *self._faults):
+        with on_error(self.close):
             self._stream = self._video()
             self._times = self._read_times()
         self.size = (self._stream.width, self._stream.height)
@@ -178,11 +178,11 @@ class FilmFile:
 
     def _video(self) -> Any:
         if not self._film.streams.video:
-            raise LogError("found no images, expected a film")
+            raise LogError(f"{self.path}: found no images, expected a film")
         stream = self._film.streams.video[0]
         if stream.codec_context is None:
-            raise LogError("found images in an unknown code, expected a film")
-        check_sides(stream.width, stream.height)
+            raise LogError(f"{self.path}: found images in an unknown code, expected a film")
+        check_sides(stream.width, stream.height, f"{self.path}: ")
         stream.thread_type = "NONE"  # recordings are decoded in parallel instead
         stream.codec_context.options = {"err_detect": "explode"}  # else the decoder conceals damage
         return stream
@@ -190,36 +190,40 @@ class FilmFile:
     def _read_times(self) -> list[int]:
         """Return the sorted presentation times in the stream's time base, without decoding images."""
         times: list[int] = []
-        for packet in self._film.demux(self._stream):
-            if not packet.size:
-                continue
-            time = packet.pts if packet.pts is not None else packet.dts
-            if time is None or len(times) >= _MAX_PICTURES:
-                raise LogError("found images without a time, or too many")
-            times.append(time)
+        with naming(f"{self.path}: damaged", LogError, *self._faults):
+            for packet in self._film.demux(self._stream):
+                if not packet.size:
+                    continue
+                time = packet.pts if packet.pts is not None else packet.dts
+                if time is None or len(times) >= _MAX_PICTURES:
+                    raise LogError(f"{self.path}: found images without a time, or too many")
+                times.append(time)
         if not times or len(set(times)) != len(times):
-            raise LogError(f"found {len(times)} images, expected some, each at its own time")
+            raise LogError(f"{self.path}: found {len(times)} images, expected some, each at its own time")
         return sorted(times)
 
     def picture(self, number: int) -> Image:
         """Return the image (H, W, 3) BGR with this number; LogError if it is damaged."""
         sought, before = self._times[number], self._times[number - 1] if number else None
-        where = f"{self.path}: image {number}"
-        with self._alone.lock(), naming(where, LogError, LogError, *self._faults):
+        where = f"{self.path}: image {number}: "
+        with self._alone.lock():
             following, self._next = self._next, None  # an error or Ctrl-C leaves None
-            if following is None or self._ahead != before:
-                self._film.seek(sought, stream=self._stream, backward=True)  # to a keyframe before it
-                following = self._film.decode(self._stream)
-            for frame in following:
-                time = frame.pts if frame.pts is not None else frame.dts
-                check_same_size((frame.width, frame.height), self.size)
-                if time == sought:
-                    image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
-                    self._next, self._ahead = following, time
-                    return image
-                if time is not None and time > sought:
-                    break
-            raise LogError("found none, the film is damaged")
+            try:
+                if following is None or self._ahead != before:
+                    self._film.seek(sought, stream=self._stream, backward=True)  # to a keyframe before it
+                    following = self._film.decode(self._stream)
+                for frame in following:
+                    time = frame.pts if frame.pts is not None else frame.dts
+                    check_same_size((frame.width, frame.height), self.size, where)
+                    if time == sought:
+                        image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+                        self._next, self._ahead = following, time
+                        return image
+                    if time is not None and time > sought:
+                        break
+            except self._faults as error:
+                raise LogError(f"{where}{' '.join(str(error).split())}") from error
+        raise LogError(f"{where}found none, the film is damaged")
 
     def close(self) -> None:
         """Close the file."""
