@@ -19,9 +19,6 @@ from tracker.errors import TrackerError, install, shown
 
 Kind = TypeVar("Kind")
 
-MALFORMED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
-"""Errors that Python raises when content of another form than expected is parsed or evaluated."""
-
 UNSTAMPED = "found none for any camera, expected one number: the time, now, of a set without images"
 
 
@@ -47,7 +44,7 @@ def naming(
     try:
         yield
     except kinds as error:
-        raise fault(f"{where}{sep}{' '.join(map(str.strip, str(error).splitlines()))}") from error
+        raise fault(f"{where}{sep}{' '.join(str(error).splitlines())}") from error
 
 
 def of_kind(given: object, kind: type[Kind], what: str, fault: type[TrackerError], how: str = "") -> Kind:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tracker.checks import MALFORMED, is_number, naming
+from tracker.checks import is_number, naming
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.files import read_bounded, told_of
@@ -81,11 +81,16 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
     """Return the mapping in a calibration file; CalibrationError if it is not a mapping in plain YAML."""
     with told_of(path, CalibrationError):
         content = read_bounded(path, MAX_FILE_SIZE)
-    # PyYAML lets errors through that Python raises for values such as the date 2001-99-99 or `!!bool 2`.
-    with naming(f"{path}: not plain YAML", CalibrationError, yaml.YAMLError, *MALFORMED):
+    try:
         # OpenCV's header is not valid YAML; the rest of the document is.
         text = re.sub(r"\A%YAML:1\.\d[^\n]*\n", "", content.decode("utf-8-sig"))
         data = yaml.load(text, Loader=_Loader)
+    except RecursionError as error:
+        raise CalibrationError(f"{path}: nested too deeply, expected a calibration") from error
+    # PyYAML lets errors through that Python raises for values such as the date 2001-99-99 or `!!bool 2`.
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        reason = " ".join(str(error).split())
+        raise CalibrationError(f"{path}: not plain YAML: {reason}") from error
     if not isinstance(data, dict):
         raise CalibrationError(f"{path}: found {shown(data)}, expected a mapping with the key camera_matrix")
     if "distortion_model" in data:

@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tracker.checks import MALFORMED, naming, optional
+from tracker.checks import naming, optional
 from tracker.conventions import Array
 from tracker.errors import LogError
 from tracker.files import OneAtATime, on_error, open_regular, told_of
@@ -132,7 +132,7 @@ class StoredArray:
             raise LogError(f"{self._where} is missing, expected a data set with images")
         try:
             self._take(meta)
-        except MALFORMED as error:
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise LogError(f"{self._where}: .zarray: found {str(meta)[:200]}, expected zarr 2") from error
         self._kept: tuple[int, list[bytes]] = -1, []  # a block's number and items, replaced together
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import MALFORMED, naming
+from tracker.checks import naming
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import read_bounded, told_as, told_of, whole_file
@@ -87,7 +87,8 @@ class FolderSource(Source):
     def _read_truth(self, file: Path) -> None:
         """Read the timestamps of frames and images from the truth, NaN for frames that it does not have."""
         text = _content(file, 1 << 28)  # a frame has about 1000 bytes
-        with naming(f"{file}: found no stamps of frames", LogError, *MALFORMED):
+        faults = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+        with naming(f"{file}: found no stamps of frames", LogError, *faults):
             content = json.loads(text.decode("utf-8"))
             truth = {str(item["frame"]): self._stamps_in(item) for item in content["frames"]}
             settings = {"rate": 10.0, "sequence": True, **content.get("settings", {})}

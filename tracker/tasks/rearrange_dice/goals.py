@@ -160,14 +160,21 @@ def read_stored(path: str | os.PathLike[str]) -> Any:
     path = path_of(path, "goal", TaskError)
     with told_of(path, TaskError):
         content = read_bounded(path, MAX_FILE_SIZE)
-    # Integers of thousands of digits are errors of values, too.
-    with naming(path, TaskError), naming("not JSON or a pattern", TaskError, ValueError, RecursionError):
-        text = content.decode("utf-8-sig")
-        if text.lstrip()[:1] in ("[", "{"):
+    with naming(path, TaskError):
+        try:
+            text = content.decode("utf-8-sig")
+            if text.lstrip()[:1] not in ("[", "{"):
+                if not text.strip():
+                    raise TaskError("found an empty file, expected JSON or a pattern")
+                return text
             return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique)
-        if not text.strip():
-            raise TaskError("found an empty file, expected JSON or a pattern")
-        return text
+        except UnicodeDecodeError as error:
+            valid = "expected JSON or a pattern"
+            raise TaskError(f"found byte {error.start}, which is no UTF-8, {valid}") from error
+        except RecursionError as error:
+            raise TaskError("nested too deeply, expected a goal") from error
+        except ValueError as error:  # also raised for an integer with thousands of digits
+            raise TaskError(f"not JSON: {error}") from error
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
