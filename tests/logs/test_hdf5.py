@@ -76,7 +76,7 @@ def test_the_calibration_inside_is_read_and_mended(tmp_path):
         (attribute("magic", 1), "magic: found 0x1, expected 0x3cda7a00"),
         (attribute("format_version", 3), "format_version: found 3, expected 1 or 2"),
         (attribute("image_width", 99), "image_width: found 99, expected 28"),
-        (without("images"), "images: found nothing, expected a dataset"),
+        (without("images"), "images is missing"),
         (without("timestamps"), "timestamps is missing"),
         (without("object_pose/position"), "position, orientation and confidence together"),
         (put("timestamps", np.zeros((3, 3))), r"fields of \[3, 4\] frames"),

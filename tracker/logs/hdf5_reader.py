@@ -28,7 +28,7 @@ from tracker.checks import described, is_number, naming
 from tracker.conventions import FloatArray, Image
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, on_error, open_regular, told_of
-from tracker.files.hdf5 import check_stated_end, dataset, faults_as_log_errors, find, open_file, text_of
+from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
 from tracker.logs.frame import UNKNOWN, LogFrame, recorded_frame
 from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
@@ -157,7 +157,9 @@ class Hdf5Source(Source):
         self._flushed = self._attribute(FLUSHED)
         self.unfinished = self._flushed is not None
         self._check_head()
-        self._images = images = StoredImages(dataset(self._file, "images"))
+        if (field := find(self._file, "images")) is None:
+            raise LogError("images is missing, expected a camera log")
+        self._images = images = StoredImages(field)
         sizes = {"num_cameras": images.cameras, "image_width": images.columns, "image_height": images.rows}
         for name, expected in sizes.items():
             stated = self._attribute(name)
