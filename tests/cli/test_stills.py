@@ -4,14 +4,17 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT, nudged
+from tests.helpers import RIG, nudged
 from tests.helpers.command import assert_one_line_error, well
+from tests.helpers.dice_scenes import EDGE, painted
+from tracker.calibration.rig import CameraRig
 from tracker.cli.demo import DATA as DEMO
 from tracker.cli.stills import of_cameras
 from tracker.tasks import rearrange_dice
@@ -202,30 +205,65 @@ def test_cameras_that_cannot_have_the_arena_in_view_get_a_warning(wrong, detect,
     assert "the arena in few or no images" in result.stderr
 
 
-DICE = ROOT / "examples" / "dice"
-GOAL, CAMERAS = DICE / "goal.json", tracker.CameraRig.load(DICE)
-MISPLACED = 7
-"""So many of the example's dice are not where its goal wants them."""
+GOAL = rearrange_dice.sample_goal(0)
+MISPLACED = 3
+"""So many dice of the scene are not where the goal wants them."""
 
 
-def dice_arguments(*more: object, **replaced: object) -> list[object]:
+def dice_poses() -> list[tuple[np.ndarray, float]]:
+    """Position [m] and yaw [rad] of the scene's dice."""
+    free = [cell for cell in rearrange_dice.cells() if np.linalg.norm(GOAL - cell, axis=1).min() > 0.03]
+    elsewhere = [free[0], free[len(free) // 2], free[-1]]
+    return [*((place, 0.0) for place in GOAL[MISPLACED:]), *((place, 0.5) for place in elsewhere)]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an image and a calibration of each camera, goal.json and goal.txt."""
+    folder = tmp_path_factory.mktemp("dice")
+    RIG.save(folder)
+    rng = np.random.default_rng(5)
+    dice = np.array([[*place[:2], place[2] - EDGE / 2, yaw] for place, yaw in dice_poses()])
+    for camera in RIG:
+        cv2.imwrite(str(folder / f"{camera.name}.png"), painted(camera, dice, rng)[0])
+    rearrange_dice.write_goal(folder / "goal.json", GOAL)
+    rearrange_dice.write_goal(folder / "goal.txt", GOAL)
+    return folder
+
+
+def dice_arguments(scene: Path, *more: object, **replaced: object) -> list[object]:
     """Arguments of a good `tracker dice`, with the images of some cameras replaced."""
-    images = [replaced.get(name, DICE / f"{name}.png") for name in NAMES]
-    return ["dice", "--calibration", DICE, *more, *images]
+    images = [replaced.get(name, scene / f"{name}.png") for name in NAMES]
+    return ["dice", "--calibration", scene, *more, *images]
 
 
 @pytest.fixture
-def dice(run_here):
-    """Answers of `tracker dice --json` on the example."""
+def dice(scene, run_here):
+    """Answers of `tracker dice --json` on the scene."""
 
     def found(*more: object, **replaced: object):
-        return json.loads(well(run_here(*dice_arguments("--json", *more, **replaced))).stdout)
+        return json.loads(well(run_here(*dice_arguments(scene, "--json", *more, **replaced))).stdout)
 
     return found
 
 
-def test_dice_prints_one_json_object_for_programs(dice):
-    found = dice("--goal", GOAL)
+@pytest.fixture
+def truth(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command gets the scene's own dice, and as their masks what is blue."""
+
+    def segment_dice(image: np.ndarray) -> np.ndarray:
+        return np.where(image[:, :, 0].astype(int) - image[:, :, 2] > 25, 255, 0).astype(np.uint8)
+
+    def locate(rig: CameraRig, masks, images=None) -> tuple[SimpleNamespace, ...]:
+        assert len(rig) == len(masks) == len(images)
+        return tuple(SimpleNamespace(position=p, yaw=yaw, probability=0.9) for p, yaw in dice_poses())
+
+    monkeypatch.setattr(rearrange_dice, "segment_dice", segment_dice)
+    monkeypatch.setattr(rearrange_dice, "locate", locate)
+
+
+def test_dice_prints_one_json_object_for_programs(scene, dice):
+    found = dice("--goal", scene / "goal.json")
     assert list(found) == ["error", "error_per_camera", "reward", "dice", "assignment", "timing_ms"]
     assert list(found["error_per_camera"]) == list(NAMES)
     assert found["error"] == sum(found["error_per_camera"].values()) == -found["reward"]
@@ -236,28 +274,26 @@ def test_dice_prints_one_json_object_for_programs(dice):
         assert len(die["position"]) == 3
         assert 0 <= die["probability"] <= 1
     assert len(found["assignment"]) == min(25, len(found["dice"]))
-    goal = rearrange_dice.read_goal(GOAL)
     for pair in found["assignment"]:
-        place, die = goal[pair["goal"]], found["dice"][pair["die"]]["position"]
+        place, die = GOAL[pair["goal"]], found["dice"][pair["die"]]["position"]
         assert pair["distance"] == pytest.approx(np.linalg.norm(place - die))
     assert found["timing_ms"]["total"] > 0
 
 
-def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(dice, tmp_path, run_here):
-    goal = rearrange_dice.read_goal(GOAL)
-    rearrange_dice.write_goal(tmp_path / "goal.txt", goal)
-    found, pattern = (dice("--goal", path) for path in (GOAL, tmp_path / "goal.txt"))
-    exact = dice("--goal", GOAL, "--exact")
-    masks = [rearrange_dice.segment_dice(cv2.imread(str(DICE / f"{name}.png"))) for name in NAMES]
-    expected = rearrange_dice.error_per_camera(rearrange_dice.goal_masks(CAMERAS, goal), masks)
+@pytest.mark.usefixtures("truth")
+def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(scene, dice, run_here):
+    found, pattern = (dice("--goal", scene / f"goal.{suffix}") for suffix in ("json", "txt"))
+    exact = dice("--goal", scene / "goal.json", "--exact")
+    masks = [rearrange_dice.segment_dice(cv2.imread(str(scene / f"{name}.png"))) for name in NAMES]
+    expected = rearrange_dice.error_per_camera(rearrange_dice.goal_masks(RIG, GOAL), masks)
     assert list(found["error_per_camera"].values()) == list(expected)
     assert found["error"] == sum(expected)
     assert pattern["error_per_camera"] == found["error_per_camera"]
-    areas = rearrange_dice.goal_masks(CAMERAS, goal, exact=True)
+    areas = rearrange_dice.goal_masks(RIG, GOAL, exact=True)
     assert exact["error"] == rearrange_dice.error(areas, masks) != found["error"]
-    placed = [pair for pair in found["assignment"] if pair["distance"] < rearrange_dice.TOLERANCE]
-    assert len(placed) == 25 - MISPLACED
-    text = run_here(*dice_arguments("--goal", GOAL)).stdout
+    placed = [pair for pair in found["assignment"] if pair["distance"] < 1e-6]
+    assert sorted(pair["goal"] for pair in placed) == list(range(MISPLACED, 25))
+    text = run_here(*dice_arguments(scene, "--goal", scene / "goal.json")).stdout
     first, second, third = text.splitlines()[:3]
     assert first.startswith("error [px]")
     assert all(name in first for name in NAMES)
@@ -268,50 +304,52 @@ def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(dic
     assert header.split()[-3:] == ["place", "distance", "[mm]"]
 
 
+@pytest.mark.usefixtures("truth")
 @pytest.mark.parametrize("missing", ["none", "camera180.png"])
 def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not_count(
-    missing, tmp_path, dice, run_here
+    missing, scene, tmp_path, dice, run_here
 ):
-    goal = ("--goal", GOAL)
+    goal = ("--goal", scene / "goal.json")
     if missing != "none":  # black, as in HDF5 logs
         black = write_changed(tmp_path, lambda image: 0 * image)
         missing = tmp_path / missing
-        refused = run_here("dice", "--calibration", DICE, *goal, *black, folder=tmp_path)
+        refused = run_here("dice", "--calibration", scene, *goal, *black, folder=tmp_path)
         assert_one_line_error(refused, "images: found only black ones, expected at least one")
     everything, without = dice(*goal)["error_per_camera"], dice(*goal, camera180=missing)
     assert without["error_per_camera"] == {**everything, "camera180": None}
     assert without["error"] == everything["camera60"] + everything["camera300"]
-    assert "camera180 none" in run_here(*dice_arguments(*goal, camera180=missing)).stdout
+    assert "camera180 none" in run_here(*dice_arguments(scene, *goal, camera180=missing)).stdout
     found = dice()
     assert all(found[key] is None for key in ("error", "error_per_camera", "reward", "assignment"))
     assert len(found["dice"]) == 25
-    text = run_here(*dice_arguments()).stdout
+    text = run_here(*dice_arguments(scene)).stdout
     assert "error" not in text.splitlines()[0]
     assert "25 found" in text
 
 
-def test_overlay_and_masks_are_written(tmp_path, run_here):
+@pytest.mark.usefixtures("truth")
+def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
     written = ("--overlay", tmp_path / "out.png", "--masks", tmp_path / "new" / "masks")
     (tmp_path / "new" / "masks").mkdir(parents=True)
     (tmp_path / "new" / "masks" / "dice_camera60.png").touch()  # replaced
-    well(run_here(*dice_arguments("--goal", GOAL, *written, camera300="none")))
+    well(run_here(*dice_arguments(scene, "--goal", scene / "goal.json", *written, camera300="none")))
     assert cv2.imread(str(tmp_path / "out.png")).shape[1] == 3 * 540 + 2 * 6
     names = {path.name for path in (tmp_path / "new" / "masks").iterdir()}
     assert names == {*(f"goal_{name}.png" for name in NAMES), "dice_camera60.png", "dice_camera180.png"}
-    goals = rearrange_dice.goal_masks(CAMERAS, rearrange_dice.read_goal(GOAL))
+    goals = rearrange_dice.goal_masks(RIG, GOAL)
     for name, expected in zip(NAMES, goals, strict=True):
         path = tmp_path / "new" / "masks" / f"goal_{name}.png"
         np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), expected)
-    assert run_here(*dice_arguments("--overlay", tmp_path / "plain.jpg")).returncode == 0
+    assert run_here(*dice_arguments(scene, "--overlay", tmp_path / "plain.jpg")).returncode == 0
     assert (tmp_path / "plain.jpg").is_file()
 
 
 @pytest.mark.parametrize("kind", ["dice", "goal"])
-def test_a_mask_of_another_run_is_left_as_it_is_and_refused_if_it_would_stay(kind, tmp_path, run_here):
+def test_a_mask_of_another_run_is_left_as_it_is_and_refused_if_it_would_stay(kind, scene, tmp_path, run_here):
     file = tmp_path / f"{kind}_camera300.png"
     file.write_text("years of work")
-    without = {"dice": ("--goal", GOAL, "none"), "goal": (DICE / "camera300.png",)}
+    without = {"dice": ("--goal", scene / "goal.json", "none"), "goal": (scene / "camera300.png",)}
     *more, image = without[kind]
-    refused = run_here(*dice_arguments(*more, "--masks", tmp_path, camera300=image))
+    refused = run_here(*dice_arguments(scene, *more, "--masks", tmp_path, camera300=image))
     assert_one_line_error(refused, f"--masks {tmp_path}: found {file.name} of another run, expected none")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["years of work"]
