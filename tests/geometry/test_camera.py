@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers import image_grid, make_camera, opencv_pixels
+from tests.helpers import image_grid, look_at, make_camera, opencv_pixels
 from tracker.calibration.files import read_calibrated
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -18,6 +18,14 @@ def points_seen(camera: Camera, rng: np.random.Generator, pixels: np.ndarray) ->
 
 CAMERA = make_camera()
 POINTS = points_seen(CAMERA, np.random.default_rng(0), image_grid(CAMERA, 5))
+
+
+def test_a_camera_looks_along_its_z_axis_with_y_down():
+    camera = dataclasses.replace(make_camera(), camera_from_world=look_at(np.array([0.5, 0, 0])))
+    center, above, right = camera.project([[0, 0, 0], [0, 0, 0.01], [0, 0.01, 0]])
+    np.testing.assert_allclose(center, camera.matrix[:2, 2])
+    assert above[1] < center[1]
+    assert right[0] > center[0]
 
 
 def test_points_behind_the_camera_have_no_pixel(camera):
