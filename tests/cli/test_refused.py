@@ -222,6 +222,8 @@ REFUSED = {
         *((f"log {name} nan", f"{name}|found nan") for name in ("--seconds", "--speed", "--rate")),
         ("log --page 70000", "--page|70000|65535"),
         ("log --view --rrd a.rrd", "--view|--rrd"),
+        ("log --record x.h5 --publish file://x.h5", "file://x.h5|same file"),
+        ("log --publish file://a --publish file://./a", "file://./a|same file"),
         ("log --check --record new.h5", "--check|does not track"),
         ("log --pattern x", "--pattern"),
         ("nowhere", "nowhere|no such file"),

@@ -16,6 +16,7 @@ import numpy as np
 
 import tracker
 from tracker.cli.options import file_option, flag, option
+from tracker.cli.outputs import refuse_overwriting
 from tracker.cli.terminal import listing, say, table
 from tracker.live import ImageSource, Moment
 from tracker.live.camera_check import look_at
@@ -60,6 +61,9 @@ class Requested:
             raise click.UsageError("--body: expected with --publish lcm://")
         if self.view and self.rrd:
             raise click.UsageError("--view: found with --rrd, expected one or the other")
+        files = {"--record": self.record, "--rrd": self.rrd}
+        logs = {f"--publish {one}": Path(one[7:]) for one in self.addresses if one.startswith("file://")}
+        refuse_overwriting({name: path for name, path in (files | logs).items() if path}, ())
 
 
 class LiveOutputs:
