@@ -19,7 +19,7 @@ from tracker.pose.judge import log_odds
 from tracker.pose.schedule import SCHEDULE
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
-SCENES = 3
+SCENES, CYAN = 3, 4
 CONVERGED = 2 * np.sqrt(SCHEDULE.negligible[0])
 """How far two fits that ended may be apart, in standard deviations."""
 
@@ -332,3 +332,22 @@ def test_the_light_in_which_an_object_was_found_is_kept_until_another_shows_it(r
         found.append((str(answer.status), finder._memory.as_they_are))
     assert found[:4] == [("found", True)] + [("tracking", True)] * 3
     assert found[4:] == [("refound", False)] + [("tracking", False)] * 2
+
+
+SHADED = {"cube_v2": (1, 2, 3), "cuboid_2x2x8_v2": (0, 3, 6)}
+"""Scenes whose cyan face reads as blue in shade."""
+
+
+def test_a_face_in_deep_shade_is_not_mistaken_for_another_which_is_remembered(rig, name):
+    lit = bare(name, rig.cameras, [31, 7])
+    for seed in SHADED[name]:
+        finder, found = new(name, rig), []
+        still, dark = bare(name, rig.cameras, [31, seed]), []
+        for image, labels in zip(still.images, still.labels, strict=True):
+            dark.append(np.where((labels == CYAN)[..., None], 0.4 * image, image).round().astype(np.uint8))
+        for stamp, images, truth in ((0.0, dark, still), (0.1, dark, still), (9.0, lit.images, lit)):
+            pose = finder.update(images, stamp).object_pose
+            assert np.linalg.norm(pose.position - truth.position) < 1e-3
+            assert pose.confidence > 0.9
+            found.append(finder._memory.shaded)
+        assert found == [True, True, False]

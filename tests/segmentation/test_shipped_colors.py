@@ -9,6 +9,7 @@ from tests.helpers import exposed
 from tracker.color_learning.fit import FitOptions
 from tracker.color_learning.labelled import intersection_over_union
 from tracker.objects.labels import COLOR_NAMES
+from tracker.segmentation.color_model import CELLS, MORE_LIGHT
 
 OPTIONS = FitOptions()
 
@@ -41,6 +42,21 @@ def assert_shipped(model, tmp_path):
 @pytest.mark.parametrize("name", SEGMENTED)
 def test_the_objects_tables_are_what_the_script_fits(name, histograms, drawn_as_others, tmp_path):
     assert_shipped(object_model(name, histograms[name], drawn_as_others, OPTIONS), tmp_path)
+
+
+@pytest.mark.parametrize("name", SEGMENTED)
+def test_in_shade_faces_alone_change_their_colour_to_what_more_light_shows(name):
+    model = tracker.load_colors(name)
+    plain, shade = (
+        table.reshape(3 * (CELLS,), order="F") for table in (model.label_table, model.shade_table)
+    )
+    changed = np.nonzero(plain != shade)
+    lit = [np.rint(np.array(changed) * np.sqrt(light)).astype(int) for light in MORE_LIGHT]
+    shown = [plain[tuple(np.minimum(cells, CELLS - 1))] for cells in lit]
+    assert 0 < len(changed[0]) < 0.02 * np.count_nonzero(plain)
+    assert plain[changed].min() > 0
+    assert shade[changed].min() > 0
+    assert np.any(np.array(shown) == shade[changed], axis=0).all()
 
 
 def test_the_simulations_table_is_what_the_script_fits(tmp_path):

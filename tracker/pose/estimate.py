@@ -179,9 +179,10 @@ class PoseEstimator:
         for best in sorted(fits, key=lambda one: not one.inside):
             evidence = best.evidence._replace(resized=self.search.resized(sight, best))
             fit = best.changed(lead=lead(best, fits, self._radius), evidence=evidence)
+            fit, shown = (fit, sight) if settled(fit) else self._in_shade(sight, fit, lag)
             refused = refusal(fit)
             if refused is None:
-                return self.examined(sight, fit, lag)
+                return self.examined(shown, fit, lag)
             reason = reason or refused
             if refused is not Status.AMBIGUOUS:
                 break
@@ -237,6 +238,14 @@ class PoseEstimator:
         )  # fmt: skip
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
+
+    def _in_shade(self, sight: Sight, fit: Fit, lag: Lag | None) -> tuple[Fit, Sight]:
+        """Refit with colours read as those of faces in shade; return the likelier fit with its images."""
+        dark = self.reader.labelled(sight.images, sight.pictures.copy(), hidden=sight.hidden, shaded=True)
+        other = self.refiner(dark, fit.rotation, fit.position, FOLLOWING, fit.end, lag, left_out=fit.left_out)
+        evidence = other.evidence._replace(resized=self.search.resized(dark, other))
+        other = other.changed(lead=fit.lead, evidence=evidence)
+        return (other, dark) if confidence(other) > confidence(fit) else (fit, sight)
 
     def _alike(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
         """Return fits of other poses that look like a fit: shifted, or turned about the face in view."""

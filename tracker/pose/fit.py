@@ -148,6 +148,8 @@ class Fit:
     """Cameras whose images were left out because the others agree without them."""
     as_they_are: bool = False
     """Whether it was found in images whose greys keep their colour and brightness."""
+    shaded: bool = False
+    """Whether colours were read as those of faces in shade."""
     offsets: FloatArray | None = None
     """(C, 6) displacement of the object in the cameras' views by errors of their calibration [m, rad]."""
     lags: FloatArray | None = None

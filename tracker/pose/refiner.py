@@ -27,6 +27,8 @@ from tracker.pose.views import Reader, Sight
 SHOWN_RIM_STD = 1e-4
 """Smallest standard deviation of a rim estimated from images [m]: the rim differs from side to side."""
 
+SHADE = 2.0
+"""Log odds that a body of other colours gains where faces are taken to be in shade."""
 
 _NUMBERS = SOLUTION[["blur", "rim", "stands", "converged"]]
 
@@ -102,6 +104,7 @@ class Refiner:
         known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in rig.cameras]))
         colors, lenses = reader.colors.label_table, stack_lenses(rig.cameras)
         self.model = Model(box.half, box.face_labels, lenses, known, colors, table_of(rig.arena, support))
+        self._shaded = self.model._replace(colors=reader.colors.shade_table)
         self.likely = LIKELY._replace(rim=box.rim[0], rim_std=box.rim[1])
         self._maps, self._faces = stack_lenses(reader.label_cameras(rig)), (box.half, box.face_labels)
         self._local, self._still = LocalSpace(len(lenses)), np.zeros((len(lenses), 6))
@@ -145,8 +148,8 @@ class Refiner:
             ask: whether to estimate the pose that each camera sees by itself.
         """
         (solution, cameras), start = self.begun(rotation, position, lag), start or self.likely
-        pictures = sight.without(*left_out).pictures
-        seen, own = self._run(pictures, schedule, start, solution, cameras, len(cameras) if ask else 0)
+        pictures, model = sight.without(*left_out).pictures, self._shaded if sight.shaded else self.model
+        seen, own = self._run(model, pictures, schedule, start, solution, cameras, len(cameras) if ask else 0)
         ((blur, rim, stands, converged),) = solution.view(_NUMBERS).tolist()
         rotation, position, covariance = (solution[key][0] for key in ("rotation", "position", "covariance"))
         if converged:
@@ -164,23 +167,31 @@ class Refiner:
             covariance,
             seen,
             converged,
-            Evidence(body, nothing, ahead, resized),
+            Evidence(body + SHADE if sight.shaded else body, nothing, ahead, resized),
             end=start,
             inside=self._arena.holds(position, lowest, std),
             stands=stands,
             left_out=left_out,
+            shaded=sight.shaded,
             offsets=cameras["offset"][:, :6].copy(),
             lags=None if lag is None else place[2],
             own=own if ask else None,
         )
 
     def _run(
-        self, pictures: Array, schedule: Schedule, start: Start, solution: Array, cameras: Array, asked: int
+        self,
+        model: Model,
+        pictures: Array,
+        schedule: Schedule,
+        start: Start,
+        solution: Array,
+        cameras: Array,
+        asked: int,
     ) -> tuple[Array, OwnViews]:
         """Call `refine`; return what it fills besides the solution (1,) and cameras (C,)."""
         seen = np.zeros(len(cameras), SEEN)
         own = OwnViews(np.empty((asked, 6, 6)), np.empty((asked, 6)), np.empty(asked))
-        refine(self.model, pictures, schedule, start, solution, cameras, seen, self._local.work, own)
+        refine(model, pictures, schedule, start, solution, cameras, seen, self._local.work, own)
         return seen, own
 
     def edges(
@@ -204,5 +215,5 @@ class Refiner:
         (solution, cameras), work = self.begun(rotation, position), self._local.work
         if offsets is not None:
             cameras["offset"][:, :6] = offsets
-        self._run(pictures, MEASURING, start or self.likely, solution, cameras, 0)
+        self._run(self.model, pictures, MEASURING, start or self.likely, solution, cameras, 0)
         return solution[0], cameras, work

@@ -62,6 +62,8 @@ class Sight(NamedTuple):
     """(H, W, 3) BGR from the cameras, unchanged; `pictures` points to their memory."""
     hidden: Hidden = None
     """(H, W) masks of pixels whose labels and edges are ignored."""
+    shaded: bool = False
+    """Whether colours are read as those of faces in shade (`ColorModel.shade_table`)."""
 
     @property
     def used(self) -> Array:
@@ -245,6 +247,7 @@ class Reader:
         pictures: Array,
         windows: Sequence[Any] | None = None,
         hidden: Hidden = None,
+        shaded: bool = False,
     ) -> Sight:
         """Return the images with their label maps.
 
@@ -254,18 +257,20 @@ class Reader:
             windows: left, top, right, bottom [px of the label map], outside which labels are background;
                 None: everywhere.
             hidden: masks of pixels whose labels become UNKNOWN and whose edges are ignored.
+            shaded: whether to read colours as those of faces in shade.
         """
         labels = np.zeros(self.shape, np.uint8)
+        table = self.colors.shade_table if shaded else self.colors.label_table
         for c, image in enumerate(images):
             if image is not None:
                 by = self.factors[c]
                 window = (0, 0, image.shape[1] // by, image.shape[0] // by) if windows is None else windows[c]
                 calm = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if pictures["loud"][c] else image
-                fill_labels(image, calm, by, self.colors.label_table, window, pictures, c, labels)
+                fill_labels(image, calm, by, table, window, pictures, c, labels)
                 if hidden is not None and (mask := hidden[c]) is not None:
                     pictures["colored"][c] -= _hide(labels[c], mask, by)
                     pictures["hidden"][c] = mask.__array_interface__["data"][0]
-        return Sight(labels, pictures, tuple(images), hidden)
+        return Sight(labels, pictures, tuple(images), hidden, shaded)
 
 
 def _hide(labels: Array, mask: Array, by: int) -> int:

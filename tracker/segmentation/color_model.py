@@ -28,6 +28,9 @@ from tracker.objects.labels import COLOR_NAMES
 CLASSES = len(COLOR_NAMES)
 NODES = 32
 CELLS = 64
+MORE_LIGHT, CLEARER = (1.5, 2.0, 3.0, 4.5), 2.0
+"""Factors on the light in which a colour is compared, and log odds that make it another face's in shade."""
+
 _SHAPE = (CLASSES, NODES, NODES, NODES)
 _LOG_STEP = 1 / 16
 _KEYS = ("format", "log_posterior", "normalise")
@@ -93,6 +96,22 @@ class ColorModel(Frozen):
     def label_table(self) -> Array:
         """(64³,) uint8: the most likely class of each colour cell, blue fastest."""
         return np.ravel(np.argmax(self._dense, axis=0).astype(np.uint8), "F")
+
+    @functools.cached_property
+    def shade_table(self) -> Array:
+        """`label_table`, but colours that in more light would clearly be another face's are that face's."""
+        plain = self.label_table.reshape((CELLS,) * 3, order="F")
+        table = plain.copy()
+        for light in MORE_LIGHT:
+            lit = np.rint(np.arange(CELLS) * math.sqrt(light)).astype(int)
+            lit = lit[lit < CELLS]
+            dark, brighter = table[: len(lit), : len(lit), : len(lit)], plain[np.ix_(lit, lit, lit)]
+            b, g, r = np.nonzero((dark > 0) & (brighter > 0) & (brighter != dark))
+            odds = np.sort(self._dense[:, lit[b], lit[g], lit[r]], axis=0)
+            clear = odds[-1] - odds[-2] > CLEARER
+            cells = b[clear], g[clear], r[clear]
+            dark[cells] = brighter[cells]
+        return np.ravel(table, "F")
 
     @functools.cached_property
     def margin_table(self) -> Array:

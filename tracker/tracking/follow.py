@@ -47,6 +47,8 @@ class Memory(NamedTuple):
     """(C,) of PICTURE: the light of each camera's image as last measured."""
     as_they_are: bool = False
     """Whether the object was last found in images whose greys keep their colour and brightness."""
+    shaded: bool = False
+    """Whether it was last found with colours read as those of faces in shade."""
     start: Start | None = None
     """The unknowns other than the pose in the last frame; None: none yet."""
     agreement: Agreement = Agreement()
@@ -65,7 +67,7 @@ class Memory(NamedTuple):
 
     def after(self, found: Fit) -> Memory:
         """Return the state after a search everywhere; light of another kind is measured again."""
-        memory = self._replace(extra=lasting(found), resized=found.evidence.resized)
+        memory = self._replace(extra=lasting(found), resized=found.evidence.resized, shaded=found.shaded)
         if found.as_they_are == self.as_they_are:
             return memory
         cameras = tuple(one._replace(age=None) for one in self.cameras)
@@ -194,7 +196,7 @@ class Follower:
         cameras, fresh = looked_at(memory.cameras, images)
         windows = [estimator.search.window(c, expected.position) for c in range(len(images))]
         pictures = estimator.reader.lit(images, memory.lights, fresh, as_they_are=memory.as_they_are)
-        sight = estimator.reader.labelled(images, pictures, windows, hidden)
+        sight = estimator.reader.labelled(images, pictures, windows, hidden, memory.shaded)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
         fit = estimator.refiner(
