@@ -104,6 +104,12 @@ def test_tiny_errors_are_certainly_within_the_limits_and_huge_ones_hardly_ever(s
     assert 0.0 <= probability_within(covariance * size, 5e-3, math.radians(5)) < 1e-3
 
 
+def test_what_is_next_to_impossible_is_not_less_than_impossible():
+    covariance = np.diag([1.0] * 3 + [0.01] * 3)
+    sizes = np.geomspace(1e2, 1e4, 400)
+    assert min(probability_within(size * covariance, 5e-3, math.radians(5)) for size in sizes) >= 0.0
+
+
 @pytest.mark.parametrize(
     "variances",
     [

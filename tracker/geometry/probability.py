@@ -75,7 +75,7 @@ def mass_within(covariance, near, turned, directions):  # type: ignore[no-untype
             total += 1.0 - math.exp(-half) * (1.0 + half + 0.5 * half * half)
         else:
             total += 1.0
-    return total / count
+    return max(total, 0.0) / count  # rounding errors may exceed what is next to nothing
 
 
 def probability_within(covariance: FloatArray, near: float, turned: float) -> float:
