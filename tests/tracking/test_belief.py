@@ -7,7 +7,7 @@ import pytest
 
 import tracker
 from tests.helpers import random_rotations
-from tests.helpers.fits import HOME, made_fit
+from tests.helpers.fits import COVARIANCE, HOME, made_fit
 from tracker import Status, TrackerError
 from tracker.geometry import so3
 from tracker.objects.model import Box
@@ -242,6 +242,16 @@ def test_an_unseen_object_does_not_fall_through_the_table():
     for pose in found:
         assert BOX.lowest(pose.position, pose.rotation) == pytest.approx(ground, abs=1e-9)
     assert one.belief.estimate(BOX, HOME[2]).position[2] == pytest.approx(seen.position[2], abs=1e-3)
+
+
+@pytest.mark.parametrize("cameras", [2, 3])
+@pytest.mark.parametrize("dt", [0.01, DT])
+def test_what_more_cameras_see_elsewhere_has_not_moved(dt, cameras):
+    track = Track()
+    follow(track, [made_fit(HOME + 4e-3 * X, cameras=1, covariance=50 * COVARIANCE)] * 10, dt=dt)
+    assert track.see(made_fit(cameras=cameras), 10 * dt) is Status.TRACKING
+    assert np.linalg.norm(track.estimate().velocity[:3]) < 2e-3
+    assert np.linalg.norm(track.belief.forecast(10 * dt + 0.1, BOX, 0.0).position - HOME) < 1e-3
 
 
 def test_last_pose_is_the_last_measurement(track):

@@ -49,9 +49,14 @@ _once = functools.lru_cache(maxsize=32)
 
 
 @_once
+def resting_on(fit: Fit) -> tuple[int, ...]:
+    """Cameras that the pose rests on."""
+    return tuple(c for c, one in enumerate(fit.counts) if one.inliers >= MIN_VIEW)
+
+
 def alone(fit: Fit) -> bool:
     """Whether the pose rests on a single camera."""
-    return sum(one.inliers >= MIN_VIEW for one in fit.counts) < 2
+    return len(resting_on(fit)) < 2
 
 
 @_once

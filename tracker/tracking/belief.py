@@ -14,7 +14,7 @@ from tracker.errors import TrackerError, shown
 from tracker.geometry import so3
 from tracker.objects.model import Box
 from tracker.pose.fit import Fit
-from tracker.pose.judge import alone, apparent, nearness, trust
+from tracker.pose.judge import alone, apparent, nearness, resting_on, trust
 from tracker.pose.result import Forecast, MotionEstimate, MotionKind, PoseEstimate, Status
 from tracker.tracking.motion import KINDS, MotionFilter, MotionState
 
@@ -80,8 +80,8 @@ class Belief(NamedTuple):
     """Timestamp of the last accepted measurement [s]; None: there is no pose to predict from."""
     trust: float = 0.0
     """Probability that the last measurement was of the object and that the calibration is right."""
-    single: bool = False
-    """Whether that measurement rests on a single camera."""
+    cameras: tuple[int, ...] = ()
+    """Cameras on which that measurement rests."""
     spread: float = 0.0
     """Variance along each axis that the cameras' disagreement adds [m²]."""
     pending: tuple[float, FloatArray, FloatArray] | None = None
@@ -115,6 +115,11 @@ class Belief(NamedTuple):
         return timestamp - self.seen
 
     @property
+    def _single(self) -> bool:
+        """Whether the last accepted measurement rests on a single camera."""
+        return len(self.cameras) < 2
+
+    @property
     def _unseen(self) -> bool:
         """Whether the last images gave no accepted measurement."""
         return self.seen != self.timestamp
@@ -145,7 +150,8 @@ class Belief(NamedTuple):
         if apparent(fit) < self.options.min_confidence:
             return self, Status.COASTING
         if self.motion is not None and expected is not None and self.plausible(expected, fit):
-            motion = self.motion.updated(fit.position, fit.rotation, fit.covariance)
+            others = self._single and resting_on(fit) != self.cameras
+            motion = self.motion.updated(fit.position, fit.rotation, fit.covariance, others=others)
             return self._believed(fit, motion, fitting, spread), Status.TRACKING
         sure = apparent(fit) >= self.options.jump_confidence
         if expected is not None and not sure and not self._confirmed(fit):
@@ -162,7 +168,7 @@ class Belief(NamedTuple):
             seen=self.timestamp,
             pending=None,
             trust=fitting * trust(fit),
-            single=alone(fit),
+            cameras=resting_on(fit),
             spread=spread,
             last_pose=(fit.rotation, fit.position),
         )
@@ -218,7 +224,7 @@ class Belief(NamedTuple):
 
     def _near(self, motion: MotionFilter, fused: MotionState) -> float:
         """Nearness of an unseen object: it probably rests where it was, but may have moved far."""
-        return sum(weight * nearness(spread, self.single) for weight, spread in motion.parts(fused))
+        return sum(weight * nearness(spread, self._single) for weight, spread in motion.parts(fused))
 
     def _raised(self, state: MotionState, box: Box, ground: float) -> MotionState:
         """Return a state that is not below the ground [m], or where the object was last seen."""
@@ -231,7 +237,7 @@ class Belief(NamedTuple):
     def _told(self, state: MotionState, box: Box, near: float | None = None) -> dict[str, Any]:
         """Return the fields of a MotionEstimate of a state; near: see `nearness`, None: by the covariance."""
         pose = state.covariance[:6, :6]
-        near = nearness(pose, self.single) if near is None else near
+        near = nearness(pose, self._single) if near is None else near
         return {
             "position": state.position,
             "orientation": so3.quaternion(state.rotation),

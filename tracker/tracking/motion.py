@@ -325,10 +325,19 @@ class MotionFilter(NamedTuple):
         found.modes["velocity"] *= math.exp(-passed) / mean
         return found
 
-    def updated(self, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
-        """Return the filter updated with a measurement and its covariance (6, 6)."""
-        modes = np.empty_like(self.modes)
-        update(position, rotation, (1 - CONSTANT) * noise, self.modes, modes)
+    def updated(
+        self, position: FloatArray, rotation: FloatArray, noise: FloatArray, *, others: bool = False
+    ) -> MotionFilter:
+        """Return the filter updated with a measurement and its covariance (6, 6).
+
+        others: whether the last one had large constant errors that this one does not share, as of a single
+            camera: what differs between them is no motion.
+        """
+        old, modes = self.modes, np.empty_like(self.modes)
+        if others:
+            old = old.copy()
+            old["covariance"][:, :6, :6] += CONSTANT * self.noise
+        update(position, rotation, (1 - CONSTANT) * noise, old, modes)
         return MotionFilter(modes, noise)
 
     def forecast(self, dt: float) -> MotionFilter:
