@@ -296,6 +296,14 @@ def test_a_bad_goal_in_a_folder_whose_name_is_no_unicode_leaves_the_table_whole(
     assert "/day\ufffd/goal.json: " in (one.folder / "summary.csv").read_text(encoding="utf-8")
 
 
+def test_a_folder_of_results_whose_name_is_no_unicode_has_its_table(recordings):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="cluster: no module pyarrow")
+    one = batch_of(recordings, os.fsdecode(b"out\xe9"), Options("cube_v2", stop=1))
+    do(one)
+    with (one.folder / "summary.parquet").open("rb") as file:
+        assert parquet.read_table(file)["frames"].to_pylist() == [1] * len(one.pairs)
+
+
 def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
     here = batch_of(recordings, "here", Options("cube_v2", stop=1))
     do(here)

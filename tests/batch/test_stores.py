@@ -1,4 +1,5 @@
 import json
+import os
 import re
 from functools import partial
 from pathlib import Path
@@ -89,6 +90,14 @@ def test_episodes_have_their_robots_cameras_and_tables_fit_the_store(task, by_za
     assert (r3["share_turned"], r3["stored_flips"]) == (0, 0)
     assert r1["stored_delay_s"] == pytest.approx(0.12)
     assert (repr(r1["frames"]), repr(r3["frames"])) == ("20", "24")
+
+
+def test_a_folder_of_results_whose_name_is_no_unicode_has_all_tables(robots, tmp_path):
+    store, folder = write(tmp_path / "a.zarr"), tmp_path / os.fsdecode(b"out\xe9")
+    do(store, folder, robots)
+    for name, count in (("images", STEPS // 5), ("steps", STEPS)):
+        with (place(store, folder) / f"{name}.parquet").open("rb") as file:
+            assert pq.read_table(file).num_rows == count
 
 
 def test_predictions_do_not_count_for_the_delay(tmp_path, robots, monkeypatch):

@@ -1,4 +1,5 @@
 import csv
+import os
 
 import numpy as np
 import pytest
@@ -94,6 +95,14 @@ def test_a_further_column_is_new_and_as_long(write, tmp_path, rng):
         with pytest.raises(LogError, match=rf"column {name}: found shape .*, expected a new name and shape"):
             write(tmp_path / "poses", poses, more={name: column})
     assert not (tmp_path / "poses").exists()
+
+
+def test_a_parquet_file_may_have_a_name_that_is_no_unicode(tmp_path, rng):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="cluster: no module pyarrow")
+    path, poses = tmp_path / os.fsdecode(b"poses\xe9.parquet"), random_poses(rng, 3)
+    write_parquet(path, poses)
+    with path.open("rb") as file:
+        assert parquet.read_table(file)["frame"].to_pylist() == poses.index.tolist()
 
 
 @pytest.mark.parametrize("kind", ["measured", "filtered", "recorded"])

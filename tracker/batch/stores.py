@@ -271,11 +271,11 @@ def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
         return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, column[0].size)
 
     with contextlib.ExitStack() as stack:
-        temporary = stack.enter_context(whole_file(path))
+        file = stack.enter_context(stack.enter_context(whole_file(path)).open("wb"))
 
         @functools.cache
         def writer(schema: Any) -> Any:
-            return stack.enter_context(pq.ParquetWriter(temporary, schema, compression="zstd"))
+            return stack.enter_context(pq.ParquetWriter(file, schema, compression="zstd"))
 
         def add(columns: dict[str, Array]) -> None:
             table = pa.table({name: cells(column) for name, column in columns.items()})

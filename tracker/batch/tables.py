@@ -114,5 +114,5 @@ def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 
     kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
     schema = pa.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()])
-    with whole_file(path) as temporary:
-        pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), temporary, compression="zstd")
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), file, compression="zstd")

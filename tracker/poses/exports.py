@@ -118,8 +118,8 @@ def write_parquet(
     columns = _table(poses, keypoints_of, more)
     pa, pq = (optional(name, None, "this") for name in ("pyarrow", "pyarrow.parquet"))
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
-    with told_as(LogError, path), whole_file(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+    with told_as(LogError, path), whole_file(path) as temporary, temporary.open("wb") as file:
+        pq.write_table(table, file, compression="zstd")  # pyarrow takes no path that is not UTF-8
 
 
 def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray, FloatArray]:
