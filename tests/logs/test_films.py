@@ -36,11 +36,11 @@ def expected(count: int, cameras: int = 3) -> list[list[int]]:
     return [[_grey(camera, k) for camera in range(cameras)] for k in range(count)]
 
 
-def write_film(path: Path, images: Sequence[np.ndarray], codec: str = "libx264") -> Path:
+def write_film(path: Path, images: Sequence[np.ndarray], codec: str = "libx264", **options: str) -> Path:
     av = pytest.importorskip("av", reason="video: no module av")
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w") as film:
-        stream = film.add_stream(codec, rate=25)
+        stream = film.add_stream(codec, rate=25, options=options)
         stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
         stream.height, stream.width = images[0].shape[:2]
         stream.gop_size = 5  # so that some pictures are found from a key picture in the middle
@@ -67,6 +67,18 @@ def test_a_film_of_each_camera_is_a_recording(tmp_path, suffix, codec):
         assert log.image_sizes == ((64, 48),) * 3
         for number in (7, 3, 11, 0, 1):
             assert round(float(log[number].images[1].mean()) / 8) * 8 == 40 + 8 * number
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec", "options"),
+    [(".mp4", "libx264", {"x264-params": "open-gop=1:bframes=3:keyint=8"}), (".avi", "mpeg4", {"bf": "2"})],
+)
+def test_every_picture_of_a_film_is_found_alone(tmp_path, suffix, codec, options):
+    film = write_film(tmp_path / f"camera60{suffix}", pictures(0, 24), codec, **options)
+    with tracker.open_log(film) as log:
+        found = [frame.images[0] for frame in log]
+        for number in np.random.default_rng(1).permutation(24).tolist():
+            np.testing.assert_array_equal(log[number].images[0], found[number])
 
 
 def test_films_of_different_length_leave_a_camera_without_image(tmp_path):

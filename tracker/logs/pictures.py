@@ -7,6 +7,7 @@ fills missing parts of a damaged image with grey, and reports that on stderr onl
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
@@ -135,6 +136,7 @@ FILM_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
 """File name suffixes of films."""
 
 _MAX_PICTURES = 10_000_000
+_MOST_REORDERED = 16  # images of a film that are stored after one that they precede
 _CONTAINERS = {"format_whitelist": "mov,matroska,avi", "protocol_whitelist": "file"}
 """The only containers and protocols that FFmpeg may open: playlists would read the files they name."""
 
@@ -207,23 +209,32 @@ class FilmFile:
         sought, before = self._times[number], self._times[number - 1] if number else None
         where = f"{self.path}: image {number}: "
         with self._alone.lock():
-            following, self._next = self._next, None  # an error or Ctrl-C leaves None
-            try:
-                if following is None or self._ahead != before:
-                    self._film.seek(sought, stream=self._stream, backward=True)  # to a keyframe before it
-                    following = self._film.decode(self._stream)
-                for frame in following:
-                    time = frame.pts if frame.pts is not None else frame.dts
-                    check_same_size((frame.width, frame.height), self.size, where)
-                    if time == sought:
-                        image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
-                        self._next, self._ahead = following, time
-                        return image
-                    if time is not None and time > sought:
-                        break
-            except self._faults as error:
-                raise LogError(f"{where}{' '.join(str(error).split())}") from error
-        raise LogError(f"{where}found none, the film is damaged")
+            ways, self._next = [self._next], None  # an error or Ctrl-C leaves None
+            if ways == [None] or self._ahead != before:
+                # Images in front of a keyframe may be stored after it, and need those before it, too.
+                early = number - _MOST_REORDERED
+                earlier = self._times[early] if early > 0 else self._stream.start_time or 0
+                ways = [self._decoded(time) for time in (sought, earlier)]
+            fault = "found none, the film is damaged"
+            for following in ways:
+                try:
+                    for frame in following:
+                        time = frame.pts if frame.pts is not None else frame.dts
+                        check_same_size((frame.width, frame.height), self.size, where)
+                        if time == sought:
+                            image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+                            self._next, self._ahead = following, time
+                            return image
+                        if time is not None and time > sought:
+                            break
+                except self._faults as error:
+                    fault = " ".join(str(error).split())
+        raise LogError(f"{where}{fault}")
+
+    def _decoded(self, time: int) -> Iterator[Any]:
+        """Yield all images from the last keyframe before a time on."""
+        self._film.seek(time, stream=self._stream, backward=True)
+        yield from self._film.decode(self._stream)
 
     def close(self) -> None:
         """Close the file."""
