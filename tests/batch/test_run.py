@@ -129,6 +129,19 @@ def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(recordings, m
     assert contents(one.folder) == contents(undisturbed.folder)
 
 
+def test_results_of_other_options_do_not_count_as_done(recordings):
+    do(batch_of(recordings))
+    other = batch_of(recordings, options=Options("cube_v2", stop=3, make_tracker=NoiseTracker))
+    with only_run(other):
+        assert tables.state(other).missing == COUNT
+        run_batch(other.work()[:2], engine(1), lambda _: None)
+    for one in (other, read_batch(other.folder)):
+        assert [line["frames"] for line in tables.state(one).lines] == [3, 3]
+    with only_run(other):
+        assert tables.state(other).missing == COUNT - 2
+    assert len(do(batch_of(recordings))[0]) == COUNT
+
+
 def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordings, monkeypatch):
     spoilt, real, long = recordings / "001" / "camera_data.dat", run.run, ("b" * 243, "c" * 250)
     content = spoilt.read_bytes()

@@ -74,6 +74,7 @@ def make_result(task: Task) -> dict[str, Any]:
         tracked = run(job)
         mark = tracked.poses.about.fingerprint
         line = {"fingerprint": mark, "bytes": output.stat().st_size, "goal": _goal_of(job.log)}
+        line["agreed"] = task.agreed
         line |= row(job, tracked, remark_on_recording(job, tracked.poses))
         _write(results.summary_file(output), line)
         results.failure_file(output).unlink(missing_ok=True)
@@ -180,14 +181,17 @@ def read_batch(folder: Path) -> Batch:
 def only_run(batch: Batch) -> Iterator[None]:
     """Make this the only run with a folder of results until the `with` block ends; write what was asked for.
 
-    Leftovers of killed runs and workers are removed. BlockingIOError if another run is active, LogError if
-    the folder holds other files by the names of a batch's own.
+    Leftovers of killed runs and workers are removed, and so are table rows of other options. BlockingIOError
+    if another run is active, LogError if the folder holds other files by the names of a batch's own.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
-    content = {"options": batch.options.plain(), "recordings": batch.pairs}
+    tasks = [task for task, _ in batch.work()]
+    mark = " ".join(sorted({task.agreed for task in tasks}))
+    content = {"options": batch.options.plain(), "agreed": mark, "recordings": batch.pairs}
     with claimed(batch.folder / results.ASKED):
         if (batch.folder / results.ASKED).exists():
-            read_batch(batch.folder)
+            if read_asked(batch.folder / results.ASKED, batch.folder)[1] != mark:
+                _remove_old_lines(tasks)
         elif others := [name for name in _beside_poses(batch) if os.path.exists(batch.folder / name)]:
             raise LogError(f"{batch.folder}: found {others[0]}, but no batch; expected another folder")
         _remove_leftovers(batch)
@@ -250,6 +254,14 @@ def _goal_of(log: Path) -> str | None:
         return hashlib.sha256(read_bounded(goal_file(log), MAX_LIST)).hexdigest()
     except OSError:
         return None
+
+
+def _remove_old_lines(tasks: Iterable[Task]) -> None:
+    """Remove the table rows of other options, files or code: until they are replaced, they count as done."""
+    for task in tasks:
+        line = results.read_line(Path(task.output))
+        if line is not None and line.get("agreed") != task.agreed:
+            results.summary_file(Path(task.output)).unlink(missing_ok=True)
 
 
 def _beside_poses(batch: Batch) -> Iterator[str]:
