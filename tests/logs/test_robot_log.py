@@ -154,5 +154,9 @@ def test_states_are_exported_with_the_poses(tmp_path, run_here):
     np.testing.assert_allclose(found, expected, atol=1e-6)
     assert pq.read_table(tmp_path / "a.parquet")["robot_gap_s"].to_pylist()[0] == np.inf
     assert_one_line_error(run_here(*base, "--tum", "a.tum", folder=tmp_path), "--robot-log: found no table")
+    log.write_bytes(text(1.0 + TIMES - START))  # of another clock
+    done = run_here(*base, "--csv", "a.csv", folder=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (0, 1)
+    assert "robot.csv: ends before the poses or begins after them" in done.stderr
     log.write_bytes(b"x")
     assert_one_line_error(run_here(*base, "--csv", "b.csv", folder=tmp_path), "robot.csv: found")

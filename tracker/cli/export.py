@@ -173,6 +173,8 @@ def export(
     outputs.check_camera(poses.about.rig)
     corners_of = model if keypoints else None
     more = read_robot_log(robot_log).at(poses.timestamp).columns() if robot_log else None
+    if more and len(poses) and np.isinf(more["robot_gap_s"]).all():
+        say(f"warning: {robot_log}: ends before the poses or begins after them: is it of the same job?")
     outputs.write(poses, corners_of, more)
     if parquet is not None:
         write_parquet(parquet, poses, keypoints_of=corners_of, more=more)
