@@ -115,7 +115,7 @@ def find_layout(root: Path, rate: float) -> Layout:
     rate: frame rate [Hz] where names are not timestamps.
     """
     if root.is_file():
-        return _of_streams({_name_of_lone_camera(root.stem): _film(root)}, rate)
+        return _of_streams(root, {_name_of_lone_camera(root.stem): _film(root)}, rate)
     if (root / RECORDING_FILE).is_file():
         return _of_stated(root, rate)
     folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
@@ -130,7 +130,7 @@ def find_layout(root: Path, rate: float) -> Layout:
             "or a recording such as camera_data.dat"
         )
     ordered = {name: streams[name] for name in sorted(streams, key=_natural)}
-    return _of_streams(ordered, rate, by_name=bool(frames))
+    return _of_streams(root, ordered, rate, by_name=bool(frames))
 
 
 def _visible(folder: Path) -> Iterator[Path]:
@@ -243,7 +243,7 @@ def _of_stated(root: Path, rate: float) -> Layout:
             rate = 1 / float(np.diff(times).mean())
         streams = _numbered(streams, films)
     names = {name for files in streams.values() for name in files}
-    layout = _of_streams(streams, rate, by_name=stamps is not None and len(stamps) == len(names))
+    layout = _of_streams(root, streams, rate, by_name=stamps is not None and len(stamps) == len(names))
     if stamps is None:
         return layout
     if len(stamps) != (count := len(layout.names)):
@@ -317,10 +317,15 @@ def _numbered(streams: _Streams, films: Set[str]) -> _Streams:
     return result
 
 
-def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Layout:
+def _of_streams(root: Path, streams: _Streams, rate: float, *, by_name: bool = False) -> Layout:
     """Group images into frames by name or, if names are timestamps and not `by_name`, by time."""
     keys = [key for files in streams.values() for key in files]
     if not by_name and len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
+        few, many = (pick(streams, key=lambda name: len(streams[name])) for pick in (min, max))
+        if len(streams[few]) < len(streams[many]):
+            found = f"found {len(streams[few])} images of {few} and {len(streams[many])} of {many}"
+            why = "whose names do not show which is missing"
+            raise LogError(f"{root}: {found}, {why}; expected as many of each")
         streams = _numbered(streams, streams.keys())
     names = sorted({name for files in streams.values() for name in files}, key=_natural)
     stamps = stamps_of_names(names)
