@@ -267,12 +267,13 @@ def _require_fit(placed: Placed) -> None:
     for number, one in enumerate(placed.cameras):
         limit = MOST_RMS * float(one.camera.matrix.diagonal()[:2].min())
         own = [at for at in placed.residuals if at[0] == number]
-        refused = sum(at in placed.faults for at in own)
-        if 2 * refused >= len(own):
-            found = f"{refused} of its {len(own)} photos are contradicted by others"
+        refused = [placed.sightings[at].photo for at in own if at in placed.faults]
+        if 2 * len(refused) >= len(own):
+            which = f"{len(refused)} of its {len(own)} photos"
+            found = f"{which} are contradicted by others ({', '.join(refused)})"
         elif not placed.rms(number) <= limit:
             found = f"its photos miss by {placed.rms(number):.2f} px RMS, expected at most {limit:.2f}"
         else:
             continue
-        why = "the lens is not this camera's, or the board moved between cameras"
+        why = "the lens is not this camera's, the board moved between cameras, or is seen too flat"
         raise CalibrationError(f"{one.camera.name}: {found}: {why}")
