@@ -106,7 +106,7 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
 def _camera_of(data: dict[Any, Any]) -> Camera:
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
     if "camera_matrix" in data:
-        where = "`tracker calibrate extrinsics` finds where its camera is; or add that key, a 4×4 matrix"
+        where = "`tracker calibrate extrinsics` finds its pose; or add that key: [R t; 0 1] of rvec and tvec"
         _require(data, transform_key, f": a lens alone; {where}")
     transform = _matrix_of(data, transform_key, (4, 4))
     transform[:3, :3] = rotation_of(transform[:3, :3], transform_key, CalibrationError)
