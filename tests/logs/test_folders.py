@@ -128,12 +128,12 @@ NO_PICTURES = ("camera60/a.txt", "0/other.png", "camera60.txt")
         ({"1/camera60.png": np.zeros((20, 31, 3), np.uint8)}, "31×20 px, expected 30×20"),
         ({"0/camera60.jpg": picture(0, 0)}, "one image of a camera"),
         *[({"ground_truth.json": text}, r"ground_truth\.json") for text in NO_TRUTHS],
-        *[({place: ""}, "no images of cameras") for place in NO_PICTURES],
+        *[({place: ""}, "no images of cameras.*begin with camera") for place in NO_PICTURES],
     ],
 )
 def test_a_folder_that_is_no_recording_is_refused_with_the_reason(tmp_path, added, message):
     ((path, content),) = added.items()
-    if message != "no images of cameras":
+    if not message.startswith("no images of cameras"):
         write_triplets(tmp_path, ["0", "1"])
     (tmp_path / path).parent.mkdir(exist_ok=True)
     if isinstance(content, str):

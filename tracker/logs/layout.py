@@ -125,9 +125,9 @@ def find_layout(root: Path, rate: float) -> Layout:
     streams = streams or frames or _films(root) or _without_names(root, folders)
     if not streams:
         raise LogError(
-            f"{root}: found no images of cameras, expected folders like 000000 with camera60.png, "
-            "or folders like camera60 with 000000.png, or films like camera60.mp4, or recording.toml, "
-            "or a recording such as camera_data.dat"
+            f"{root}: found no images of cameras, expected folders like 000000 with camera60.png "
+            "(names begin with camera), or folders like left with 000000.png, or films like camera60.mp4, "
+            "or recording.toml, or a recording such as camera_data.dat"
         )
     ordered = {name: streams[name] for name in sorted(streams, key=_natural)}
     return _of_streams(root, ordered, rate, by_name=bool(frames))
