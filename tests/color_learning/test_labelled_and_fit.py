@@ -243,7 +243,7 @@ def test_both_layouts_of_labelled_images_are_read(image, masks, tmp_path):
         (lambda folder: read_labelled(folder / "empty"), "none found"),
         (lambda folder: read_labelled(folder / "nowhere"), "no such folder"),
         (lambda folder: read_labelled(folder), "01_mask_red"),
-        (lambda folder: read_labelled(folder / "unused"), r"02_mask_Red\.png: found no NN_image"),
+        (lambda folder: read_labelled(folder / "unused"), r"02_mask_Red\.png: found no 02_image"),
         (lambda folder: read_image(folder / "nothing.png"), r"nothing\.png"),
         (lambda folder: read_image(folder / "text.png"), r"text\.png"),
         (lambda folder: read_image(folder / "image.png"), r"image\.png"),

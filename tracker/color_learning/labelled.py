@@ -93,7 +93,9 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
         result.append(LabelledImage(f"{folder.name}/{path.stem}", image, labels))
     if unused:
         colors = ", ".join(COLOR_NAMES[1:])
-        raise ImageError(f"mask {min(unused)}: found no NN_image.png for it, or no colour of {colors}")
+        lone = min(unused)
+        missing = f"{lone.name.rpartition('_mask_')[0]}_image.png"
+        raise ImageError(f"mask {lone}: found no {missing} for it, or no colour of {colors}")
     if not result:
         raise ImageError(
             f"labelled images {folder}: none found; expected NN_image.png with NN_mask_red.png …, "
