@@ -48,7 +48,8 @@ def test_exchanged_faces_are_refused_and_nothing_is_written(tmp_path, run_here):
     log_posterior[[2, 5]] = log_posterior[[5, 2]]
     ColorModel("wrong", log_posterior).save(tmp_path / "wrong.npz")
     given = ("adapt", DATA, "--object", "cube_v2", "--colors", "wrong.npz", "-o", "mine.npz")
-    assert_refused(run_here, tmp_path, given, "wrong: refused", "green has the hue of magenta")
+    parts = ("wrong: refused", "green has the hue of magenta", "use `tracker colors fit`")
+    assert_refused(run_here, tmp_path, given, *parts)
 
 
 def test_colors_that_cannot_be_bettered_keep_the_old_file(tmp_path, run_here):

@@ -146,7 +146,8 @@ def _told_wrong(hues: Mapping[int, float]) -> str:
         f"{COLOR_NAMES[label]} has the hue of {COLOR_NAMES[like] if like else 'grey'}"
         for label, like in misnamed(hues).items()
     ]
-    return "faces are mistaken for each other: " + ", ".join(parts) if parts else ""
+    hint = "against a coloured background, use `tracker colors fit`"
+    return f"faces are mistaken for each other: {', '.join(parts)}; {hint}" if parts else ""
 
 
 TRIED = 12
