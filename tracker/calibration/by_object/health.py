@@ -84,7 +84,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "white balance": Quantity(
         "White balance: red over blue of the scene's greys", "%", (-45.0, 80.0),
-        "the white balance is set at every start: start again with a grey scene in view",
+        "start the cameras with a grey scene in view; a coloured table shifts it, too",
     ),
 }  # fmt: skip
 """Quantities measured for each camera, by key; docs/health.md explains the limits.
