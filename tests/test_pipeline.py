@@ -1,3 +1,5 @@
+import time
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene, scene_with_fingers
 from tracker.errors import ImageError
 from tracker.objects.model import to_toml
+from tracker.pose import views
 
 SCENES = 10
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
@@ -157,6 +160,18 @@ def test_images_go_by_the_cameras_names_in_any_order_and_views_are_as_good_as_co
     one.reset()
     pair = one.detect({**named, "camera60": None}).object_pose
     assert_same_pose(pair, one.detect([None, *truth.images[1:]]).object_pose)
+
+
+def test_the_time_that_taking_off_a_veil_takes_is_told(trackers, scenes, monkeypatch):
+    def slowly(image):
+        time.sleep(0.01)
+        return image
+
+    monkeypatch.setattr(views, "unveiled", slowly)
+    one, images = trackers["cube_v2"], scenes["cube_v2"][0].images
+    one.reset()
+    for answer in (one.detect(images), one.update(images, 0.0), one.update(images, 0.1)):
+        assert answer.timing_ms["light"] >= 10.0 * len(images)
 
 
 def test_every_pose_of_a_tracker_has_keypoints(trackers, scenes):

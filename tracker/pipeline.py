@@ -178,7 +178,7 @@ class ObjectTracker:
         """Search everywhere, without memory; also return how each camera's image can be used."""
         nothing = [CameraMemory()] * len(self.rig)
         _, given, uses = usable(nothing, check_images(images, self.rig))
-        given = self._estimator.reader.unveiled(given)
+        given = self._estimator.reader.unveiled(given, timing)
         return self._estimator.find(given, timing, hidden=check_hidden(hidden, self.rig)), uses
 
 

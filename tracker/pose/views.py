@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
@@ -210,12 +211,18 @@ class Reader:
 
     def __call__(self, images: Sequence[Image | None]) -> Sight:
         """Read images (H, W, 3), None for a missing one, each in the light estimated from its own greys."""
-        images = self.unveiled(images)
+        images = self.unveiled(images, {})
         return self.labelled(images, self.lit(images))
 
-    def unveiled(self, images: Sequence[Image | None]) -> list[Image | None]:
-        """Return images (H, W, 3) without their veils, if the light of this colour model is normalised."""
-        return [unveiled(one) if one is not None and self.colors.normalise else one for one in images]
+    def unveiled(self, images: Sequence[Image | None], timing: dict[str, float]) -> list[Image | None]:
+        """Return images (H, W, 3) without their veils, if the light of this colour model is normalised.
+
+        timing receives the duration [ms], under `light`.
+        """
+        begun = time.perf_counter()
+        found = [unveiled(one) if one is not None and self.colors.normalise else one for one in images]
+        timing["light"] = 1e3 * (time.perf_counter() - begun)
+        return found
 
     def lit(
         self,

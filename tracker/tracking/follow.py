@@ -125,7 +125,8 @@ class Follower:
         """
         belief, expected = memory.belief.advance(timestamp)
         cameras, given, uses = usable(memory.cameras, images)
-        given = self._estimator.reader.unveiled(given)
+        timing: dict[str, float] = {}
+        given = self._estimator.reader.unveiled(given, timing)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
         # What is not used makes nothing uncertain, however old it is.
         delays = [0.0 if image is None else delay for image, delay in zip(given, delays, strict=True)]
@@ -136,7 +137,6 @@ class Follower:
                 ahead = belief.motion.predicted(longest / 3.0).state
                 velocity, covariance = expected.velocity, ahead.covariance[6:, 6:]
             lag = Lag(np.array(delays), velocity, covariance)
-        timing: dict[str, float] = {}
         outcome, memory = self._measure(given, expected, lag, memory, timing, hidden)
         pose, status, reason = None, Status.COASTING, None
         if isinstance(outcome, Status):
