@@ -4,8 +4,6 @@ Job descriptions are submitted from their own folder and use file names relative
 Python's has to be quoted for a shell or a scheduler.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

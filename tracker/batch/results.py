@@ -10,8 +10,6 @@ The small files are the only state of a batch, so any number of processes on any
 contain no times or machine names: the same recordings give the same bytes.
 """
 
-from __future__ import annotations
-
 import glob
 import json
 import os

@@ -1,7 +1,5 @@
 """Engines that do the work: this process, other processes on this machine, or workers of Dask."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import itertools

@@ -4,8 +4,6 @@
 `Arena`; without it, the arena is the default, as in the platform's files.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from typing import Any

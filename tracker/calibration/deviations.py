@@ -5,8 +5,6 @@ the world had moved by a = Rᵀδt and w = Rᵀω: R (exp(w) P + a) + t. Covaria
 along world axes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tracker.conventions import FloatArray

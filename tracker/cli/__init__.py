@@ -4,8 +4,6 @@ Errors are one line on stderr that starts with `tracker: `; EXIT_CODES describes
 A command's module is imported when the command is used, so that `tracker --help` is quick.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import sys

@@ -1,7 +1,5 @@
 """`tracker batch`: track thousands of recordings, and show the progress."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from dataclasses import dataclass

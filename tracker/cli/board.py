@@ -1,7 +1,5 @@
 """`tracker calibrate board`, `intrinsics`, `extrinsics`: print a board, and calibrate with photos of it."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

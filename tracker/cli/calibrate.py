@@ -1,7 +1,5 @@
 """`tracker calibrate`: make calibrations, and correct or check them with recordings of a known object."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence

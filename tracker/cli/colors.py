@@ -1,7 +1,5 @@
 """`tracker colors`: learn colours from recordings or from labelled images, and measure them."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`tracker demo`: track a short recording that comes with the package; compare it with ground truth."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

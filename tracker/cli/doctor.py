@@ -1,7 +1,5 @@
 """`tracker doctor`: check whether this machine has what the tracker needs, and suggest remedies."""
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import functools

@@ -1,7 +1,5 @@
 """`tracker export`, `convert`, `view`: write poses and recordings in other formats, or show them."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence

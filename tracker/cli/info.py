@@ -1,7 +1,5 @@
 """`tracker info`: show what is in a recording or in a file of poses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`tracker live`: track an object while cameras run."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os

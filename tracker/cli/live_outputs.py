@@ -1,7 +1,5 @@
 """Outputs of `tracker live`: printed lines, and receivers of poses."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -1,7 +1,5 @@
 """Options shared by several commands: the object, its colours, the cameras, part of a recording."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import math

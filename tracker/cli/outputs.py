@@ -1,7 +1,5 @@
 """Outputs of commands, checked before any work: invalid or destructive ones are refused."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress

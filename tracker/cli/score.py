@@ -1,7 +1,5 @@
 """`tracker score`: compute the rewards of a job."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import astuple
 from pathlib import Path

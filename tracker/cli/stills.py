@@ -1,7 +1,5 @@
 """`tracker detect` and `tracker dice`, and reading one set of images for commands."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """The commands' use of the terminal: text and progress bars."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress

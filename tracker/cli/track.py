@@ -1,7 +1,5 @@
 """`tracker track`: find the object's pose in every frame of a recording."""
 
-from __future__ import annotations
-
 import json
 from collections import deque
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ keep it from reinforcing its own errors: faces must have the hues of their names
 be explained better than before.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress

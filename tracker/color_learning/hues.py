@@ -8,8 +8,6 @@ The distance of two colours is a Mahalanobis distance of log blue, green and red
 covariance of the changes that light, shade and camera cause.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ Two layouts are read, and may be mixed in a folder:
 A colour without a mask is not visible. Mask pixels count unless they are black.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass

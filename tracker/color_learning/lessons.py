@@ -1,7 +1,5 @@
 """Training pixels from frames of recordings: those of each face, and of everything else."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Bounded reads, and atomic writes by one process at a time."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import errno

@@ -10,8 +10,6 @@ the process when they are closed, or earlier. `Disk` keeps what the disk refuses
 library can finish and the error can be reported.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import math

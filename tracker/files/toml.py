@@ -1,7 +1,5 @@
 """Small TOML files: those of the user by path, those of the package by name."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Collection

@@ -1,7 +1,5 @@
 """Check cameras for faults by watching their images for a few seconds, without searching for an object."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """Trigger several cameras together, each in its own thread so that none waits for another."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import time

@@ -1,7 +1,5 @@
 """Camera drivers: Basler cameras via pypylon (the extra `pylon`), others via OpenCV."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 import warnings

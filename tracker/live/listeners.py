@@ -1,7 +1,5 @@
 """Process moments in separate threads, so that tracking never waits."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -1,7 +1,5 @@
 """The images of one moment, and the tracker's result on them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol

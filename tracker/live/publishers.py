@@ -1,7 +1,5 @@
 """Publish poses to other processes by ZeroMQ (extra `live`), one JSON object per message, or LCM (`lcm`)."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -3,8 +3,6 @@
 It never delays tracking.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import threading

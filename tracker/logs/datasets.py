@@ -3,8 +3,6 @@
 `observations` (steps, n) is a nested dictionary, flattened in order of sorted keys; n identifies the task.
 """
 
-from __future__ import annotations
-
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reads folders of PNG or JPEG images or of films frame by frame, and writes folders of images."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Iterable

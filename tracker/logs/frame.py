@@ -1,7 +1,5 @@
 """One frame of a recording: its timestamps, and the object's pose as recorded."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Container, Iterable, Iterator, Sequence

@@ -8,8 +8,6 @@
 Settings are stored as bytes, not as strings, since the HDF5 library crashes on damaged strings.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

@@ -13,8 +13,6 @@ If the names do not show which camera took an image, `recording.toml` does, with
 docs/recordings.md describes both.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import os

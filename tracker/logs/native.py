@@ -10,8 +10,6 @@ tries all variants, and picks the one for which the second record's first camera
 Numbers are checked before they determine any size.
 """
 
-from __future__ import annotations
-
 import gzip
 import os
 import struct

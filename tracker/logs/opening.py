@@ -1,7 +1,5 @@
 """Opens recordings of any format, lists their files, and finds their calibration."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import os

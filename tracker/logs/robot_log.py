@@ -3,8 +3,6 @@
 A log is text, one line per step after a header of names, or binary, version 2; either may be gzipped.
 """
 
-from __future__ import annotations
-
 import gzip
 import os
 import struct

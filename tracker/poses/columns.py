@@ -3,8 +3,6 @@
 Rows of frames without a pose are all NaN, so that no stale pose can be mistaken for a valid one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar

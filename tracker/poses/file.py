@@ -6,8 +6,6 @@
 docs/poses.md describes every dataset. The same poses give the same bytes.
 """
 
-from __future__ import annotations
-
 import io
 import os
 from contextlib import suppress

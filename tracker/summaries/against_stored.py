@@ -1,7 +1,5 @@
 """Compares poses with those stored in a data set: differences, delay, and flips."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A tracked recording in numbers: its summary, its rewards for the goal in its folder, its row in a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

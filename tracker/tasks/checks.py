@@ -1,7 +1,5 @@
 """Checks of goals and states."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -7,8 +7,6 @@
 The last two may also be the value of `goal` in an object, as in a job's configuration; dice may be a pattern.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

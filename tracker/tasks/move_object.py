@@ -7,8 +7,6 @@ many, for instance a whole episode: leading axes broadcast.
 Goals must be finite. A state may be NaN where the object was not seen; its error and reward are NaN, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

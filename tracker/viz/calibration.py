@@ -1,7 +1,5 @@
 """Rig health: each camera's residuals relative to the others or to a board, and a page of plots over time."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from html import escape

@@ -1,7 +1,5 @@
 """Images of the dice task: camera views with goal areas, dice and the error, and a goal seen from above."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable, Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """Write image files, and films (.mp4) that any browser can play."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Draw camera views side by side, with the estimate's lens-distorted edges, and small tables below."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Text is drawn by Pillow, so that it looks the same with any version of OpenCV. S
 the same fine grid its lines are off by 0.02 px (RMS); Pillow's, limited to whole pixels, by 0.17 px.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path

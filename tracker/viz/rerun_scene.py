@@ -14,8 +14,6 @@
 Whatever is missing in a frame is cleared: a stale pose is never shown.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -11,8 +11,6 @@ Pages are PDF, SVG or PNG files of an image at 600 dots per inch. A dot is 0.04 
 the nearest dot, so rounding errors do not add up along the board.
 """
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import functools

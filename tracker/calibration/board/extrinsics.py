@@ -7,8 +7,6 @@ Lenses are not changed. The standard deviations of a camera's pose hold for its 
 board's given pose; an error of the given pose moves all cameras together.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

@@ -5,8 +5,6 @@ which photos it uses and whether to trust it. Each photo is judged by a lens fit
 fitted to all photos adapts to an outlier among them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 

@@ -8,8 +8,6 @@ camera k in that pose. A corner moves by A d in the image, with A its Jacobian, 
 displacement under stated covariances Σ_k is the trace of A Σ_k (M_k G Σ_k Gᵀ M_kᵀ) Aᵀ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Measure the health of a rig in frames spread over a recording, instead of checking it by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

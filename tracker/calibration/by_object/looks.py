@@ -7,8 +7,6 @@ The errors stated in the files are the prior. A camera counts as moved if the lo
 with its ξ_c free.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Find a known object in recordings and sets of images: at rest, or in different poses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Each pose at rest gives three equations: the height of its contact and two slope
 errors shift all poses together; they are kept apart from errors that average out over many poses.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

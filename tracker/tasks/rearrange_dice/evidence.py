@@ -3,8 +3,6 @@
 The evidence is projected into the plane of the dice's tops, where squares of a die's size are proposed.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable, Sequence
 

@@ -6,8 +6,6 @@ explain too little are dropped. Further dice are proposed for unexplained pixels
 a crowd replace those they overlap if the whole set then explains more.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

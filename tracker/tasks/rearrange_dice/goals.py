@@ -8,8 +8,6 @@ row has the cells with the smallest x; the first character of a row is the cell 
 Text after the rows is ignored if it follows an empty line or starts with a line of dashes.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The task's error (the number of pixels that show dice outside the goal); assignment of dice to places."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import TypeAlias

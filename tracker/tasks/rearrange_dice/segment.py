@@ -6,8 +6,6 @@ falls below a fixed share of its value inside. This follows the blue into the sh
 between dice and their surroundings. White pips are filled.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -12,8 +12,6 @@ a die (pixels where it should be seen and is not) is limited, since a finger may
 overlap, or hover between the levels of a stack, are penalised.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
