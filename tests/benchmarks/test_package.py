@@ -9,14 +9,7 @@ import pytest
 from benchmarks.data import disturbances
 from benchmarks.data.package import environment as package
 from benchmarks.data.package.environment import PACKAGE, VARIABLE, VERSION, PackageError, interpreter, run
-from benchmarks.data.package.scenes import (
-    LENS_MARGIN,
-    Drawing,
-    as_drawn,
-    bend_map,
-    bent,
-    face_map,
-)
+from benchmarks.data.package.scenes import LENS_MARGIN, Drawing, as_drawn, bend_map, bent, face_map
 from benchmarks.data.plan import Plan
 from benchmarks.data.sets import PACKAGES, scene_set
 from benchmarks.data.workloads import BY_NAME

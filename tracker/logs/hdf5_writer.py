@@ -15,15 +15,7 @@ import numpy as np
 
 from tracker.calibration.camera_info import CAMERA_DATASETS, write_arena
 from tracker.calibration.rig import CameraRig
-from tracker.checks import (
-    check_sequence,
-    float_array,
-    is_number,
-    naming,
-    of_kind,
-    path_of,
-    seconds,
-)
+from tracker.checks import check_sequence, float_array, is_number, naming, of_kind, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
