@@ -1,7 +1,5 @@
 """`python -m benchmarks`; if packages are missing, prints how to install them."""
 
-from __future__ import annotations
-
 import sys
 
 from tracker.errors import TrackerError, reason

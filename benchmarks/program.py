@@ -1,7 +1,5 @@
 """Measure the tracker: `python -m benchmarks all|accuracy|films|…|gate|compare|report`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """A run: its parts, each saved as soon as it is finished, so that an interrupted run continues."""
 
-from __future__ import annotations
-
 import json
 import re
 import time

@@ -9,8 +9,6 @@ of what the cameras saw where poses were predicted, of the first episode; prints
 episodes what each costs beside the true poses.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from contextlib import ExitStack, closing

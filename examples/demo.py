@@ -6,8 +6,6 @@ Writes the first frame's images and their calibration, overlay.png, overlay.mp4 
 folder.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator, Sequence

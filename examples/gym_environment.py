@@ -6,8 +6,6 @@ corners are zeros). The reward is that of the pose that was found, -1 where ther
 says where the object really is.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """What fingers may know of the cube: the truth, poses from late images, or true poses made late and wrong."""
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Any
 

@@ -5,8 +5,6 @@ The environment steps at 50 Hz; its observation is a dictionary with the true `p
 wrapper takes `visible` out and adds the `confidence` of the pose (0: none yet).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Any
 

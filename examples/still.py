@@ -5,8 +5,6 @@
 Writes the images, their calibration, and the picture overlay.png to the folder.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -4,8 +4,6 @@ If an image is, to the bit, the interpolation of an RGGB mosaic, values are read
 only, so that interpolation does not affect blur and fringes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

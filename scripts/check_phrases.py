@@ -3,8 +3,6 @@
 codespell knows single words only. The exit code is 1 if any is found.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Iterable, Iterator

@@ -6,8 +6,6 @@ The sheet shows every recorded triplet above one that is rendered like it, with 
 table has medians over all edges and images, and the ratio of rendered to recorded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

@@ -6,8 +6,6 @@ The scene is the one that `examples/still.py` writes to the folder `demo`. The f
 which the tracker itself works; only the curves in `strips.jpg` are fitted here.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path

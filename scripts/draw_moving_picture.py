@@ -5,8 +5,6 @@
 FILM is the overlay.mp4 of `make demo`; without one, the demo is run first.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

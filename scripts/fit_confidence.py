@@ -11,8 +11,6 @@ Prints the numbers for tracker/pose/evidence.py and tracker/pose/judge.py, and t
 third scene when they are fitted to the others.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ Prints the weights for tracker/tasks/rearrange_dice/finder.py, with images and w
 reliability on every third scene, which is left out of the fit.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 

@@ -6,8 +6,6 @@ REAL_FOLDER holds `calibration/robots/rN_camera*.yml`. Prints mean and standard 
 random cameras, at 270 × 270.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

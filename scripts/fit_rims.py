@@ -12,8 +12,6 @@ The last line of each triplet is the rim estimated by all cameras together, what
 with a standard deviation for other objects of the kind.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from pathlib import Path

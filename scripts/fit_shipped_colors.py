@@ -8,8 +8,6 @@ of the platform's simulation under shading; `dice` to the blue of one image. The
 veils: the renderer has none, and the dice's mask follows the blue into shade by itself.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections.abc import Sequence

@@ -8,8 +8,6 @@ determines its contents: these arguments, pyproject.toml's requirements if "." i
 to its files, so that it stays complete whatever happens to the cached one. The project itself is in neither.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import hashlib

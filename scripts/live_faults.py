@@ -7,8 +7,6 @@ end the whole process. Printed for each: whether tracking continues, its statuse
 how many complete sets of images the object is found again; for recordings, how much is lost.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -5,8 +5,6 @@
 They are those of the project itself, of the named extras, and of the packages that run the tests.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator

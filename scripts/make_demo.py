@@ -5,8 +5,6 @@
 Writes tracker/demo: 20 frames at 10 Hz as JPEG, the cameras' calibration, and truth.json.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -7,8 +7,6 @@ of each image, the figures behind the distributions of `synthetic.camera`, and t
 rendered images of the same kind side by side.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 from pathlib import Path

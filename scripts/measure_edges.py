@@ -7,8 +7,6 @@ themselves, and averaged. Measured for each edge: how far the brightness exceeds
 glint, a dark seam), the width of the step, and the scatter of single profiles about the line.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path

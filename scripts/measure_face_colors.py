@@ -8,8 +8,6 @@ An object at rest shows one face from above, whose pixels are the highest in the
 side, which get less light; the table states which it was.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -6,8 +6,6 @@ Public are the names that `tracker` exports, that the documentation's reference 
 in the documentation's pages export. Users notice a change there: it belongs in CHANGELOG.md.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

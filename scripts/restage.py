@@ -4,8 +4,6 @@ The pose is the tracker's estimate. Calibrated worlds float some millimetres abo
 object and cameras are raised together until the object rests on it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A hook of MkDocs: it adds reports as pages, shows examples, and turns links to other code into text."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

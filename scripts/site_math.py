@@ -1,7 +1,5 @@
 """A hook of MkDocs: it turns formulas into MathML during the build, so that pages load no script."""
 
-from __future__ import annotations
-
 import re
 from itertools import zip_longest
 from typing import Any

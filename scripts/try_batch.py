@@ -8,8 +8,6 @@ a run with all its workers, repeats the command, and compares every result with 
 they must be equal to the bit, with none missing and none done twice.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import random

@@ -7,8 +7,6 @@ the first Python it runs what a user would; commands that need an extra must nam
 checker reads the examples. With the others it finds a pose, which compiles everything.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

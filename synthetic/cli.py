@@ -4,8 +4,6 @@ Errors are one line on stderr that starts with `synthetic: `, and exit code 2; a
 SIGTERM with 143, SIGHUP with 129.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import traceback

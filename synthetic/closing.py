@@ -1,7 +1,5 @@
 """A base class for resources that a `with` block closes."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 Own = TypeVar("Own", bound="Closing")

@@ -4,8 +4,6 @@ Each can be switched on by itself. Without any, the images are those of a tidy w
 draws its parameters from its own random stream, so switching one on or off does not affect the others.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterable
 

@@ -5,8 +5,6 @@ many workers. Frames of a sequence come in chunks of one length; each is a separ
 start.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

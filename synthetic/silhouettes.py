@@ -1,7 +1,5 @@
 """Silhouettes of the robot in the cameras' images, from its joint angles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

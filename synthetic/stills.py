@@ -4,8 +4,6 @@ They leave out what the frames of `synthetic.frames` add (a robot's recordings, 
 OpenGL and, without fingers, no PyBullet.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass

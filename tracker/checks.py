@@ -1,7 +1,5 @@
 """Checks of arguments (numbers, arrays, paths, timestamps) and of optional packages."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import numbers

@@ -4,8 +4,6 @@ Numba notices changes in a function's own file, but not in the files of function
 is therefore kept in folders named after a hash of all source files of a package's compiled functions.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

@@ -18,8 +18,6 @@ Quaternions: (x, y, z, w). Rotations are perturbed on the left, along world axes
 Labels: 0 background, 1 red, 2 green, 3 blue, 4 cyan, 5 magenta, 6 yellow.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

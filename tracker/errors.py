@@ -1,7 +1,5 @@
 """Errors. All errors that a caller can fix derive from TrackerError."""
 
-from __future__ import annotations
-
 
 class TrackerError(Exception):
     """Base of all errors of this package. The message states what is wrong and what would be valid."""

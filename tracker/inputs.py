@@ -1,7 +1,5 @@
 """Checks of the caller's input: object, rig and colours, and the images and timestamps of each camera."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence

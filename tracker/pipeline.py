@@ -1,7 +1,5 @@
 """ObjectTracker: images in, poses out. It combines segmentation, pose estimation and tracking."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any

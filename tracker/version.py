@@ -1,7 +1,5 @@
 """The version of this package."""
 
-from __future__ import annotations
-
 
 def version() -> str:
     """Return the version from the package's metadata, or `(not installed)` if it runs from a checkout."""

@@ -4,8 +4,6 @@ A second process compiles half of the kernels, so that two cores need half the t
 start at once, one compiles and the others wait for it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import functools

@@ -1,7 +1,5 @@
 """Benchmark scenes of the dice task: images, and the poses of all dice."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

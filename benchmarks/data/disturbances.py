@@ -1,7 +1,5 @@
 """Disturbances of images and calibration that make detection harder."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 

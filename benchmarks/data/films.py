@@ -3,8 +3,6 @@
 Some frames also exist without the object, so that it can vanish.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Collection, Iterable, Iterator

@@ -3,8 +3,6 @@
 Changes to exporters, docstrings or comments do not affect it, so nothing is rendered again after them.
 """
 
-from __future__ import annotations
-
 import ast
 import functools
 import hashlib

@@ -4,8 +4,6 @@ The object flies between points in the arena. Its pose is known at any time, so 
 rendered at that camera's own timestamp.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable

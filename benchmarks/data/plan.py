@@ -4,8 +4,6 @@ Development scenes have a fixed seed: you may look at them and work on them. Rel
 derived from the measured commit: nobody has seen them before, and no other commit gets them.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Data recorded on real platforms: hand-labelled images, triplets with their calibrations, and robots."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import os

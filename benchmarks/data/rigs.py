@@ -5,8 +5,6 @@ all lengths in a world, including the distances of the cameras, by the same fact
 images.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable

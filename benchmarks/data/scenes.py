@@ -3,8 +3,6 @@
 Each style has its own stream of scenes. A scene depends only on seed, object, style and number.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Sets of scenes of an object, shared by workloads, with what the tracker needs for them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

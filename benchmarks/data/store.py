@@ -4,8 +4,6 @@ An item is one file, named after its number, in a folder named after everything 
 its contents, the seed, and the fingerprint of the renderer.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import sys

@@ -4,8 +4,6 @@ Several workloads share the same scenes. The random draws of a workload depend o
 the object and the scene's number.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

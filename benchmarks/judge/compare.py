@@ -1,7 +1,5 @@
 """Comparison of two runs on the same images, answer by answer."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

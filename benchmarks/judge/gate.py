@@ -5,8 +5,6 @@ comparison reveals changes that the scatter between a few scenes would hide. The
 is given with it in `benchmarks.score.metrics`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Figures are computed from the answers on demand.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """The targets in `targets.toml`, and whether the answers meet them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs the workloads: collects `detect`'s answer to every scene, and its processor time."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 from collections.abc import Callable, Iterator, Sequence

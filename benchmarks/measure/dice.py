@@ -1,7 +1,5 @@
 """Accuracy of the dice task's masks and positions, on scenes with ground truth and one recorded image."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 They are played whole, subsampled, with single cameras, and with the object absent for a while.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Iterable, Iterator

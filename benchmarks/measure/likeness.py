@@ -6,8 +6,6 @@ surfaces, and so does the segmentation of large images. A rim of 1 px is therefo
 synthetic images, too, unless the table says `exact labels`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

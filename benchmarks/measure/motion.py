@@ -1,7 +1,5 @@
 """Loss of accuracy due to skewed cameras while an object moves fast, and accuracy of predicted poses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any
 

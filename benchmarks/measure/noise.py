@@ -4,8 +4,6 @@ A film is played with many calibrations, each an episode. In every second episod
 object come and go, so that all visible fractions occur.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Iterable

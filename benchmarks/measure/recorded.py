@@ -1,7 +1,5 @@
 """The tracker on recorded, hand-labelled images of the real platform."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ a rig's calibration files and `image0.npy`, … with an image for each camera. O
 imported before the clock starts.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Processor time of some work, relative to reference work on the same images in the same process."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

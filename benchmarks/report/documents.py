@@ -1,7 +1,5 @@
 """Presents results as Markdown: all figures, and those in marked blocks of README.md and docs/figures.md."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

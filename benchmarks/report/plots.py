@@ -1,7 +1,5 @@
 """Plots of the answers, as PNG files beside the results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any

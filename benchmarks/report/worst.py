@@ -1,7 +1,5 @@
 """A page of the worst answers, with estimated and true outlines of the object."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

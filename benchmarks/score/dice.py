@@ -1,7 +1,5 @@
 """Compares masks and positions of dice with the ground truth."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

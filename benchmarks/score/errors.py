@@ -4,8 +4,6 @@ Poses are positions (..., 3) [m] and rotations (..., 3, 3) world_from_object. Cu
 their six faces have six colours.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

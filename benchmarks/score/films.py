@@ -1,7 +1,5 @@
 """Figures for played films, from rows with the answer of `update` to each frame."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

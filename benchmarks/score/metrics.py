@@ -4,8 +4,6 @@ A metric is computed from the rows of a data frame, one row per answer of the tr
 `benchmarks.score.tables` chooses the rows. Quantiles and shares have confidence intervals.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ An episode is an array (T, 16): time [s], visible fraction, errors (δp, δθ) [
 position [m] and orientation (xyzw); errors and confidence are nan where nothing was found.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

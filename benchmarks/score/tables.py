@@ -3,8 +3,6 @@
 To add a table, add an entry to TABLES, from which results, gate and documents read everything.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping

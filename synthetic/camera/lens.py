@@ -4,8 +4,6 @@ Each pixel is sampled on a lattice of points. Their rays come from OpenCV's inve
 to convergence. The tracker's own projection is not used.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from functools import lru_cache
 from typing import Literal

@@ -4,8 +4,6 @@ A calibration defines its world frame, so that frame cannot be wrong even if it 
 truth is given in it. Only disagreements between cameras are errors.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Camera rigs of the simulated platform."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One camera's image of a scene: render a wide view, distort it by the lens, expose."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Sequence

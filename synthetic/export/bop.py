@@ -8,8 +8,6 @@ true ones, even if users are given another calibration, and each pose is the one
 timestamp.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Sequence

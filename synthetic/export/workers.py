@@ -1,7 +1,5 @@
 """Runs tasks in several processes and yields each result as soon as it is ready."""
 
-from __future__ import annotations
-
 import multiprocessing
 import queue
 import signal

@@ -4,8 +4,6 @@ Colours are linear BGR reflectances. Constants given as levels are pixel values 
 light of irradiance 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

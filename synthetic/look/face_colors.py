@@ -3,8 +3,6 @@
 `scripts/measure_face_colors.py` writes the table: medians, with the scene's greys scaled to level 115.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 from importlib import resources

@@ -1,7 +1,5 @@
 """Intersections of the rays through pixel centres with surfaces: body, colour group, point and normal."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ In an undistorted image 1 / depth is linear over a triangle; each pixel keeps th
 1 / depth at its centre.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A rasteriser finds each pixel's triangle; light is computed where the pixel's ra
 OpenGL nor a screen. The tests compare its label maps with pyrender's.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

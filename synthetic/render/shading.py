@@ -6,8 +6,6 @@ A patch of area A with light E (reflectance × irradiance) gives a point at dist
 E cos θ cos θ' A / (π d² + A): exact far away and at most E close by. Occlusion is ignored.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

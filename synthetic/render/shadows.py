@@ -9,8 +9,6 @@ that line, the strip fills 1 − d / √(d² + w²) of the half of a point's vie
 sky's light, times a strength, is removed; it is largest at the contact.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ A rasteriser names each pixel's body and triangle; the rest of the point follows
 the body's own frame.
 """
 
-from __future__ import annotations
-
 import functools
 import zlib
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The stage for motions, and acts simulated by physics: objects are pushed by fingers, tumble, and fall."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

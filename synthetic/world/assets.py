@@ -10,8 +10,6 @@ and caches the few files that are needed. The places are searched in this order:
     $XDG_CACHE_HOME (or ~/.cache)/trifinger-object-tracker/…
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil

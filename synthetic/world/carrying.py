@@ -4,8 +4,6 @@ Physics is off in these acts: the object follows a smooth path, and the fingers 
 functions plan contacts of fingers with the object, and collision-free paths to them.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Iterator, Mapping

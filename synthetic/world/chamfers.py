@@ -5,8 +5,6 @@ at most w (√2 − 1) if it is rounded and w / √2 if it is cut. Each point of
 with the nearest normal, whatever colour it shows. Dice keep their sharp edges.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from dataclasses import dataclass

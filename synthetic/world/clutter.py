@@ -4,8 +4,6 @@ Things on the wall are close to it, and so hide only objects next to it. Things 
 rim, over which every camera looks.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 

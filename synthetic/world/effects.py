@@ -1,7 +1,5 @@
 """Changes that the effects make to a scene."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable, Container

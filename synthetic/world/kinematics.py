@@ -5,8 +5,6 @@ bend it in a plane offset from that axis by BEND_OFFSET, so the inverse has a cl
 both with PyBullet's kinematics of the robot's description.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tracker.conventions import Array, FloatArray

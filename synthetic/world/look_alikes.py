@@ -4,8 +4,6 @@ Each kind is a function from the true object's body, whose groups are the six fa
 place. Their labels are the visible colours; they never have the true arrangement of faces.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Callable

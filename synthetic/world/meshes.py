@@ -1,7 +1,5 @@
 """Meshes: simple solids, and mesh files [m]."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 

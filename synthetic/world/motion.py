@@ -1,7 +1,5 @@
 """Sequences: motions on the platform, as scenes with timestamps."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple

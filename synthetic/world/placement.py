@@ -1,7 +1,5 @@
 """Random poses of objects: on any face, tilted, thrown, in the air; dice thrown or laid out as a goal."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

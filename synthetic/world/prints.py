@@ -1,7 +1,5 @@
 """The effect `surface`: faces with dirt, individual gloss, and prints with rounded corners."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ The sky is also sampled more finely, since interreflected light leaves no steps 
 Light from the table is already part of the ambient light that all surfaces get from below.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Random single scenes of the platform."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The platform in PyBullet, without a window: table, wall, robot and objects."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from pathlib import Path

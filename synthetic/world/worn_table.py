@@ -1,7 +1,5 @@
 """The effect `table`: a semi-gloss table with scratches, dust, and paint in the colours of faces."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

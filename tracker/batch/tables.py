@@ -1,7 +1,5 @@
 """Progress of a batch, the table of its recordings, and its failures."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The arena: where the object's centre may be, and where the table is in the world."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -4,8 +4,6 @@ Corner k has its signs in the bits of k: x is positive if bit 0 is set, y if bit
 Faces are ordered +x, -x, +y, -y, +z, -z.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tracker.conventions import Array, FloatArray

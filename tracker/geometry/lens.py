@@ -1,7 +1,5 @@
 """Compiled projection: the camera model of tracker.geometry.camera, point by point."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

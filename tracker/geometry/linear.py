@@ -1,7 +1,5 @@
 """Small compiled linear algebra; NumPy's would take long to compile into kernels, and to load with them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

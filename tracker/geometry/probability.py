@@ -1,7 +1,5 @@
 """The probability that a pose with Gaussian errors is near the truth in both position and rotation."""
 
-from __future__ import annotations
-
 import math
 from statistics import NormalDist
 

@@ -6,8 +6,6 @@ input: matrices must be rotations, quaternions non-zero.
 The last three are compiled and take a single element, for use in compiled loops.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Labels of the colours that a pixel or a face can have."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tracker.conventions import Image

@@ -6,8 +6,6 @@ camera never counts against the others. This is a random-effects model, as in a 
 DerSimonian and N. Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7, 1986.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 

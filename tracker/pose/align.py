@@ -5,8 +5,6 @@ as possible of the face's label inside, and of the neighbour's label or backgrou
 robust weights moves the pose there. Then compare each pixel near the object with the face that covers it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ edge yields one offset.
 In order: the elimination of the surfaces, the solution, the measurement.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The model of an image near an edge: the columns of a linear least-squares problem, and their products."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

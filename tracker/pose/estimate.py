@@ -1,7 +1,5 @@
 """From one set of images to a pose, without memory: search, align, compete, refine, choose."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence

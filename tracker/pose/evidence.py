@@ -1,7 +1,5 @@
 """Evidence for a fit, from each camera's label counts and edges, against everything else they could show."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

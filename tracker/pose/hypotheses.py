@@ -1,7 +1,5 @@
 """Hypotheses from label maps: positions, rotations, alignment, and how well they explain the maps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from itertools import islice

@@ -1,7 +1,5 @@
 """Whether a fit is the object and how likely it is right, from the evidence for it and against it."""
 
-from __future__ import annotations
-
 import functools
 import math
 

@@ -1,7 +1,5 @@
 """Where each camera by itself sees the object, as if no calibration bound it to the others."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tracker.compiled import compiled

@@ -1,7 +1,5 @@
 """Refine a pose on the images' edges: measure, weigh, solve, move."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses in, fits out: the refinement, its workspace, and the evidence for its result."""
 
-from __future__ import annotations
-
 import math
 import threading
 from typing import NamedTuple

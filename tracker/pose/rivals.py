@@ -1,7 +1,5 @@
 """Rival poses, and the lead of the best fit over them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

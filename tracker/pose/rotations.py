@@ -4,8 +4,6 @@ An even grid over SO(3) is ranked by which colours each camera should see, how m
 lie relative to each other.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 

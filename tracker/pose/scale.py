@@ -1,7 +1,5 @@
 """Size of the object in each image; lengths in pixels are stated for a reference size."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The steps of the refinement, from a rough hypothesis or from a good start."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

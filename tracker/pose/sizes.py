@@ -1,7 +1,5 @@
 """Estimate from the images themselves how large the errors of cameras and edges are."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Unknowns and what is known of them: the records of the refinement."""
 
-from __future__ import annotations
-
 import numpy as np
 
 EXPONENT, RIM = 6, 7

@@ -6,8 +6,6 @@ act like the first seven shared unknowns; and each edge in each camera has an of
 and the cameras' own unknowns are eliminated.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ that normal, the labels inside and outside (0: background), and how far the surf
 pixels are collected once; later only their distances from the edge change with the pose.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The table's prior on a pose: at rest on it, nearly so, held flat above it, on an edge, or anything else."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Grid points over the arena vote by how much of the object's expected area the ca
 colours. The best points are then centred on the pixels they gathered.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """Exports poses to other formats: CSV, Parquet, TUM trajectories, BOP results."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 

@@ -6,8 +6,6 @@ differ by only a few levels. Two dense tables of 64³ cells are interpolated fro
 three small look-ups and one large one.
 """
 
-from __future__ import annotations
-
 import functools
 import io
 import math

@@ -1,7 +1,5 @@
 """Label maps from images: table look-ups, and a clean-up of specks and weak regions."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -7,8 +7,6 @@ that of grey under this camera's white balance. The mean of these grey pixels gi
 the brighter ones give the exposure.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

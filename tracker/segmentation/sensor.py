@@ -4,8 +4,6 @@ Cameras with a Bayer filter measure blue, green or red at a pixel; the other two
 neighbours' (`cv2.cvtColor` with `COLOR_Bayer…2BGR`). In such an image these means are exact to the bit.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -4,8 +4,6 @@ It comes from PyPI with more dependencies than this project should have. A virtu
 in the cache, unless the environment variable TRIFINGER_SIMULATION_PYTHON names an interpreter.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

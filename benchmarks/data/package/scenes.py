@@ -1,7 +1,5 @@
 """Scenes rendered by the platform's own simulation package."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import tempfile
