@@ -18,7 +18,7 @@ import functools
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -32,7 +32,7 @@ from tracker.calibration.files import pattern_of, robots_in
 from tracker.checks import optional
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError, TrackerError, install
-from tracker.files import told_as, whole_file, write_whole
+from tracker.files import parquet_file, told_as, whole_file, write_whole
 from tracker.geometry import cuboid
 from tracker.logs.datasets import CONTROL_RATE, Episode, StoreSteps, is_store, read_steps
 from tracker.objects.model import CuboidModel
@@ -184,8 +184,8 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
     with (
         told_as(LogError, folder),
         _group(folder / results.ZARR, about) as group,
-        _parquet(folder / results.IMAGES) as add_images,
-        _parquet(folder / results.STEPS) as add_steps,
+        parquet_file(folder / results.IMAGES) as add_images,
+        parquet_file(folder / results.STEPS) as add_steps,
     ):
         images = group / "images"
         images.mkdir()
@@ -200,8 +200,8 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
             for name, array in _arrays_of(poses.filtered, model).items():
                 _put(images, one.episode.frames.start, name, _taken(array, by_image))
                 _put(group, one.episode.steps.start, name, _taken(array, by_step))
-            add_images(_image_columns(poses, steps, first, one))
-            add_steps(_step_columns(poses, steps, by_step, one))
+            add_images(_table(_image_columns(poses, steps, first, one)))
+            add_steps(_table(_step_columns(poses, steps, by_step, one)))
             if poses.recorded is not None and len(poses):
                 compared.append((one, (poses, steps.observed["delay"][first, 0])))
         report = {
@@ -261,27 +261,15 @@ def _named(one: Planned, count: int) -> dict[str, Array]:
     return {"robot": np.full(count, one.robot), "episode": np.full(count, one.episode.number)}
 
 
-@contextlib.contextmanager
-def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
-    """Yield a function that appends columns to a Parquet file; it appears if the block does not raise."""
-    pa, pq = (optional(name, None, "this") for name in ("pyarrow", "pyarrow.parquet"))
+def _table(columns: dict[str, Array]) -> Any:
+    """Return columns as a table of pyarrow; rows that are arrays become lists."""
+    pa = optional("pyarrow", None, "this")
 
     def cells(column: Array) -> Any:
         flat = pa.array(column.reshape(-1), from_pandas=True)
         return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, column[0].size)
 
-    with contextlib.ExitStack() as stack:
-        file = stack.enter_context(stack.enter_context(whole_file(path)).open("wb"))
-
-        @functools.cache
-        def writer(schema: Any) -> Any:
-            return stack.enter_context(pq.ParquetWriter(file, schema, compression="zstd"))
-
-        def add(columns: dict[str, Array]) -> None:
-            table = pa.table({name: cells(column) for name, column in columns.items()})
-            writer(table.schema).write_table(table)
-
-        yield add
+    return pa.table({name: cells(column) for name, column in columns.items()})
 
 
 @contextlib.contextmanager

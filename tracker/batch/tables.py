@@ -13,7 +13,7 @@ from typing import Any
 from tracker.batch import results
 from tracker.batch.run import Batch
 from tracker.errors import LogError, reason
-from tracker.files import csv_text, lock_of, whole_file, write_whole
+from tracker.files import csv_text, lock_of, parquet_file, write_whole
 from tracker.recordings.track import unicode_text
 from tracker.summaries.summary import COLUMNS
 
@@ -108,9 +108,8 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> None:
 def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     """Write rows under COLUMNS as a Parquet file, atomically; OSError if that fails."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
     schema = pa.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()])
-    with whole_file(path) as temporary, temporary.open("wb") as file:
-        pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), file, compression="zstd")
+    with parquet_file(path) as add:
+        add(pa.Table.from_pylist(list(rows), schema=schema))

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import errno
 import fcntl
+import functools
 import hashlib
 import io
 import os
@@ -13,7 +14,9 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
+from tracker.checks import optional
 from tracker.errors import LogError, shown
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -156,6 +159,16 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
             _to_disk(target.parent)
     except OSError as error:
         raise _about(error, path) from error
+
+
+@contextlib.contextmanager
+def parquet_file(path: str | os.PathLike[str]) -> Iterator[Callable[[Any], object]]:
+    """Yield a function that appends pyarrow's tables of one schema; the file appears as in `whole_file`."""
+    new = functools.partial(optional("pyarrow.parquet", None, "this").ParquetWriter, compression="zstd")
+    # Open the file here: pyarrow takes no path that is not UTF-8.
+    with whole_file(path) as temporary, temporary.open("wb") as file, contextlib.ExitStack() as stack:
+        writer = functools.cache(lambda schema: stack.enter_context(new(file, schema)))
+        yield lambda table: writer(table.schema).write_table(table)
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ import numpy as np
 from tracker.checks import of_kind, optional
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
-from tracker.files import csv_text, told_as, whole_file, write_whole
+from tracker.files import csv_text, parquet_file, told_as, write_whole
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import PoseColumns
@@ -114,10 +114,10 @@ def write_parquet(
     Arguments and errors are those of `write_csv`; TrackerError: the package pyarrow is missing.
     """
     columns = _table(poses, keypoints_of, more)
-    pa, pq = (optional(name, None, "this") for name in ("pyarrow", "pyarrow.parquet"))
+    pa = optional("pyarrow", None, "this")
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
-    with told_as(LogError, path), whole_file(path) as temporary, temporary.open("wb") as file:
-        pq.write_table(table, file, compression="zstd")  # pyarrow takes no path that is not UTF-8
+    with told_as(LogError, path), parquet_file(path) as add:
+        add(table)
 
 
 def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray, FloatArray]:
