@@ -25,7 +25,7 @@ def here(tmp_path, monkeypatch) -> Path:
 def test_the_same_command_means_the_same_again_wherever_results_are(folder, pattern, here):
     one = Batch.of([pattern], Path(folder), OPTIONS)
     assert len(one.pairs) == 2
-    with only_run(one):  # and is killed while it makes the first folder
+    with only_run(one, one.work()):  # and is killed while it makes the first folder
         Path(folder, one.pairs[0][1]).parent.mkdir(parents=True, exist_ok=True)
     assert Batch.of([pattern], Path(folder), OPTIONS) == one
     do(one)

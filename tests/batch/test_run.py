@@ -41,7 +41,7 @@ def batch_of(recordings: Path, name: str = "out", options: Options = OPTIONS) ->
 def do(one: Batch) -> tuple[list[dict], int]:
     """Results of the recordings that were tracked, and how many were done before."""
     results = []
-    with only_run(one):
+    with only_run(one, one.work()):
         run_batch(one.work(), engine(1), results.append)
         tables.write_tables(one, tables.state(one), as_csv=True)
     return [result for result in results if result is not None], results.count(None)
@@ -132,12 +132,12 @@ def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(recordings, m
 def test_results_of_other_options_do_not_count_as_done(recordings):
     do(batch_of(recordings))
     other = batch_of(recordings, options=Options("cube_v2", stop=3, make_tracker=NoiseTracker))
-    with only_run(other):
+    with only_run(other, other.work()):
         assert tables.state(other).missing == COUNT
         run_batch(other.work()[:2], engine(1), lambda _: None)
     for one in (other, read_batch(other.folder)):
         assert [line["frames"] for line in tables.state(one).lines] == [3, 3]
-    with only_run(other):
+    with only_run(other, other.work()):
         assert tables.state(other).missing == COUNT - 2
     assert len(do(batch_of(recordings))[0]) == COUNT
 
@@ -210,10 +210,10 @@ def test_what_killed_runs_left_of_its_own_files_is_removed_and_nothing_else(tmp_
         path = tmp_path / name / "content" if name.endswith(".tmp") else tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
-    with claimed(folder / "d.poses.h5"), only_run(one):
+    with claimed(folder / "d.poses.h5"), only_run(one, one.work()):
         there = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob(".*")}
         assert there == {*others, "a/.d.poses.h5.lock", ".batch.json.lock"}
-        with pytest.raises(BlockingIOError, match="another run"), only_run(one):
+        with pytest.raises(BlockingIOError, match="another run"), only_run(one, one.work()):
             pass
 
 
@@ -381,6 +381,6 @@ def test_files_of_others_by_a_batchs_names_stay(tmp_path, name, message):
     (one.folder / name).parent.mkdir(parents=True, exist_ok=True)
     (one.folder / name).write_text('{"mine": 1}')
     before = contents(one.folder)
-    with pytest.raises(LogError, match=message), only_run(one):
+    with pytest.raises(LogError, match=message), only_run(one, one.work()):
         pass
     assert contents(one.folder) == before

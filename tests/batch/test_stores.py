@@ -33,7 +33,7 @@ def do(store: Path, folder: Path, robots: Path, **options) -> tuple[list[dict | 
     """Results of the episodes, None of those that were done before, and the report."""
     asked = Options("cube_v2", calibration=(str(robots),), make_tracker=KnowingTracker, **options)
     plan, results = Retracking.of([str(store)], folder, asked), []
-    with only_run(plan):
+    with only_run(plan, plan.work()):
         run_batch(plan.work(), engine(1), results.append)
         reports = plan.write_tables()
     return results, reports.get(str(store), {})

@@ -32,7 +32,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """What one process makes of the recordings in one go."""
     one = Batch.of([f"{recordings}/*"], tmp_path_factory.mktemp("undisturbed"), Options("cube_v2"))
-    with only_run(one):
+    with only_run(one, one.work()):
         assert run_batch(one.work(), engine(1), lambda _: None) == 0
         write_tables(one, state(one), as_csv=False)
     return contents(one.folder)
@@ -132,7 +132,8 @@ def test_a_full_disk_is_reported_with_what_to_do(recordings, tmp_path, run_here,
 def test_status_is_reported_for_people_and_programs(recordings, tmp_path, run_here):
     pairs = [(str(path), f"{path.name}.poses.h5") for path in sorted(recordings.iterdir())]
     pairs[1] = ("/in/first\nsecond", pairs[1][1])
-    with only_run(Batch(tmp_path, Options("cube_v2"), tuple(pairs))):
+    one = Batch(tmp_path, Options("cube_v2"), tuple(pairs))
+    with only_run(one, one.work()):
         pass
     (tmp_path / "001.failed.json").write_text('{"reason": "it is broken"}')
     shown = well(run_here("batch", "status", tmp_path))

@@ -178,14 +178,15 @@ def read_batch(folder: Path) -> Batch:
 
 
 @contextlib.contextmanager
-def only_run(batch: Batch) -> Iterator[None]:
+def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
     """Make this the only run with a folder of results until the `with` block ends; write what was asked for.
 
-    Leftovers of killed runs and workers are removed, and so are table rows of other options. BlockingIOError
-    if another run is active, LogError if the folder holds other files by the names of a batch's own.
+    work: the batch's. Leftovers of killed runs and workers are removed, and so are table rows of other
+    options. BlockingIOError if another run is active, LogError if the folder holds other files by the names
+    of a batch's own.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
-    tasks = [task for task, _ in batch.work()]
+    tasks = [task for task, _ in work]
     mark = " ".join(sorted({task.agreed for task in tasks}))
     content = {"options": batch.options.plain(), "agreed": mark, "recordings": batch.pairs}
     with claimed(batch.folder / results.ASKED):

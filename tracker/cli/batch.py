@@ -114,7 +114,7 @@ def _run(batch: Batch, engine: Engine, as_csv: bool, quiet: bool) -> None:
         if result is not None and result["failure"] is not None:
             failures[result["recording"]] = result["failure"]
 
-    with only_run(batch):
+    with only_run(batch, work):
         try:
             with bar("recordings", len(batch.pairs), quiet, "recordings") as advance:
                 workers = dask_workers(engine.scheduler) if engine.scheduler is not None else processes(count)
@@ -144,7 +144,8 @@ def _run(batch: Batch, engine: Engine, as_csv: bool, quiet: bool) -> None:
 
 
 def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> None:
-    tasks = list(unfinished(batch.work(), lambda: None))
+    work = batch.work()
+    tasks = list(unfinished(work, lambda: None))
     if not tasks:
         if not quiet:
             click.echo(f"all {len(batch.pairs)} recordings are done")
@@ -153,7 +154,7 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
     if dry_run:
         click.echo(f"# {description.path}\n{description.text}", nl=False)
         return
-    with only_run(batch):
+    with only_run(batch, work):
         description.write()
         warm_up()  # once, not in each job
         answer = description.submit()
