@@ -129,6 +129,18 @@ def test_no_delay_is_told_beyond_those_that_are_tried(late, tmp_path, robots, mo
     assert report["robots"]["r1"]["delay_s"] is None
 
 
+@pytest.mark.parametrize(("blocks", "left"), [(range(9), 32), (range(9, 24), 24)])
+def test_an_episode_without_a_readable_image_keeps_no_table_from_the_others(blocks, left, robots, tmp_path):
+    store, folder = write(tmp_path / "a.zarr"), tmp_path / "out"
+    for block in blocks:
+        edit(store, f"images/{block}", lambda data: b"damaged")
+    results, report = do(store, folder, robots, recover=True)
+    assert [result["failure"] for result in results] == [None] * 3
+    assert len(report["episodes"]) == 2
+    assert pq.read_table(place(store, folder) / "images.parquet").num_rows == left
+    assert pq.read_table(place(store, folder) / "steps.parquet").num_rows == STEPS
+
+
 def test_zarr_itself_reads_the_group(robots, tmp_path):
     zarr = pytest.importorskip("zarr", reason="zarr: no module zarr")
     do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)

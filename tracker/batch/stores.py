@@ -266,8 +266,8 @@ def _table(columns: dict[str, Array]) -> Any:
     pa = optional("pyarrow", None, "this")
 
     def cells(column: Array) -> Any:
-        flat = pa.array(column.reshape(-1), from_pandas=True)
-        return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, column[0].size)
+        flat, size = pa.array(column.reshape(-1), from_pandas=True), math.prod(column.shape[1:])
+        return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, size)
 
     return pa.table({name: cells(column) for name, column in columns.items()})
 
