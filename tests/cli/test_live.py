@@ -163,7 +163,7 @@ def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
     for number in range(3):
         faults = {"camera180": "too small", "camera60": "frozen"}
         statistics.hear(replace(moment(number), faults=faults, fault_counts=counts))
-    recorder = SimpleNamespace(recorded=0, path=tmp_path / "log.h5", left_out=0, fault=None)
+    recorder = SimpleNamespace(recorded=0, path=tmp_path / "log.h5", left_out=0, went_back=0, fault=None)
     lines = statistics.summary(0, ["camera180: too small", "a listener"], recorder).splitlines()
     begins = ["sets", "status", "no", "latency", "camera60", "camera180", "recorded", "fault"]
     assert [line.split()[0] for line in lines] == begins

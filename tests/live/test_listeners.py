@@ -15,6 +15,7 @@ from tests.helpers import RIG, ROOT
 from tests.helpers.moments import estimate, moment
 from tests.helpers.reading import change, put
 from tests.viz.test_rerun_scene import entities
+from tracker.cli.live_outputs import Statistics
 from tracker.errors import LiveError, LogError
 from tracker.live import listeners
 from tracker.live.listeners import WAITING, Recorder, RerunView
@@ -73,6 +74,16 @@ def test_a_lagging_camera_or_all_may_miss_an_image(path):
     assert [frame.newest for frame in frames] == pytest.approx(
         [1000, 1000.1, 1000.2, 1000.3, 1000.4, 1000.499, 1000.6]
     )
+
+
+def test_a_clock_that_is_set_back_by_seconds_ends_no_recording(path):
+    recorder = record(path, *(moment(n, images(1)) for n in (0, 3, 1, 2, 3, 4)))
+    assert (recorder.recorded, recorder.went_back, recorder.fault) == (4, 2, None)
+    assert "  2 lost, because their stamps are before" in Statistics().summary(0, (), recorder)
+    with tracker.open_log(path) as log:
+        assert [frame.timestamp for frame in log] == pytest.approx([1000.0, 1000.3, 1000.3, 1000.4])
+    path.unlink()
+    assert "goes back by 100 s" in record(path, *(moment(n, images(1)) for n in (1000, 0))).fault
 
 
 def test_cameras_of_different_sizes_are_refused_before_there_is_a_file(path):

@@ -212,6 +212,8 @@ class Statistics:
             rows.append(["recorded", recorded])
             if recorder.left_out:
                 rows.append(["", f"{recorder.left_out} lost, because the disk is too slow"])
+            if recorder.went_back:
+                rows.append(["", f"{recorder.went_back} lost, because their stamps are before recorded ones"])
             if recorder.fault is not None:
                 rows.append(["", f"ended early: {recorder.fault}"])
         known = {f"{name}: {last}" if name else f"stamps {last}" for name, last in self._reasons.items()}

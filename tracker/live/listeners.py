@@ -11,6 +11,7 @@ from pathlib import Path
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError, TrackerError
 from tracker.live.moment import Moment
+from tracker.logs.frame import WentBack
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.logs.log import Settings
 from tracker.objects.model import CuboidModel
@@ -82,8 +83,9 @@ class Recorder(Listener):
 
     Raw pixels are recorded as the cameras gave them, with the calibration scaled to their size. Colour images
     are reduced to a Bayer pattern: each pixel keeps the one colour that such a sensor measures there.
-    Measured poses are recorded, too. Moments that the disk cannot store in time are dropped and counted; if
-    writing fails, the recording ends.
+    Measured poses are recorded, too. Moments that the disk cannot store in time are dropped and counted, and
+    so are those after the clock was set back by up to a minute, until it is where it was; if it was set by
+    more, or if writing fails, the recording ends.
 
     Args:
         path: a file that does not exist yet, in a folder that there is.
@@ -106,6 +108,7 @@ class Recorder(Listener):
         self.path, self._rig, self._settings = path, rig, settings
         self._writer: Hdf5LogWriter | None = None
         self._flushed, self.recorded = time.monotonic(), 0
+        self.went_back = 0  # number of moments dropped because their timestamps are before recorded ones
         super().__init__(WAITING)
 
     def _take_in(self, moment: Moment) -> None:
@@ -120,7 +123,11 @@ class Recorder(Listener):
             self._writer = Hdf5LogWriter(self.path, rig, poses=True, flush_every=0, settings=settings)
         stamps = [math.nan if one is None else t for one, t in zip(pictures, taken.stamps, strict=True)]
         shown = any(one is not None for one in pictures)  # if not, NaN for all would mean a driver error
-        self._writer.append(pictures, moment.timestamp, stamps if shown else None, moment.object_pose)
+        try:
+            self._writer.append(pictures, moment.timestamp, stamps if shown else None, moment.object_pose)
+        except WentBack:
+            self.went_back += 1
+            return
         self.recorded += 1
         if time.monotonic() - self._flushed > FLUSH:
             self._writer.flush()

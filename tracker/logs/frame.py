@@ -164,6 +164,14 @@ def checked_stamp(value: object, *, what: str) -> float:
     return stamp
 
 
+MOST_SET_BACK = 60.0
+"""Longest time by which a clock may be set back while it is waited for [s]."""
+
+
+class WentBack(LogError):
+    """A timestamp is earlier than one before it, by up to MOST_SET_BACK."""
+
+
 class StampOrder:
     """Checks that timestamps neither go backwards nor jump by hours from one frame to the next.
 
@@ -182,9 +190,10 @@ class StampOrder:
         steps = np.nan_to_num(stamps - self._last)
         worst = int(np.argmax(np.abs(np.where(steps < 0, np.inf, steps))))
         if steps[worst] < 0 or steps[worst] > self._gap:
+            kind = WentBack if -MOST_SET_BACK <= steps[worst] < 0 else LogError
             way = "back" if steps[worst] < 0 else "forward"
             whose = "the frame's stamp" if worst == 0 else f"the stamp of camera number {worst}"
-            return LogError(
+            return kind(
                 f"{what}: {whose} goes {way} by {abs(steps[worst]):.6g} s since frame {self._index}, "
                 f"expected 0 to {self._gap:g} s"
             )
