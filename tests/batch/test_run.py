@@ -142,6 +142,23 @@ def test_results_of_other_options_do_not_count_as_done(recordings):
     assert len(do(batch_of(recordings))[0]) == COUNT
 
 
+def test_results_of_other_recordings_by_the_same_names_are_not_replaced(tmp_path, monkeypatch):
+    def at(place: str, stop: int | None = None) -> Batch:
+        monkeypatch.chdir(tmp_path / place)
+        return Batch.of(["ep/*"], tmp_path / "out", Options("cube_v2", stop=stop, make_tracker=NoiseTracker))
+
+    for place in ("one", "two"):
+        write_log(tmp_path / place / "ep" / "0", 3)
+    do(at("one"))
+    before = contents(tmp_path / "out")
+    for stop in (None, 2):
+        with pytest.raises(LogError, match=r"two/ep/0: found the result of .*one/ep/0 by the name of this"):
+            do(at("two", stop))
+        assert contents(tmp_path / "out") == before
+    (tmp_path / "one").rename(tmp_path / "moved")
+    assert len(do(at("moved"))[0]) == 1
+
+
 def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordings, monkeypatch):
     spoilt, real, long = recordings / "001" / "camera_data.dat", run.run, ("b" * 243, "c" * 250)
     content = spoilt.read_bytes()

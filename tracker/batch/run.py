@@ -183,7 +183,7 @@ def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
 
     work: the batch's. Leftovers of killed runs and workers are removed, and so are table rows of other
     options. BlockingIOError if another run is active, LogError if the folder holds other files by the names
-    of a batch's own.
+    of a batch's own, or results of other recordings.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
     tasks = [task for task, _ in work]
@@ -191,7 +191,9 @@ def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
     content = {"options": batch.options.plain(), "agreed": mark, "recordings": batch.pairs}
     with claimed(batch.folder / results.ASKED):
         if (batch.folder / results.ASKED).exists():
-            if read_asked(batch.folder / results.ASKED, batch.folder)[1] != mark:
+            before, old_mark, _ = read_asked(batch.folder / results.ASKED, batch.folder)
+            _refuse_results_of_others(batch, tasks, before)
+            if old_mark != mark:
                 _remove_old_lines(tasks)
         elif others := [name for name in _beside_poses(batch) if os.path.exists(batch.folder / name)]:
             raise LogError(f"{batch.folder}: found {others[0]}, but no batch; expected another folder")
@@ -255,6 +257,17 @@ def _goal_of(log: Path) -> str | None:
         return hashlib.sha256(read_bounded(goal_file(log), MAX_LIST)).hexdigest()
     except OSError:
         return None
+
+
+def _refuse_results_of_others(batch: Batch, tasks: Iterable[Task], before: Batch) -> None:
+    """Raise LogError if a recording has the relative path of another one, and would replace its result."""
+    known = {output: log for log, output in before.pairs}
+    for task, (log, output) in zip(tasks, batch.pairs, strict=True):
+        other = known.get(output, log).removesuffix(f": {task.part}")
+        there = other != task.log and all(map(os.path.exists, (other, task.log, task.output)))
+        if there and not os.path.samefile(other, task.log):  # nor is it one that was moved
+            found = f"found the result of {other} by the name of this one's"
+            raise LogError(f"{task.log}: {found} in {batch.folder}, expected another folder")
 
 
 def _remove_old_lines(tasks: Iterable[Task]) -> None:
