@@ -12,6 +12,7 @@ import pytest
 
 import tracker
 from tests.helpers import RIG, ROOT
+from tests.helpers.full_disk import no_file_longer_than
 from tests.helpers.moments import estimate, moment
 from tests.helpers.reading import change, put
 from tests.viz.test_rerun_scene import entities
@@ -181,6 +182,14 @@ def test_a_full_disk_or_a_viewer_that_is_closed_ends_its_listener_and_nothing_el
     listener(moment(9, images(9)))  # and no word
 
 
+def test_of_a_recording_that_a_full_disk_ended_as_many_sets_are_counted_as_can_be_read(path):
+    with no_file_longer_than(1_000_000):
+        recorder = record(path, *(moment(n, images(n)) for n in range(9)))
+    assert "cannot be written" in recorder.fault
+    with tracker.open_log(path) as log:
+        assert 0 < len(list(log)) == recorder.recorded < 9
+
+
 def test_images_and_poses_are_in_the_file_of_a_view(tmp_path):
     pytest.importorskip("rerun", reason="rerun: no module rerun")
     with contextlib.closing(RerunView(tmp_path / "live.rrd", RIG, MODEL)) as one:
@@ -195,6 +204,7 @@ import itertools, sys, time
 from pathlib import Path
 import numpy as np
 from tests.helpers import make_rig
+from tests.helpers.full_disk import no_file_longer_than
 from tests.helpers.moments import moment
 from tracker.live.listeners import Recorder
 

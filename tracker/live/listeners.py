@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from tracker.calibration.rig import CameraRig
-from tracker.errors import LiveError, TrackerError
+from tracker.errors import LiveError, LogError, TrackerError
 from tracker.live.moment import Moment
 from tracker.logs.frame import WentBack
 from tracker.logs.hdf5_writer import Hdf5LogWriter
@@ -107,7 +107,7 @@ class Recorder(Listener):
             raise LiveError(f"record {path}: found {found} px, expected cameras of one size")
         self.path, self._rig, self._settings = path, rig, settings
         self._writer: Hdf5LogWriter | None = None
-        self._flushed, self.recorded = time.monotonic(), 0
+        self._flushed, self._safe, self.recorded = -math.inf, 0, 0  # flush the first: the file can be read
         self.went_back = 0  # number of moments dropped because their timestamps are before recorded ones
         super().__init__(WAITING)
 
@@ -131,11 +131,15 @@ class Recorder(Listener):
         self.recorded += 1
         if time.monotonic() - self._flushed > FLUSH:
             self._writer.flush()
-            self._flushed = time.monotonic()
+            self._flushed, self._safe = time.monotonic(), self.recorded
 
     def _finish(self) -> None:
         if self._writer is not None:
-            self._writer.close()
+            try:
+                self._writer.close()
+            except LogError:  # what was written since the last flush cannot be read
+                self.recorded = self._safe
+                raise
 
 
 class RerunView(Listener):
