@@ -23,6 +23,7 @@ from tests.helpers.reading import frames_of, recovered
 from tests.helpers.recording_stubs import tiny_rig, write_log
 from tracker.errors import LogError
 from tracker.logs import Log, folder, hdf5_writer
+from tracker.logs.log import picked
 from tracker.recordings import track
 
 SAMPLES = ("camera_data_images_only.dat", "camera_data_with_pose.dat", "camera_data_with_pose_gzipped.dat")
@@ -185,6 +186,9 @@ def test_the_frame_whose_stamp_is_damaged_is_left_out_not_those_after_it(tmp_pat
     before, after = recovered(path, message)
     assert before == list(range(damaged + 1))
     assert after == [k for k in range(6) if k != damaged]
+    with tracker.open_log(path, recover=True) as log:
+        assert [frame.index for frame in picked(log, (2, 5))] == [2, 5]
+        assert [frame.index for frame in picked(log[1:], (1, 4))] == [2, 5]
 
 
 @pytest.mark.parametrize(

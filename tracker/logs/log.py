@@ -323,5 +323,5 @@ def picked(log: Log, numbers: Sequence[int]) -> Iterator[LogFrame]:
         for number in numbers:
             yield from log[number : number + 1]
     else:
-        chosen = set(numbers)
-        yield from (frame for number, frame in enumerate(log) if number in chosen)
+        chosen = {log._indices[number] for number in numbers}  # damaged frames may be left out before them
+        yield from (frame for frame in log if frame.index in chosen)
