@@ -104,6 +104,16 @@ def test_a_timeout_ends_before_a_frame_that_is_not_due(clock):
     assert clock.time() == pytest.approx(5000.4)
 
 
+def test_a_clock_that_is_set_back_holds_up_no_replay_and_no_film(clock, film, monkeypatch):
+    film(3)
+    sources = Replay(Frames([frame(n, 0.1 * n) for n in range(3)])), Simulation("cube_v2", frames=3)
+    first = [source.next(0.5) for source in sources]
+    monkeypatch.setattr(clock, "time", lambda: clock.now - 3600)
+    second = [source.next(0.5) for source in sources]
+    for early, late in zip(first, second, strict=True):
+        assert late.timestamp - early.timestamp == pytest.approx(0.1)
+
+
 def test_stamps_of_cameras_move_alike_and_a_missing_image_has_the_frames(clock):
     frames = [frame(0, 10.0, [9.99, 10.0]), frame(1, 10.1, [float("nan"), 10.09])]
     (first, _), (second, _) = all_of(Replay(Frames(frames)), clock)

@@ -35,8 +35,8 @@ _PAUSE = 0.1
 
 
 def _came(due: float, until: float) -> bool:
-    """Wait for a time, at most until another [s]; return whether it came."""
-    time.sleep(max(0.0, min(due, until) - time.time()))
+    """Wait for a time of `time.monotonic`, at most until another [s]; return whether it came."""
+    time.sleep(max(0.0, min(due, until) - time.monotonic()))
     return due <= until
 
 
@@ -66,16 +66,16 @@ class Replay:
 
     def next(self, timeout: float) -> ImageSet | None:
         """See `ImageSource`."""
-        until = time.time() + timeout
+        until = time.monotonic() + timeout
         due, found = self._coming()
         if not _came(due, until):
             return None
         fresh, self._ahead = found.fresh, None
         with contextlib.suppress(TrackerError):  # an error in the next frame does not affect this one
-            while self._coming()[0] <= time.time():
+            while self._coming()[0] <= time.monotonic():
                 due, found = self._coming()
                 fresh, self._ahead, self.skipped = fresh or found.fresh, None, self.skipped + 1
-        return replace(found, age=max(0.0, time.time() - due), fresh=fresh)
+        return replace(found, age=max(0.0, time.monotonic() - due), fresh=fresh)
 
     def close(self) -> None:
         """See `ImageSource`."""
@@ -93,14 +93,15 @@ class Replay:
         """Yield when each set is due, and the set with shifted timestamps; then why there are no more."""
         starts, due = frozenset(self.log.episode_starts), None
         begin = now = 0.0  # first timestamp of this episode, and the time to which it is shifted
+        clock = time.time() - time.monotonic()  # the former may be set meanwhile
         try:
             for frame in self.log:
                 last = frame.newest
                 fresh = due is None or frame.index in starts
                 if fresh:
-                    begin, now = last, time.time() if due is None else due + _PAUSE
+                    begin, now = last, time.monotonic() if due is None else due + _PAUSE
                 due = now + (last - begin) / self._speed
-                moved = now + (frame.stamps - begin) / self._speed
+                moved = clock + now + (frame.stamps - begin) / self._speed
                 faults = tuple("no image in the recording" if one is None else None for one in frame.images)
                 yield due, ImageSet(frame.images, tuple(moved.tolist()), faults, raw=frame.raw, fresh=fresh)
         except TrackerError as error:
@@ -135,7 +136,7 @@ class Simulation:
         self._maker = _maker(object_name, seed, frames)
         self._undrawn: Iterator[Frame] = self._maker.chunk(0)
         self._sets: list[tuple[Image | None, ...]] = []
-        self._drawn, self._start, self._number = False, float("nan"), -1
+        self._drawn, self._start, self._clock, self._number = False, math.nan, math.nan, -1
         self.rig: CameraRig = self._maker.rig
 
     def draw(self, seconds: float = float("inf")) -> bool:
@@ -153,17 +154,17 @@ class Simulation:
 
     def next(self, timeout: float) -> ImageSet | None:
         """See `ImageSource`."""
-        until = time.time() + timeout
+        until = time.monotonic() + timeout
         if not self.draw(timeout):
             return None
         if self._number < 0:
-            self._start = time.time()
+            self._start, self._clock = time.monotonic(), time.time() - time.monotonic()
         if not _came(self._start + (self._number + 1) * _PERIOD, until):
             return None
-        self._number = int((time.time() - self._start) / _PERIOD)
-        stamp = self._start + self._number * _PERIOD
+        self._number = int((time.monotonic() - self._start) / _PERIOD)
+        due = self._start + self._number * _PERIOD
         images = self._sets[self._number % len(self._sets)]
-        return ImageSet(images, (stamp,) * len(images), age=max(0.0, time.time() - stamp))
+        return ImageSet(images, (self._clock + due,) * len(images), age=max(0.0, time.monotonic() - due))
 
     def close(self) -> None:
         """See `ImageSource`."""
