@@ -99,6 +99,15 @@ DASH = (
 )
 
 
+def test_two_films_of_one_camera_are_refused_and_others_beside_them_are_not(tmp_path):
+    for name in ("camera60.avi", "camera180.mp4", "camera300.mp4", "view.mp4", "view.mkv"):
+        write_film(tmp_path / name, pictures(0, 2), "mjpeg" if name.endswith(".avi") else "libx264")
+    assert shades(tmp_path)[2] == CAMERAS
+    write_film(tmp_path / "camera60.mp4", pictures(1, 2))
+    with pytest.raises(LogError, match=r"camera60\.mp4: found camera60\.avi too, expected one film of a cam"):
+        tracker.open_log(tmp_path)
+
+
 @pytest.mark.parametrize("content", [b"", b"no film" * 100, None, CONCAT, HLS, DASH])
 def test_what_is_no_film_is_reported_and_opens_no_file_that_it_names(tmp_path, content):
     other, film = write_film(tmp_path / "other.mp4", pictures(0, 12)), tmp_path / "camera60.mp4"

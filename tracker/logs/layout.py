@@ -142,13 +142,13 @@ def _pictures(folder: Path) -> list[tuple[str, Path]]:
     return [(file.stem, file) for file in ordered]
 
 
-def _by_name(named: Iterable[tuple[str, Path]], what: str = "name") -> dict[str, Path]:
+def _by_name(named: Iterable[tuple[str, Path]], what: str = "image of a name") -> dict[str, Path]:
     """Return the files by name; LogError if two have the same one."""
     result: dict[str, Path] = {}
     for name, file in named:
         other = result.setdefault(name, file)
         if other is not file:
-            raise LogError(f"{file}: found {other.name} too, expected one image of a {what}")
+            raise LogError(f"{file}: found {other.name} too, expected one {what}")
     return result
 
 
@@ -163,16 +163,16 @@ def _of_frames(folders: Iterable[Path]) -> _Streams:
     streams: dict[str, dict[str, Picture]] = {}
     for folder in folders:
         named = (one for one in _pictures(folder) if CAMERA.fullmatch(one[0]))
-        for camera, file in _by_name(named, "camera").items():
+        for camera, file in _by_name(named, "image of a camera").items():
             streams.setdefault(camera, {})[folder.name] = file
     return {**streams}
 
 
 def _films(root: Path) -> _Streams:
     """Return the films in a folder: those named after cameras if there are any, else all."""
-    found = {file.stem: file for file in sorted(_visible(root)) if file.suffix.lower() in FILM_SUFFIXES}
-    named = {name: file for name, file in found.items() if CAMERA.fullmatch(name)}
-    return {name: _film(file) for name, file in (named or found).items()}
+    found = [(file.stem, file) for file in sorted(_visible(root)) if file.suffix.lower() in FILM_SUFFIXES]
+    named = [one for one in found if CAMERA.fullmatch(one[0])]
+    return {name: _film(file) for name, file in _by_name(named or found, "film of a camera").items()}
 
 
 def _film(file: Path) -> dict[str, Picture]:
@@ -281,7 +281,7 @@ def _matches(folder: Path, parts: Sequence[str], above: Set[str]) -> Iterator[Pa
 
 def _stream(path: Path, camera: str, fitting: list[tuple[str, Path]]) -> Mapping[str, Picture]:
     """Return a camera's images by their names, or those of its film."""
-    found = _by_name(fitting, "moment")
+    found = _by_name(fitting, "image of a moment")
     first = next(iter(found.values()))
     if first.suffix.lower() not in FILM_SUFFIXES:
         return {key: found[key] for key in sorted(found, key=_natural)}
