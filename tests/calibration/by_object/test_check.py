@@ -108,6 +108,18 @@ def test_a_world_that_is_moved_as_a_whole_fits():
     assert check_calibration(world, given).fits
 
 
+def test_a_camera_that_was_moved_is_named_however_far_the_origin_of_the_world_is_from_the_object():
+    cameras = [dataclasses.replace(camera, camera_from_world_std=None) for camera in CAMERAS]
+    given = [cameras[0], moved(cameras[1], np.array([2e-3, 1.5e-3, 0.0]), np.zeros(3)), cameras[2]]
+    shift, seen = np.array([1.3, -2.4, 0.73]), looks(cameras, given)
+    back = so3.transform(np.eye(3), -shift)
+    elsewhere = [dataclasses.replace(c, camera_from_world=c.camera_from_world @ back) for c in given]
+    there = [one._replace(position=one.position + shift, corners=one.corners + shift) for one in seen]
+    near, far = check_calibration(seen, given), check_calibration(there, elsewhere)
+    assert [one.moved for one in far.cameras] == [one.moved for one in near.cameras] == [False, True, False]
+    assert far.cameras[1].shift == pytest.approx(near.cameras[1].shift, abs=1e-6)
+
+
 def test_errors_as_large_as_files_state_are_no_motion():
     named = 0
     for seed in range(12):

@@ -21,14 +21,14 @@ OFTEN = 3
 """Smallest number of looks to call a camera moved; in a single look, an occlusion may resemble a motion."""
 
 TYPICAL = 5e-4, 1.75e-3
-"""Standard deviations assumed for cameras whose files state none [m, rad]."""
+"""Standard deviations assumed at the object for cameras whose files state none [m, rad]."""
 
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
 """Candidate ratios of actual to stated variance: a calibration is often better than its file states. If the
 other cameras agree that well, a camera that disagrees with them has moved."""
 
 LOOSE = 0.03, 0.09
-"""Prior standard deviations of a camera that may have moved [m, rad]."""
+"""Prior standard deviations at the object of a camera that may have moved [m, rad]."""
 
 ACROSS, ALONG, TILT, ROLL = 3e-4, 4e-3, 8e-3, 3e-3
 """Standard deviations of errors of a single view that are not due to calibration: across and along the line
@@ -86,9 +86,14 @@ class CameraErrors:
                     noise = turn @ np.diag(np.square([*place, TILT, TILT, ROLL])) @ turn.T
                     known = look.information[c]
                     self.known[f, c] = known - known @ np.linalg.solve(known + np.linalg.inv(noise), known)
-        typical = np.diag(np.repeat(np.square(TYPICAL), 3))
-        stated = [calibration_covariance(one) if is_stated(one) else typical for one in cameras]
-        self.held = np.linalg.inv(np.array(stated))
+        # Unstated errors are those at the object: the world's origin may be far away.
+        middle = seen_motion(np.mean([look.position for look in looks], axis=0))
+        typical, self.loose = (
+            middle.T @ np.diag(np.repeat(np.square(std), 3) ** -1.0) @ middle for std in (TYPICAL, LOOSE)
+        )
+        self.held = np.array(
+            [np.linalg.inv(calibration_covariance(one)) if is_stated(one) else typical for one in cameras]
+        )
         self.share = min(1.0, SAME / len(looks))
 
     def solve(self, free: Sequence[int], share: float = 1.0) -> tuple[FloatArray, float, float]:
@@ -97,8 +102,7 @@ class CameraErrors:
         share: ratio of the actual variance to the stated one.
         """
         count = len(self.cameras)
-        loose = np.diag(1.0 / np.repeat(np.square(LOOSE), 3))
-        prior = [loose if c in free else self.held[c] / share for c in range(count)]
+        prior = [self.loose if c in free else self.held[c] / share for c in range(count)]
         weights = np.full(self.known.shape[:2], 1.0)
         for _ in range(ROUNDS):
             matrix, vector = self._equations(weights)
