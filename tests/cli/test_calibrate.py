@@ -176,6 +176,8 @@ def test_a_camera_that_never_sees_the_object_is_no_part_of_the_verdict(pictures,
     result = well(run_here("check", *given, *CUBE, "--calibration", folder / "right"))
     assert "the calibration fits: " in result.stdout
     assert "; not checked: camera300" in result.stdout
+    result = run_here("check", *given, *CUBE, "--calibration", folder / "wrong")
+    assert "does not fit: camera60 or camera180 has moved; only a third camera could tell" in result.stdout
 
 
 def test_inverted_transforms_are_pointed_out(pictures, rig, tmp_path, run_here):

@@ -15,6 +15,7 @@ import tracker
 from tracker.calibration import files
 from tracker.calibration.by_object.check import DEPTH, FOCAL, LIMIT, CalibrationCheck
 from tracker.calibration.by_object.check import check as look
+from tracker.calibration.by_object.looks import OFTEN
 from tracker.calibration.by_object.refine import Refined, refine_cameras
 from tracker.calibration.by_object.sightings import Footage
 from tracker.calibration.by_object.table import FoundTable, find_table
@@ -241,7 +242,9 @@ def _verdict(found: CalibrationCheck) -> str:
         return f"the calibration fits: {disagree}{few}{f'; not checked: {blind}' if blind else ''}"
     moved = [one.name for one in found.cameras if one.moved]
     lost = [one.name for one in found.cameras if found.is_lost(one) and not one.moved]
-    if len(moved) > 1:
+    if len(moved) == 2 == sum(one.looks >= OFTEN for one in found.cameras):
+        why = f"{' or '.join(moved)} has moved; only a third camera could tell which"
+    elif len(moved) > 1:
         why = f"{', '.join(moved)} are elsewhere; does it belong to other cameras?"
     elif moved:
         why = f"{moved[0]} has moved"

@@ -78,6 +78,24 @@ def test_a_camera_that_was_moved_is_named_and_its_correction_undoes_it(c, shift,
     assert found.cameras[c].shift == pytest.approx(np.linalg.norm(shift), abs=1.2e-3)
 
 
+@pytest.mark.parametrize("c", range(2))
+def test_of_two_cameras_both_are_named_each_with_what_would_reconcile_it_alone(c):
+    given = list(CAMERAS[:2])
+    given[c] = moved(CAMERAS[c], np.zeros(3), np.array([0.006, -0.006, 0.004]))
+    seen = [
+        one._replace(information=one.information[:2], moved=one.moved[:2], lost=one.lost[:2])
+        for one in looks(CAMERAS, [*given, CAMERAS[2]])
+    ]
+    found = check_calibration(seen, given)
+    assert [one.moved for one in found.cameras] == [True, True]
+    true = CAMERAS[0].camera_from_world @ np.linalg.inv(CAMERAS[1].camera_from_world)
+    first, second = (one.camera_from_world for one in given)
+    mended = found.cameras[0].correction @ first, found.cameras[1].correction @ second
+    for pair in ((mended[0], second), (first, mended[1])):
+        between = pair[0] @ np.linalg.inv(pair[1])
+        np.testing.assert_allclose(between[:3, :3], true[:3, :3], atol=2e-3)
+
+
 def test_the_cameras_of_another_platform_do_not_fit_and_one_look_names_none():
     rng = np.random.default_rng(3)
     given = [moved(camera, rng.normal(0, 8e-3, 3), rng.normal(0, 0.02, 3)) for camera in CAMERAS]

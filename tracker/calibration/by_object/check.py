@@ -100,7 +100,7 @@ class CameraCheck:
     miss_px: float
     """Median disagreement with the other cameras [px]; NaN if not measured."""
     moved: bool
-    """Whether its pose has changed since the calibration."""
+    """Whether its pose has changed since the calibration; if only two see the object: of one of them."""
     correction: FloatArray
     """Transform (4, 4) that reconciles it with the others: camera_from_world is correction · given."""
     shift: float
@@ -163,8 +163,7 @@ def check_calibration(
             "and the cameras in their order?"
         )
     problem = CameraErrors(looks, cameras)
-    free = problem.moved()
-    errors = problem.solve(free)[0]
+    free, errors = problem.moved()
     misses = problem.misses()
     expected = corner_misses(looks, cameras, problem)
     result = []

@@ -123,13 +123,17 @@ class CameraErrors:
         found = -np.array(volumes)
         return float(found.max() + np.log(np.mean(np.exp(found - found.max())))), np.array(costs)
 
-    def moved(self) -> list[int]:
-        """Return the cameras that have moved, the one that explains most first; at most all but one."""
+    def moved(self) -> tuple[list[int], FloatArray]:
+        """Return the cameras that have moved, the one that explains most first, and all errors (C, 6).
+
+        At most all but one; but if only two see the object, both or none: nothing tells which has moved, and
+        the error of each is that which explains it all.
+        """
         free: list[int] = []
         seen = self.known[:, :, 0, 0] > 0.0
         compared = np.count_nonzero(seen & (seen.sum(axis=1, keepdims=True) > 1), axis=0)
         evidence, costs = self.evidence(free)
-        left = np.flatnonzero(compared >= OFTEN).tolist()
+        left = often = np.flatnonzero(compared >= OFTEN).tolist()
         while left and len(free) < len(self.cameras) - 1:
             best = min(left, key=lambda c: self.solve([*free, c])[1])
             after, fewer = self.evidence([*free, best])
@@ -137,10 +141,14 @@ class CameraErrors:
             # A camera that sees little has hardly any evidence against it: its errors must also be large.
             if gains[0] < MOVED and (after - evidence < EVIDENT or gains.max() < MOVED):
                 break
-            left.remove(best)
+            left = [c for c in left if c != best]
             free.append(best)
             evidence, costs = after, fewer
-        return free
+        errors = self.solve(free)[0]
+        if free and len(often) == 2:
+            free = often
+            errors[free] = [self.solve([c])[0][c] for c in free]
+        return free, errors
 
     def misses(self) -> FloatArray:
         """Return the disagreement (looks, C, 2) of each camera with the others' pose [px]; NaN if unknown."""
