@@ -179,6 +179,12 @@ def test_masks_of_every_kind_give_the_same_bits_and_stay_as_they_were(scattered)
     np.testing.assert_array_equal(masks, before)
 
 
+def test_missing_images_say_no_more_than_none(scattered):
+    masks = scattered[1]
+    found = [[die.probability for die in locate(RIG, masks, images)] for images in (None, [None] * 3)]
+    assert found[0] == found[1]
+
+
 def test_the_order_of_the_cameras_does_not_matter(scattered):
     images, masks = scattered
     order = (2, 0, 1)
