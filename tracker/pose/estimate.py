@@ -177,7 +177,8 @@ class PoseEstimator:
         for best in sorted(fits, key=lambda one: not one.inside):
             evidence = best.evidence._replace(resized=self.search.resized(sight, best))
             fit = best.changed(lead=lead(best, fits, self._radius), evidence=evidence)
-            fit, shown = (fit, sight) if settled(fit) else self._in_shade(sight, fit, lag)
+            doubtful = fit.inside and not settled(fit)
+            fit, shown = self._in_shade(sight, fit, lag) if doubtful else (fit, sight)
             refused = refusal(fit)
             if refused is None:
                 return self.examined(shown, fit, lag)
