@@ -261,7 +261,7 @@ def gain(scene, faces=FACES, moved=(0.0, 0.0, 0.0), labels=None):
 
 
 @pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("factor", [RESIZED[0][0], RESIZED[1][0]])
+@pytest.mark.parametrize("factor", [factor for factor, _ in RESIZED])
 def test_a_body_of_which_an_edge_is_shorter_or_longer_is_known(scene, axis, factor):
     assert gain(scene) < 0.0
     half, moved = BOX.half.copy(), np.zeros(3)

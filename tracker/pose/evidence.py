@@ -24,10 +24,13 @@ LEAST_RMS, WIDTH = 0.1, 6.0
 MIXED = 7
 """A face may have no colour (0), one of the six, or all mixed (MIXED)."""
 
-RESIZED = (0.8, 0.5), (1.4, 1.0)
+RESIZED = (0.9, 0.5), (0.8, 0.5), (1.4, 1.0)
 """Rival bodies: length of one edge relative to the object's, and the share of the most favourable camera's
 gain that does not count: a finger hides an end from one camera, whereas a shorter body has no end there in
 any; colours beside the object may come from one bad image."""
+
+MUCH_WORSE = -1.0
+"""If a slightly shorter body explains this much less [log likelihood], a still shorter one is not tried."""
 
 LEAST_LACKING = 0.05
 """Pixels missing or beside the object, relative to those that show it, above which such rivals are tried."""
@@ -317,12 +320,13 @@ def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignor
     See equation (21) of docs/how-it-works.md; arguments are as in `judge`, which has filled seen.
     """
     (rotation, position, lags), (half, face_labels) = place, box
-    if not (_lacks(seen, *RESIZED[0]) or _lacks(seen, *RESIZED[1])):
+    if not (_lacks(seen, *RESIZED[0]) or _lacks(seen, *RESIZED[-1])):
         return -np.inf
     prices = np.empty((len(HIDDEN_SHARES), 5))
     _prices(numbers, prices)
     other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
     before, unknowns, options = np.empty(len(seen)), np.empty((len(seen), 6)), np.empty(8)
+    last = np.zeros(6)
     for c in range(len(seen)):
         for face in range(6):
             _options(seen[c].faces[face], prices, numbers.whole, options)
@@ -332,7 +336,7 @@ def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignor
         if not _lacks(seen, factor, share):
             continue
         for end in range(6):
-            if _clearly_shown(seen, end, face_labels[end]):
+            if (factor < 1.0 and last[end] < MUCH_WORSE) or _clearly_shown(seen, end, face_labels[end]):
                 continue
             axis, side = end // 2, 2.0 * (end % 2) - 1.0
             for i in range(3):
@@ -345,7 +349,8 @@ def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignor
                 if seen[c].predicted > 0:
                     gain = _seen_here(other[c], unknowns[c], face_labels, prices, numbers) - before[c]
                     total, most = total + gain, max(most, gain)
-            found = max(found, total - share * most)
+            last[end] = total - share * most
+            found = max(found, last[end])
     return numbers.end * found + numbers.resized
 
 
