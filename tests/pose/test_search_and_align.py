@@ -50,9 +50,10 @@ def counts(scene):
     return counted_at(scene, scene[2].rotation, scene[2].position)
 
 
-def counted_at(scene, rotation, position):
+def counted_at(scene, rotation, position, blur=0.0):
     cameras, labels, _ = scene
     seen, lenses = np.zeros(3, SEEN), stack_lenses(cameras)
+    seen["blur"] = blur
     count_labels(lenses, labels, pictures_of(labels), FACES, rotation, position, STILL, seen)
     return seen
 
@@ -68,8 +69,9 @@ def test_rotations_are_even():
 
 
 def pictures_of(labels):
-    """(C,) of PICTURE of label maps (C, h, w) that all count."""
+    """(C,) of PICTURE of label maps (C, h, w) that all count; the images are twice as large."""
     pictures = np.zeros(len(labels), PICTURE)
+    pictures["height"], pictures["width"] = 2 * labels.shape[1], 2 * labels.shape[2]
     pictures["used"], pictures["colored"] = True, (labels > 0).sum(axis=(1, 2))
     return pictures
 
@@ -223,8 +225,10 @@ def test_explanation_counts_what_the_truth_shows(scene, counts):
     np.testing.assert_array_equal(inside, counts["predicted"])
 
 
-def test_pixels_inside_a_face_keep_away_from_its_outline(scene, counts):
+@pytest.mark.parametrize("blur", [0.0, 0.9, 2.2])
+def test_pixels_inside_a_face_keep_away_from_its_outline(scene, blur):
     cameras, labels, truth = scene
+    counts = counted_at(scene, truth.rotation, truth.position, blur)
     corners, checked = cuboid.corners(MODEL.size) @ truth.rotation.T + truth.position, 0
     for c, camera in enumerate(cameras):
         pixels = camera.project(corners).astype(np.float32)
@@ -234,7 +238,7 @@ def test_pixels_inside_a_face_keep_away_from_its_outline(scene, counts):
                 cv2.pointPolygonTest(outline, (float(i), float(j)), True)
                 for j, i in np.ndindex(camera.height, camera.width)
             ]
-            inner = np.array(away).reshape(camera.height, camera.width) >= WHOLLY
+            inner = np.array(away).reshape(camera.height, camera.width) >= max(WHOLLY, blur / 2)
             found = labels[c, : camera.height, : camera.width][inner]
             np.testing.assert_array_equal(counts["inner"][c, face], np.bincount(found, minlength=7))
             checked += 1

@@ -36,15 +36,16 @@ BORDER = 2.5
 """Width of the margin around the object in which face colours count as beside it [px of the label map]."""
 
 WHOLLY = 0.5
-"""Distance from a face's outline [px of the label map] beyond which a pixel shows this face alone."""
+"""Distance from a face's outline [px of the label map] beyond which a pixel of a sharp image shows this face
+alone; in a blurred one, this takes one standard deviation of the blur."""
 
 
 @compiled
-def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-untyped-def]
+def _count_face(labels, pixels, face, area, wholly, counts, inner):  # type: ignore[no-untyped-def]
     """Fill counts (8,): pixels of one face by the label they show; the last entry counts unknown ones.
 
-    inner (7,), initially zero, receives the known ones that lie wholly inside. pixels (8, 3): the projected
-    corners; those of a visible face run clockwise in the image.
+    inner (7,), initially zero, receives the known ones that lie more than `wholly` inside. pixels (8, 3): the
+    projected corners; those of a visible face run clockwise in the image.
     """
     left, right, top, bottom = area
     counts[:] = 0
@@ -56,7 +57,7 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
         if down == 0.0:  # a level side bounds no row
             down = 1e-9
         sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3] = u, v, across / down, down
-        sides[k, 4] = WHOLLY * math.sqrt(across**2 + down**2) / down
+        sides[k, 4] = wholly * math.sqrt(across**2 + down**2) / down
         row = min(max(v, top - 1.0), bottom + 1.0)
         first, last = min(first, math.ceil(row)), max(last, math.floor(row))
     for j in range(max(first, top), min(last, bottom) + 1):
@@ -76,7 +77,7 @@ def _count_face(labels, pixels, face, area, counts, inner):  # type: ignore[no-u
 
 
 @compiled
-def _count_camera(lenses, c, labels, box, rotation, position, one):  # type: ignore[no-untyped-def]
+def _count_camera(lenses, c, labels, box, rotation, position, wholly, one):  # type: ignore[no-untyped-def]
     """Compare camera c's label map (h, w) with a pose, and add up its pixels in the record `one` (SEEN).
 
     The record's counts must be zero. Outlines of faces are taken to be straight between their corners.
@@ -94,13 +95,13 @@ def _count_camera(lenses, c, labels, box, rotation, position, one):  # type: ign
     width, height = lenses[c].width, lenses[c].height
     left, right = clamped(u0 - reach, width), min(width - 1, clamped(u0 + reach, width) + 1)
     top, bottom = clamped(v0 - reach, height), min(height - 1, clamped(v0 + reach, height) + 1)
-    colored, counts = 0, np.empty(8, np.int64)
+    area, colored, counts = (left, right, top, bottom), 0, np.empty(8, np.int64)
     for j in range(top, bottom + 1):
         for label in labels[j, left : right + 1]:
             colored += 0 < label < UNKNOWN
     for face in range(6):
         if heights[face] > 0.0:
-            _count_face(labels, pixels, face, (left, right, top, bottom), counts, one.inner[face])
+            _count_face(labels, pixels, face, area, wholly, counts, one.inner[face])
             covered, agree = 0, counts[face_labels[face]]
             for label in range(7):
                 one.faces[face, label] = counts[label]
@@ -130,7 +131,8 @@ def count_labels(lenses, labels, pictures, box, rotation, position, lags, seen):
             continue
         copy_pose(rotation, position, turned, moved)
         apply_update(turned, moved, lags[c])
-        _count_camera(lenses, c, labels[c], box, turned, moved, one)
+        wholly = max(WHOLLY, one.blur * lenses[c].width / pictures[c].width)
+        _count_camera(lenses, c, labels[c], box, turned, moved, wholly, one)
         one.elsewhere = pictures[c].colored - one.agree - one.wrong - one.extra
 
 
