@@ -152,7 +152,7 @@ def test_results_of_other_recordings_by_the_same_names_are_not_replaced(tmp_path
     do(at("one"))
     before = contents(tmp_path / "out")
     for stop in (None, 2):
-        with pytest.raises(LogError, match=r"two/ep/0: found the result of .*one/ep/0 by the name of this"):
+        with pytest.raises(LogError, match=r"two/ep/0: found the result of .*one/ep/0 under the same name"):
             do(at("two", stop))
         assert contents(tmp_path / "out") == before
     (tmp_path / "one").rename(tmp_path / "moved")

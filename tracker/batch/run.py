@@ -266,7 +266,7 @@ def _refuse_results_of_others(batch: Batch, tasks: Iterable[Task], before: Batch
         other = known.get(output, log).removesuffix(f": {task.part}")
         there = other != task.log and all(map(os.path.exists, (other, task.log, task.output)))
         if there and not os.path.samefile(other, task.log):  # nor is it one that was moved
-            found = f"found the result of {other} by the name of this one's"
+            found = f"found the result of {other} under the same name"
             raise LogError(f"{task.log}: {found} in {batch.folder}, expected another folder")
 
 
