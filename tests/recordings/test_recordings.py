@@ -2,6 +2,7 @@ import dataclasses
 import gzip
 import os
 import struct
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,7 +30,7 @@ from tracker.logs.opening import recording_files
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options, run, track
-from tracker.recordings.track import answers, fingerprint
+from tracker.recordings.track import answers, code, fingerprint
 from tracker.summaries.summary import summary
 
 FRAMES = 50
@@ -145,6 +146,23 @@ def test_the_poses_can_be_had_without_a_file(tmp_path):
     assert poses.index.tolist() == [0, 1, 2, 3, 4]
     assert_same(poses, track(log, "cube_v2", output=tmp_path / "poses.h5").poses)
     assert_same(poses, read_poses(tmp_path / "poses.h5"))
+
+
+@pytest.mark.parametrize(
+    "changed", ["pose/solve.py", "tasks/move_object.py", "summaries/summary.py", "viz/paint.py"]
+)
+def test_other_code_for_poses_or_their_sums_is_in_the_fingerprint(changed, tmp_path, monkeypatch):
+    root = Path(tracker.__file__).parent
+    for path in root.rglob("*.py"):
+        (tmp_path / path.relative_to(root)).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path.relative_to(root)).write_bytes(path.read_bytes())
+    monkeypatch.setattr(
+        sys.modules[fingerprint.__module__], "__file__", str(tmp_path / "recordings/track.py")
+    )
+    before = code.__wrapped__()
+    assert before == code()
+    (tmp_path / changed).write_text("")
+    assert (code.__wrapped__() == before) == changed.startswith("viz")
 
 
 def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):

@@ -45,11 +45,8 @@ from tracker.poses.poses import About, Poses
 from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
 from tracker.version import version
 
-_OTHERS = (
-    *("batch", "cli", "color_learning", "calibration/board", "calibration/by_object", "live"),
-    *("summaries", "tasks", "viz"),
-)
-"""Parts of the package that do not affect poses."""
+_OTHERS = "batch", "cli", "color_learning", "calibration/board", "calibration/by_object", "live", "viz"
+"""Parts of the package that affect neither poses nor what is summed up of them."""
 
 MakeTracker = Callable[[CuboidModel, CameraRig, ColorModel], Any]
 """Makes a tracker with `update` and `reset` like ObjectTracker's; must be picklable by name."""
@@ -178,7 +175,7 @@ def fingerprint(job: Job) -> str:
 
 @functools.cache
 def code() -> str:
-    """Return a hash of the code that computes poses: this package's sources and its libraries' versions."""
+    """Return a hash of the code that computes poses and rows of them, and of its libraries' versions."""
     versions = [module.__version__ for module in (np, scipy, cv2, numba)]
     digest = hashlib.sha256(repr(versions).encode())
     root = Path(__file__).parents[1]
