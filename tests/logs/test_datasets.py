@@ -9,6 +9,7 @@ import tracker
 from tests.helpers.log_writers import CAMERAS, make_content, write_store, write_store_by_zarr
 from tests.helpers.reading import frames_of, peak_memory, recovered
 from tracker.errors import LogError
+from tracker.logs.datasets import read_steps
 
 pytest.importorskip("lmdb", reason="datasets: no module lmdb")
 pytest.importorskip("numcodecs", reason="datasets: no module numcodecs")
@@ -129,6 +130,20 @@ def test_damage_is_named(tmp_path, key, change, frames, message):
     else:
         with pytest.raises(LogError, match=message):
             tracker.open_log(folder)
+
+
+def test_hours_of_steps_are_read_without_the_columns_that_are_not_needed(tmp_path):
+    rows, width = 400_000, 139
+    folder = write_store(tmp_path / "x.zarr", make_content(2), shown=[0, 3], ends=[1])
+    table = {"zarr_format": 2, "dtype": "<f4", "shape": [rows, width], "chunks": [1000, 50], "fill_value": 0}
+    table |= {"compressor": None, "filters": None}
+    edit(folder, SHOWN, head(shape=[rows], chunks=[rows]))
+    edit(folder, "obs_to_image_index/0", lambda _: None)
+    edit(folder, "observations/.zarray", lambda _: json.dumps(table).encode())
+    with peak_memory() as used:
+        steps = read_steps(folder)
+    assert (steps.task, steps.observed["joints"].shape) == ("lift", (rows, 9))
+    assert used[0] < 4 * rows * width
 
 
 @pytest.mark.parametrize("inner", ["zlib", "zstd", "lz4"])

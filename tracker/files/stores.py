@@ -109,8 +109,8 @@ class LmdbFile:
 MAX_BLOCK = 1 << 29
 """Largest block, compressed or not [bytes]."""
 
-MAX_NUMBERS = 1 << 25
-"""Largest array of numbers: a week of control steps at 50 Hz."""
+MAX_ROWS = 1 << 25
+"""Most rows of an array of numbers: a week of control steps at 50 Hz."""
 
 _MAX_JSON = 1 << 20  # bytes
 _MAX_LEFT_OUT = 1 << 16  # blocks; zarr may omit blocks that hold only the fill value
@@ -157,20 +157,25 @@ class StoredArray:
         """Whether the items are byte strings."""
         return self._dtype is None
 
-    def numbers(self, axes: int, kinds: str = "iufb") -> Array:
-        """Return all numbers; LogError if axes or kind of type differ, or numbers are missing or damaged."""
+    def numbers(self, axes: int, kinds: str = "iufb", columns: Any = slice(None)) -> Array:
+        """Return all numbers, or some `columns` of a table.
+
+        LogError if axes or kind of type differ, or numbers are missing or damaged.
+        """
         if self._dtype is None or self._dtype.kind not in kinds:
             found = self._dtype or "byte strings"
             raise LogError(f"{self._where}: found {found}, expected {'whole ' * (kinds == 'iu')}numbers")
         if len(self.shape) != axes:
             raise LogError(f"{self._where}: found shape {self.shape}, expected {axes} axes")
-        result = np.empty(self.shape, self._dtype)
+        chosen = np.arange(math.prod(self.shape[1:]))[columns]
+        number, inside = np.divmod(chosen, math.prod(self._tile[1:]))
+        result = np.empty((len(self), len(chosen)), self._dtype)
         for place in np.ndindex(*self._tiles):
-            tile = self._numbers(".".join(map(str, place)), self._dtype)
-            start = np.multiply(place, self._tile)
-            part = result[tuple(map(slice, start, start + self._tile))]
-            part[:] = tile[tuple(map(slice, part.shape))]
-        return result
+            tile = self._numbers(".".join(map(str, place)), self._dtype).reshape(self._tile[0], -1)
+            part = result[place[0] * len(tile) :][: len(tile)]
+            here = number == sum(place[1:])
+            part[:, here] = tile[: len(part), inside[here]]
+        return result[:, 0] if axes == 1 else result
 
     def _strings(self, number: int) -> list[bytes]:
         import numcodecs
@@ -213,9 +218,9 @@ class StoredArray:
         if math.prod(self._tile) > 1 << 24 or len(self.shape) > 2 - (meta["dtype"] == "|O"):
             raise ValueError
         # Omitted numbers take no space in the store, but each image has at least one byte.
-        most, length = self._store.size if meta["dtype"] == "|O" else MAX_NUMBERS, math.prod(self.shape)
-        if length > most:
-            raise LogError(f"{self._where}: found {length} items stated, expected at most {most}")
+        most = self._store.size if meta["dtype"] == "|O" else MAX_ROWS
+        if self.shape[0] > most:
+            raise LogError(f"{self._where}: found {self.shape[0]} items stated, expected at most {most}")
         self._tiles = [-(-side // step) for side, step in zip(self.shape, self._tile, strict=True)]
         most, blocks = max(self._store.entries, _MAX_LEFT_OUT), math.prod(self._tiles)
         if blocks > most:

@@ -247,5 +247,6 @@ def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict
     robot = camera + _CAMERA + goal
     columns = {name: slice(camera + a, camera + b) for name, (a, b) in _IN_CAMERA.items()}
     columns |= {name: slice(robot + a, robot + b) for name, (a, b) in _IN_ROBOT.items()}
-    rows = array.numbers(2)
-    return task, {name: rows[:, one].astype(float) for name, one in columns.items()}
+    rows = array.numbers(2, columns=np.r_[tuple(columns.values())]).astype(float)
+    ends = np.cumsum([one.stop - one.start for one in columns.values()])
+    return task, dict(zip(columns, np.split(rows, ends[:-1], axis=1), strict=True))
