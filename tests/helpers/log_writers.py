@@ -132,6 +132,7 @@ def write_store(
     shown: Sequence[int] | None = None,
     ends: Sequence[int] | None = None,
     observations: np.ndarray | None = None,
+    separator: str = ".",
     length: int | None = None,
     map_size: int = 1 << 24,
 ) -> Path:
@@ -173,12 +174,13 @@ def write_store(
                 for k, block in enumerate(whole.reshape(-1, chunk)):
                     put(f"{name}/{k}", block.tobytes())
         if observations is not None:  # of chunks that fit neither rows nor columns
-            array("observations", observations.shape, [7, 50], "<f4", order="F", fill_value=0.0)
+            named = {} if separator == "." else {"dimension_separator": separator}
+            array("observations", observations.shape, [7, 50], "<f4", order="F", fill_value=0.0, **named)
             rows, columns = observations.shape
             whole = np.pad(observations.astype("<f4"), ((0, -rows % 7), (0, -columns % 50)))
             for i, j in np.ndindex(len(whole) // 7, whole.shape[1] // 50):
                 block = whole[7 * i : 7 * i + 7, 50 * j : 50 * j + 50]
-                put(f"observations/{i}.{j}", block.tobytes("F"))
+                put(f"observations/{i}{separator}{j}", block.tobytes("F"))
     environment.close()
     (folder / "lock.mdb").unlink()
     return folder

@@ -146,6 +146,14 @@ def test_hours_of_steps_are_read_without_the_columns_that_are_not_needed(tmp_pat
     assert used[0] < 4 * rows * width
 
 
+@pytest.mark.parametrize("separator", [".", "/"])
+def test_tables_are_read_whichever_way_their_blocks_are_named(tmp_path, separator, rng):
+    rows, given = rng.random((20, 97), np.float32), {"shown": [0] * 20, "ends": [19], "separator": separator}
+    steps = read_steps(write_store(tmp_path / "x.zarr", make_content(1), observations=rows, **given))
+    np.testing.assert_array_equal(steps.observed["position"], rows[:, 42:45])
+    np.testing.assert_array_equal(steps.observed["joints"], rows[:, 69:78])
+
+
 @pytest.mark.parametrize("inner", ["zlib", "zstd", "lz4"])
 def test_no_more_is_unpacked_than_a_block_holds(tmp_path, inner):
     import numcodecs

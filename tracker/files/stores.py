@@ -171,7 +171,8 @@ class StoredArray:
         number, inside = np.divmod(chosen, math.prod(self._tile[1:]))
         result = np.empty((len(self), len(chosen)), self._dtype)
         for place in np.ndindex(*self._tiles):
-            tile = self._numbers(".".join(map(str, place)), self._dtype).reshape(self._tile[0], -1)
+            key = self._separator.join(map(str, place))
+            tile = self._numbers(key, self._dtype).reshape(self._tile[0], -1)
             part = result[place[0] * len(tile) :][: len(tile)]
             here = number == sum(place[1:])
             part[:, here] = tile[: len(part), inside[here]]
@@ -234,7 +235,8 @@ class StoredArray:
         elif len(filters) != 1 or filters[0] not in _RAGGED:
             raise LogError(f"{self._where}: found items coded as {filters}, expected {' or '.join(_RAGGED)}")
         self._order: Literal["C", "F"] = meta.get("order", "C")
-        if self._order not in ("C", "F"):
+        self._separator = meta.get("dimension_separator", ".")
+        if self._order not in ("C", "F") or self._separator not in (".", "/"):
             raise ValueError
         fill = meta["fill_value"]
         self._fill = fill if isinstance(fill, (int, float)) else None
