@@ -20,14 +20,15 @@ for step in range(100):
     position[:, 0] += 0.05 * STEP  # your physics
     if step % round(PERIOD / STEP) == 0:
         coming.append((now, errors.step(position, orientation, visible, PERIOD)))
-    taken, seen = coming[0]
-    arrived = seen.found & (taken + seen.delay <= now) if taken <= now else np.zeros(COUNT, bool)
-    known[arrived] = seen.position[arrived]  # what the policy may use
-    if len(coming) > 1:
+    for taken, seen in coming:  # a delay may be longer than a period
+        arrived = seen.found & (taken + seen.delay <= now)
+        known[arrived] = seen.position[arrived]  # what the policy may use
+    while len(coming) > 1 and (coming[0][0] + coming[0][1].delay <= now).all():
         coming.popleft()
     ended = rng.random(COUNT) < 0.001
     errors.reset(ended)
     known[ended] = np.nan
-    coming[0][1].found[ended] = False  # what is on its way is of the episode before
+    for _, seen in coming:
+        seen.found[ended] = False  # what is on its way is of the episode before
 off = 1e3 * np.linalg.norm(known - position, axis=1)
 print(f"{np.isfinite(off).mean():.0%} known, median error {np.nanmedian(off):.1f} mm")

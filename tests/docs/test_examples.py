@@ -95,6 +95,16 @@ def test_a_policy_sees_late_and_noisy_poses(tmp_path, run_script):
     assert 1.0 < float(off) < 8.0
 
 
+@pytest.mark.parametrize(("period", "step", "most"), [(0.1, 0.02, 8.0), (0.03, 0.01, 4.0), (0.02, 0.02, 5.0)])
+def test_poses_that_take_longer_than_a_period_arrive_too(period, step, most, capsys):
+    text = (EXAMPLES / "noisy_poses.py").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    exec(text.replace("0.1, 0.02 ", f"{period}, {step} "), names)
+    assert names["PERIOD"] == period
+    assert np.isfinite(names["off"]).mean() > 0.9
+    assert 1.0 < np.nanmedian(names["off"]) < most
+
+
 def test_a_new_episode_gets_no_pose_of_the_one_before(capsys):
     often = (EXAMPLES / "noisy_poses.py").read_text(encoding="utf-8").replace("< 0.001", "< 0.5")
     names: dict[str, Any] = {}
