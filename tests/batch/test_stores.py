@@ -10,14 +10,16 @@ import pytest
 
 from tests.helpers import contents, robot_stores
 from tests.helpers.command import assert_one_line_error
+from tests.helpers.pose_logs import answer, make_about, moved, random_pose
 from tests.helpers.recording_stubs import NoiseTracker, tiny_rig
 from tests.helpers.robot_stores import SHOWN, STEPS, KnowingTracker, position, write
 from tests.logs.test_datasets import edit, head
 from tracker.batch.run import only_run, run_batch
 from tracker.batch.stores import Retracking, _taken
 from tracker.batch.workers import engine
-from tracker.poses.file import read_poses
+from tracker.poses.file import PosesBuilder, read_poses
 from tracker.recordings import Options
+from tracker.summaries.against_stored import delay
 
 pytest.importorskip("lmdb", reason="datasets: no module lmdb")
 pytest.importorskip("numcodecs", reason="datasets: no module numcodecs")
@@ -112,6 +114,18 @@ def test_predictions_do_not_count_for_the_delay(tmp_path, robots, monkeypatch):
     monkeypatch.setattr(KnowingTracker, "update", coasting)
     _, report = do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)
     assert report["robots"]["r1"]["delay_s"] == pytest.approx(robot_stores.LATE, abs=0.005)
+
+
+def test_what_moves_while_it_is_not_found_does_not_count_for_the_delay(rng):
+    builder = PosesBuilder(make_about())
+    for number, time in enumerate(np.arange(300) / 10):
+        found, pose = time % 4 < 2.6, random_pose(rng, moving=True)
+        pose.position = position(time)
+        # The platform's own tracker repeats its last pose of an object that it does not see.
+        last = time if found else time // 4 * 4 + 2.5
+        stored = moved(np.eye(3), position(last - robot_stores.LATE))
+        builder.append(number, time, answer(None, pose if found else None, "tracking"), stored)
+    assert delay([builder.build()]) == pytest.approx(robot_stores.LATE, abs=0.005)
 
 
 def test_no_delay_is_told_of_an_object_at_rest(tmp_path, robots, monkeypatch):

@@ -20,6 +20,7 @@ LAGS = np.linspace(-0.1, 0.5, 61)  # candidate delays [s]
 MOVING = 0.005
 """Smallest standard deviation of the positions [m] that shows a delay."""
 
+_LONGEST = 0.25  # time between poses [s] up to which positions are interpolated: one may be missing
 _GROSS = 0.1  # distance [m] above which a stored pose is not used to estimate the delay
 
 
@@ -72,7 +73,9 @@ def delay(parts: Sequence[Poses]) -> float | None:
         if not seen.any():
             continue
         own = ours.position[seen], times[seen]
-        window = theirs.has_pose & (times >= own[1][0] + LAGS[-1]) & (times <= own[1][-1] + LAGS[0])
+        window, known = theirs.has_pose, np.concatenate([[-np.inf], own[1], [np.inf]])
+        for gap in np.flatnonzero(np.diff(known) > _LONGEST):
+            window = window & ((times <= known[gap] + LAGS[0]) | (times >= known[gap + 1] + LAGS[-1]))
         window[window] = np.linalg.norm(_at(times[window], *own) - theirs.position[window], axis=1) < _GROSS
         if not window.any():
             continue
