@@ -102,6 +102,13 @@ def test_a_folder_of_results_whose_name_is_no_unicode_has_all_tables(robots, tmp
             assert pq.read_table(file).num_rows == count
 
 
+def test_images_that_no_step_saw_have_no_state_of_the_robot(robots, tmp_path):
+    store, folder = write(tmp_path / "a.zarr", shown=3 * np.where(SHOWN == 4, 3, SHOWN)), tmp_path / "out"
+    do(store, folder, robots)
+    images = pq.read_table(place(store, folder) / "images.parquet")
+    assert images["robot_position_0_rad"].to_pylist()[2:6] == [10, 15, None, 25]
+
+
 def test_predictions_do_not_count_for_the_delay(tmp_path, robots, monkeypatch):
     update = KnowingTracker.update
 
