@@ -109,8 +109,8 @@ class LmdbFile:
 MAX_BLOCK = 1 << 29
 """Largest block, compressed or not [bytes]."""
 
-MAX_ROWS = 1 << 25
-"""Most rows of an array of numbers: a week of control steps at 50 Hz."""
+MAX_ROWS = 1 << 24
+"""Most rows of an array of numbers: four days of control steps at 50 Hz."""
 
 _MAX_JSON = 1 << 20  # bytes
 _MAX_LEFT_OUT = 1 << 16  # blocks; zarr may omit blocks that hold only the fill value
