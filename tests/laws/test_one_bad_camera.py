@@ -9,6 +9,8 @@ from tests.helpers import misplaced, within
 from tests.helpers.consistency import FACTORS, consistent, nees, pose_error
 from tests.helpers.kept_stills import bare
 from tracker.calibration.deviations import element_std
+from tracker.geometry import so3
+from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
 
 SHOTS = 6
@@ -148,3 +150,21 @@ def test_confidence_falls_where_cameras_disagree(fits):
     found = {times: np.mean([confidence(fit) for fit in own]) for times, own in fits.items()}
     # Cameras that are off as stated agree as well as can be expected.
     assert found[5] < min(found[0], found[1])
+
+
+def rolled(camera, rng, turn):
+    """A camera that states only a deviation about its axis [rad], and is off by as much."""
+    pose = camera.camera_from_world.copy()
+    pose[:3, :3] = so3.exp([0.0, 0.0, turn * rng.normal()]) @ pose[:3, :3]
+    std = np.zeros((4, 4))
+    std[:3, :3] = turn * np.abs(so3.hat([0.0, 0.0, 1.0]) @ pose[:3, :3])
+    return dataclasses.replace(camera, camera_from_world=pose, camera_from_world_std=std)
+
+
+def test_cameras_may_be_known_well_in_all_but_their_roll(rig, name, scenes):
+    rng = np.random.default_rng(92)
+    for truth in scenes[:6]:
+        given = tracker.CameraRig(tuple(rolled(camera, rng, 0.01) for camera in rig))
+        found = tracker.ObjectTracker(drawn(name), given).fit(truth.images)
+        assert isinstance(found, Fit)
+        assert within(found, truth, 1e-3, 1)

@@ -45,8 +45,11 @@ def is_stated(camera: Camera) -> bool:
     return camera.camera_from_world_std is not None and bool(camera.camera_from_world_std.any())
 
 
-def calibration_covariance(camera: Camera) -> FloatArray:
-    """Return the covariance (6, 6) of (Rᵀδt, Rᵀω) [m, rad], for errors δt and exp(ω) of camera_from_world."""
+def calibration_covariance(camera: Camera, power: int = 1) -> FloatArray:
+    """Return the covariance (6, 6) of (Rᵀδt, Rᵀω) [m, rad], for errors δt and exp(ω) of camera_from_world.
+
+    power: -1 for its inverse, exact even where deviations differ by orders of magnitude.
+    """
     std = camera.camera_from_world_std
     if std is None:
         std = UNSTATED_STD
@@ -54,7 +57,8 @@ def calibration_covariance(camera: Camera) -> FloatArray:
     variances = np.concatenate([std[:3, 3] ** 2, rotation_vector_variance(rotation, std[:3, :3])])
     turned = np.zeros((6, 6))
     turned[:3, :3] = turned[3:, 3:] = rotation.T
-    return turned @ np.diag(np.maximum(variances, LEAST_VARIANCE)) @ turned.T
+    out = turned @ np.diag(np.maximum(variances, LEAST_VARIANCE) ** power) @ turned.T
+    return np.asarray((out + out.T) / 2)
 
 
 def element_std(rotation: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -99,7 +99,7 @@ class Refiner:
 
     def __init__(self, box: Box, rig: CameraRig, reader: Reader, support: bool) -> None:
         self._box, self._arena = box, rig.arena
-        known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in rig.cameras]))
+        known = np.array([calibration_covariance(camera, -1) for camera in rig.cameras])
         colors, lenses = reader.colors.label_table, stack_lenses(rig.cameras)
         self.model = Model(box.half, box.face_labels, lenses, known, colors, table_of(rig.arena, support))
         self._shaded = self.model._replace(colors=reader.colors.shade_table)

@@ -254,6 +254,7 @@ def test_what_is_stated_element_by_element_reads_back_as_the_same_covariance_els
     stated = turned @ np.diag(rng.uniform(0.2, 2.0, 6) * 1e-6) @ turned.T
     known = dataclasses.replace(camera, camera_from_world_std=element_std(rotation, stated))
     np.testing.assert_allclose(calibration_covariance(known), stated, rtol=1e-5, atol=1e-11)
+    np.testing.assert_allclose(calibration_covariance(known, -1) @ stated, np.eye(6), atol=1e-5)
     silent = dataclasses.replace(camera, camera_from_world_std=None)
     assert np.sqrt(np.diag(calibration_covariance(silent))).max() < 1e-4
 

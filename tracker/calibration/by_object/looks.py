@@ -92,7 +92,7 @@ class CameraErrors:
             middle.T @ np.diag(np.repeat(np.square(std), 3) ** -1.0) @ middle for std in (TYPICAL, LOOSE)
         )
         self.held = np.array(
-            [np.linalg.inv(calibration_covariance(one)) if is_stated(one) else typical for one in cameras]
+            [calibration_covariance(one, -1) if is_stated(one) else typical for one in cameras]
         )
         self.share = min(1.0, SAME / len(looks))
 
