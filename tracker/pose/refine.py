@@ -63,10 +63,6 @@ MIN_WIDTHS = 4
 EXPONENT_STD = 0.5
 """Prior standard deviation of the response's exponent."""
 
-STATED = 1e13
-"""Inverse variance of a position above which a calibration counts as exact (see
-calibration.deviations.LEAST_VARIANCE)."""
-
 FINE_MOSAIC = 1.5
 """Size of the object relative to the reference, above which a mosaic does not matter: strips have so many
 pixels that interpolation errors average out (recorded images of 540×540 fit no better with it)."""
@@ -107,7 +103,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
         camera.parts = 3 if pictures[c].mosaic >= 0 and camera.scale < FINE_MOSAIC else 1
         camera.blur = start.blur * camera.scale
         offset_weights(model.calibration[c], solution.position, camera.weights)
-        doubtful = doubtful or (camera.used and camera.weights[0, 0] < STATED)
+        doubtful = doubtful or (camera.used and model.stated[c])
         if camera.used:
             used += 1
             view, length = np.empty(3), 0.0

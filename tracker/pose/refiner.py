@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tracker.calibration.deviations import calibration_covariance
+from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
@@ -42,6 +42,8 @@ class Model(NamedTuple):
     """(C,) of LENS."""
     calibration: FloatArray
     """(C, 6, 6) inverse of `calibration.deviations.calibration_covariance`."""
+    stated: Array
+    """(C,) whether the calibration states errors; if not, it counts as exact."""
     colors: Array
     """(64³,) uint8: the label of each colour cell."""
     table: Table
@@ -100,8 +102,10 @@ class Refiner:
     def __init__(self, box: Box, rig: CameraRig, reader: Reader, support: bool) -> None:
         self._box, self._arena = box, rig.arena
         known = np.array([calibration_covariance(camera, -1) for camera in rig.cameras])
+        stated = np.array([is_stated(camera) for camera in rig.cameras])
         colors, lenses = reader.colors.label_table, stack_lenses(rig.cameras)
-        self.model = Model(box.half, box.face_labels, lenses, known, colors, table_of(rig.arena, support))
+        table = table_of(rig.arena, support)
+        self.model = Model(box.half, box.face_labels, lenses, known, stated, colors, table)
         self._shaded = self.model._replace(colors=reader.colors.shade_table)
         self.likely = LIKELY._replace(rim=box.rim[0], rim_std=box.rim[1])
         self._maps, self._faces = stack_lenses(reader.label_cameras(rig)), (box.half, box.face_labels)
