@@ -106,3 +106,10 @@ def test_one_camera_uses_the_rim_that_several_have_shown(rig):
         off.append([np.linalg.norm(pose.position - truth.position) for pose in poses])
     taught, untaught = np.median(off, axis=0)
     assert taught < 0.5 * untaught
+
+
+@pytest.mark.parametrize("std", [1e-6, 3e-5, 4e-4])
+def test_pictures_make_no_rim_less_certain(rig, std):
+    model = dataclasses.replace(drawn("cube_v2"), rim=0.0, rim_std=std)
+    found = tracker.ObjectTracker(model, rig).fit(at_rest("cube_v2", rig, 0).images)
+    assert found.end.rim_std <= std

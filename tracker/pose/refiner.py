@@ -23,7 +23,8 @@ from tracker.pose.support import Table, table_of
 from tracker.pose.views import Reader, Sight
 
 SHOWN_RIM_STD = 1e-4
-"""Smallest standard deviation of a rim estimated from images [m]: the rim differs from side to side."""
+"""Smallest standard deviation of a rim estimated from images [m], unless the object's file states a smaller
+one: the rim differs from side to side."""
 
 SHADE = 2.0
 """Log odds that a body of other colours gains where faces are taken to be in shade."""
@@ -156,7 +157,8 @@ class Refiner:
         rotation, position, covariance = (solution[key][0] for key in ("rotation", "position", "covariance"))
         if converged:
             exponent, width = solution["shared"][0, EXPONENT : RIM + 1].tolist()
-            start = Start(blur, exponent, width, max(math.sqrt(rim), SHOWN_RIM_STD))
+            least = min(SHOWN_RIM_STD, self.likely.rim_std)
+            start = Start(blur, exponent, width, max(math.sqrt(rim), least))
         place = rotation, position, self._still if lag is None else cameras["lag"].copy()
         body, nothing, ahead = judge(
             self._maps, sight.labels, sight.pictures, pictures, self._faces, place, stands, seen, NUMBERS
