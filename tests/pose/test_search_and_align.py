@@ -88,6 +88,22 @@ def test_search_finds_position_and_rotation(scene):
     assert np.degrees(min(turned)) < 30
 
 
+@pytest.mark.parametrize("degrees", [45, 55, 65, 75])
+def test_cameras_that_look_aside_rank_no_rotation(scene, degrees):
+    cameras, labels, truth = scene
+    turn = so3.transform(so3.exp([0.0, np.radians(degrees), 0.0]), np.zeros(3))
+    aside = [dataclasses.replace(one, camera_from_world=turn @ one.camera_from_world) for one in cameras]
+    alone, wider = np.empty((2, 20, 3, 3))
+    for rig, seen, out in (
+        (cameras, labels, alone),
+        ([*cameras, *aside], np.concatenate([labels, np.zeros_like(labels)]), wider),
+    ):
+        likely_rotations(
+            stack_lenses(rig), seen, pictures_of(seen), FACES, truth.position, rotation_grid(), out
+        )
+    np.testing.assert_array_equal(wider, alone)
+
+
 @pytest.mark.parametrize("label", [4, 6])
 def test_a_block_in_a_faces_colour_beside_the_object_hides_no_rotation(label):
     model, cameras = tracker.load_object("cuboid_2x2x8_v2"), default_cameras()

@@ -89,6 +89,16 @@ def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def may_see(lenses, c, position, radius):  # type: ignore[no-untyped-def]
+    """Whether camera c may see a body of a radius [m] at a position (3,) [m]: part of it is in the image."""
+    lens = lenses[c]
+    u, v, z = project(lenses, c, position[0], position[1], position[2])
+    across, down = radius * lens.focal[0], radius * lens.focal[1]
+    inside = -across <= u * z <= lens.width * z + across and -down <= v * z <= lens.height * z + down
+    return z > 0.0 and inside
+
+
+@compiled
 def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-untyped-def]
     """Like `project`, but with depth at least 1e-6 [m]; fill jacobian (2, 3) = d(u, v)/d(x, y, z) [px/m]."""
     lens = lenses[c]

@@ -12,7 +12,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
-from tracker.geometry.lens import project_with_jacobian
+from tracker.geometry.lens import may_see, project_with_jacobian
 from tracker.geometry.linear import smallest
 from tracker.pose.strips import SUMS
 from tracker.pose.votes import NEARER, gather
@@ -81,9 +81,10 @@ def rank_rotations(lenses, pictures, box, position, stats, rotations, costs):  #
     """
     half, face_labels = box
     jacobian, view, faces = np.empty((2, 3)), np.empty(3), np.zeros((6, 8), np.float32)
+    radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     costs[:] = np.float32(0.0)
     for c in range(len(pictures)):
-        if not pictures[c].used:
+        if not pictures[c].used or not may_see(lenses, c, position, radius):
             continue
         u, v, z = project_with_jacobian(lenses, c, position[0], position[1], position[2], jacobian)
         if z < 2.0 * max(half[0], half[1], half[2]):
