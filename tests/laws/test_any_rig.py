@@ -128,6 +128,7 @@ def test_cameras_that_look_away_neither_help_nor_harm(rig, name, pairs, degrees,
         fit = one.fit([*truth.images, *others.images])
         assert not counts(fit)[3:].any()
         assert deviation(fit, reference) < CONVERGED
+        np.testing.assert_allclose(np.diag(fit.covariance), np.diag(reference.covariance), rtol=0.02)
         assert log_odds(fit) == pytest.approx(log_odds(reference), abs=0.5)
 
 
@@ -142,6 +143,7 @@ def test_cameras_that_look_far_aside_neither_help_nor_harm(rig, name, pairs, deg
         fit = new(name, wider).fit([*truth.images, *(others.images[c] for c in blind)])
         assert fit.cameras["expected"][3:].sum() == 0
         assert fit.cameras["predicted"][3:].sum() == 0
+        np.testing.assert_allclose(np.diag(fit.covariance), np.diag(reference.covariance), rtol=0.02)
         assert abs(log_odds(fit) - log_odds(reference)) < 0.5
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.geometry.lens import apply_update, copy_pose
+from tracker.geometry.lens import apply_update, copy_pose, may_see
 from tracker.geometry.linear import factorise, median, substitute
 from tracker.pose.edge_fit import measure
 from tracker.pose.fit import LIKELY
@@ -95,10 +95,13 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
     solution.covariance[:, :] = np.nan
     solution.shared[EXPONENT], solution.shared[RIM] = start.exponent, start.rim
     solution.own, doubtful = EXPECTED_WEAR**2, False
-    views, used = np.zeros(3), 0
+    views, used, position = np.zeros(3), 0, np.empty(3)
     for c in range(len(cameras)):
         camera = cameras[c]
-        camera.used = pictures[c].used
+        for i in range(3):
+            position[i] = solution.position[i] + camera.lag[i]
+        # A camera that looks elsewhere neither agrees nor disagrees.
+        camera.used = pictures[c].used and may_see(model.lenses, c, position, math.sqrt(radius2))
         camera.scale = relative_size(model.lenses, c, model.half, solution.position)
         camera.parts = 3 if pictures[c].mosaic >= 0 and camera.scale < FINE_MOSAIC else 1
         camera.blur = start.blur * camera.scale

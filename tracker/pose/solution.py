@@ -22,7 +22,7 @@ edge."""
 
 CAMERA = np.dtype(
     [
-        ("used", np.bool_),  # whether there is an image
+        ("used", np.bool_),  # whether there is an image in which the object may be
         ("parts", np.int64),  # 3 if each pixel of a mosaic counts for one channel, else 1
         ("scale", np.float64),  # size of the object in the image, relative to the reference
         ("delay", np.float64),  # age of the image relative to the latest [s]
