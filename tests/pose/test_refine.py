@@ -11,7 +11,7 @@ from tests.helpers import sight_of, within
 from tests.helpers.fits import deviation
 from tests.helpers.kept_stills import bare
 from tracker.geometry import so3
-from tracker.pose.schedule import SCHEDULE
+from tracker.pose.schedule import FIRST, SCHEDULE
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 SCENES = 3
@@ -51,6 +51,15 @@ def test_clean_images_give_the_exact_pose_a_positive_covariance_and_counts_in_or
         # Nothing hides the object, and nearly all of its edges are where the pose puts them.
         assert usable.sum() > 0.7 * expected.sum()
         assert inliers.sum() > 0.9 * usable.sum()
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_step_that_looks_at_some_pieces_expects_no_more(trackers, fits, scenes, name):
+    for reference, truth in zip(fits[name], scenes[name], strict=True):
+        sight = sight_of(trackers[name], truth.images)
+        fit = trackers[name]._estimator.refiner(sight, reference.rotation, reference.position, FIRST)
+        expected, usable = (fit.cameras[key] for key in ("expected", "usable"))
+        assert usable.sum() > 0.7 * expected.sum() > 0
 
 
 @pytest.mark.parametrize("name", OBJECTS)

@@ -178,7 +178,7 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
             continue
         scale, widths, (exponent, rim) = camera.scale, 0, shown(solution, camera)
         for s in range(camera.strips):
-            if not work.strips[c, s].in_view:
+            if not work.strips[c, s].in_view or s % camera.every:
                 continue
             seen[c].expected += 1.0
             found = work.found[c, s]
