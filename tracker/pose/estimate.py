@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from tracker.calibration.deviations import is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
@@ -83,11 +82,11 @@ class PoseEstimator:
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel, support: bool = True) -> None:
         self.box, self._radius = box, box.radius
-        # Whether any file states deviations; otherwise the calibration counts as exact.
-        self.stated = any(map(is_stated, rig.cameras))
         self.reader = Reader(box, rig, colors)
         self.search = Search(box, rig, self.reader)
         self.refiner = Refiner(box, rig, self.reader, support)
+        # Whether any file states deviations; otherwise the calibration counts as exact.
+        self.stated = bool(self.refiner.model.stated.any())
 
     def find(
         self,
