@@ -44,6 +44,23 @@ def test_colors_of_renderings_become_those_of_the_pictures(film):
     assert after - before > 0.8 * (shipped - before)
 
 
+@pytest.mark.usefixtures("known_names")
+def test_on_a_brown_table_colors_are_learned_from_images_as_they_are(film):
+    on_wood = [dataclasses.replace(shot, images=list(map(_brown, shot.images, shot.labels))) for shot in film]
+    learned = adapt(MODEL, [footage_of(on_wood)], None, OPTIONS, name="mine", rounds=3)
+    assert not learned.colors.normalise
+    assert learned.before.posed < 0.5
+    assert learned.after.posed == 1.0
+    other_order = tracker.load_object("cube_v1")
+    with pytest.raises(NotBetterError, match="refused: found 0 of"):
+        adapt(other_order, [footage_of(on_wood)], COLORS, OPTIONS, name="mine", rounds=1)
+
+
+def _brown(image, labels):
+    """The image with a brown table instead of a grey one."""
+    return np.where(labels[..., None] > 0, image, image * np.array([0.42, 0.7, 1.0])).astype(np.uint8)
+
+
 def test_the_same_frames_give_the_same_colors(film, known_names, monkeypatch):
     start, footage = tracker.load_colors("simulation"), [footage_of(film[:4])]
     one = adapt(MODEL, footage, start, OPTIONS, name="mine", rounds=1).colors

@@ -14,7 +14,7 @@ from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import InFile, OutFile, Recording
 from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
-from tracker.color_learning.adapt import Adapted, from_names, nearest
+from tracker.color_learning.adapt import Adapted, from_names
 from tracker.color_learning.adapt import adapt as learn_colors
 from tracker.color_learning.fit import FitOptions, combine, image_histograms
 from tracker.color_learning.hues import LIGHT, NEAR, Paints, better_set, distances, paints
@@ -79,7 +79,7 @@ class Lesson:
         self,
         model: tracker.CuboidModel,
         footage: list[Frames],
-        start: tracker.ColorModel,
+        start: tracker.ColorModel | None,
         first: bool = False,
     ) -> None:
         """Learn colours from the frames and write the model; print one line per round. first: see `adapt`."""
@@ -103,14 +103,13 @@ def adapt(
 
     Confident poses show which pixels are of a face. Colours fitted to these find more poses, round by round.
     The other frames check the result. If they are explained no better, nothing is written, and the
-    exit code is 1.
+    exit code is 1. On a coloured table, on which faces seem to have other hues, images are read as they are.
 
     Give the file to `--colors` of other commands, or name it in the object's TOML file.
     """
     model = tracker.load_object(object_name)
     start = tracker.load_colors(colors_name) if colors_name is not None else None
-    footage = lesson.footage()
-    lesson.learn(model, footage, start or nearest(model, footage))
+    lesson.learn(model, lesson.footage(), start)
 
 
 @command(colors)

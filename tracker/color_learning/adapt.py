@@ -4,6 +4,9 @@ Confident poses show which pixels belong to which face and which show no object;
 hand. A colour model fitted to these pixels finds more poses, and so on until nothing is gained. Two checks
 keep it from reinforcing its own errors: faces must have the hues of their names, and held-out frames must
 be explained better than before.
+
+Images are read in neutral light, so that the model fits other light, too. On a table that is not grey, this
+makes the table grey and gives the faces other hues: then they are read as they are.
 """
 
 import dataclasses
@@ -56,7 +59,7 @@ class Adapted:
 def adapt(
     model: CuboidModel,
     footage: Sequence[Frames],
-    start: ColorModel,
+    start: ColorModel | None,
     options: FitOptions,
     *,
     name: str,
@@ -66,20 +69,50 @@ def adapt(
 ) -> Adapted:
     """Learn an object's colours from recordings in up to `rounds` rounds.
 
-    start: the initial model; its `normalise` is ignored: images are always read in neutral light.
+    start: the initial model, whose `normalise` is ignored; None: the `nearest`.
     first: whether the object has no model yet, so that the initial one is kept if nothing is gained.
     say: receives a line about each round.
 
     ColorModelError if the colours of the initial model are misnamed; NotBetterError, which says why, if
     nothing could be learned, nothing was gained, or the images show another object.
     """
-    if wrong := _told_wrong(hues_of_model(start)):
-        raise ColorModelError(f"colour model {start.name}: refused: {wrong}")
-    colors = dataclasses.replace(start, normalise=True)
-    before = judge(model, footage, colors)
+    faults: list[str] = []
+    for normalise in (True, False):
+        its = dataclasses.replace(start or nearest(model, footage, normalise), normalise=normalise)
+        if wrong := _told_wrong(hues_of_model(its)):
+            raise ColorModelError(f"colour model {its.name}: refused: {wrong}")
+        best, fault = _adapted(model, footage, its, options, name, rounds, say)
+        gained = best.after is not best.before
+        if gained or not fault:
+            break
+        faults.append(f"{its.name}: refused: {fault}")
+        if normalise:
+            say(f"{faults[0]}\nin images as they are:")
+    for one in footage:
+        few = evenly(one.held_out, SAMPLE)
+        if another := another_shown(ObjectTracker(model, one.rig, best.colors), few):
+            raise NotBetterError(f"{its.name}: refused: {another}")
+    if not gained and (faults or not first):
+        instead = f"{its.name} (see --colors): {best.before}"
+        faults.append(f"{its.name}: refused: held-out frames are explained no better than by {instead}")
+        raise NotBetterError(faults[0])
+    return dataclasses.replace(best, colors=dataclasses.replace(best.colors, name=name))
+
+
+def _adapted(
+    model: CuboidModel,
+    footage: Sequence[Frames],
+    start: ColorModel,
+    options: FitOptions,
+    name: str,
+    rounds: int,
+    say: Callable[[str], None],
+) -> tuple[Adapted, str]:
+    """Learn in the light of the initial model; return the best round, and why the rounds ended too soon."""
+    colors, before = start, judge(model, footage, start)
     say(f"{start.name}: {before}")
-    best = Adapted(colors, before, before, dict.fromkeys(COLOR_NAMES[1:], 0))
-    remembered = [colors, from_names(options.seed)]
+    best = Adapted(start, before, before, dict.fromkeys(COLOR_NAMES[1:], 0))
+    remembered = [start, from_names(options.seed)]
     mistaken = np.zeros(NODES**3, dtype=bool)
     fault, idle = "", 0
     for turn in range(rounds):
@@ -95,25 +128,18 @@ def adapt(
             break
         strays = sum(np.bincount(nodes_of(one.levels[one.stray]), minlength=NODES**3) for one in lessons)
         mistaken |= strays >= OFTEN
-        colors = refit(pixels, mistaken, remembered, options, name)
+        fitted = refit(pixels, mistaken, remembered, options, name)
+        colors = dataclasses.replace(fitted, normalise=start.normalise)
         after = judge(model, footage, colors)
         say(f"round {turn + 1}: learned from {len(lessons)} frames of confidence {gate:g} or more; {after}")
         idle += 1
-        if after.explained > best.after.explained + GAIN:
+        if after.posed and after.explained > best.after.explained + GAIN:
             idle = 0
             taught = {COLOR_NAMES[k]: counts.get(k, 0) for k in range(1, CLASSES)}
             best = Adapted(colors, before, after, taught)
         if idle >= PATIENCE and gate == GATES[-1]:
             break
-    for one in footage:
-        few = evenly(one.held_out, SAMPLE)
-        if another := another_shown(ObjectTracker(model, one.rig, best.colors), few):
-            raise NotBetterError(f"{start.name}: refused: {another}")
-    if best.after is before and (fault or not first):
-        instead = f"{start.name} (see --colors): {before}"
-        fault = fault or f"held-out frames are explained no better than by {instead}"
-        raise NotBetterError(f"{start.name}: refused: {fault}")
-    return dataclasses.replace(best, colors=dataclasses.replace(best.colors, name=name))
+    return best, fault
 
 
 def _lessons(
@@ -152,15 +178,18 @@ TRIED = 12
 """Approximate number of frames on which the models are compared."""
 
 
-def nearest(model: CuboidModel, footage: Sequence[Frames]) -> ColorModel:
-    """Return the colour model, the object's or a shipped one, that best explains a sample of the frames."""
+def nearest(model: CuboidModel, footage: Sequence[Frames], normalise: bool = True) -> ColorModel:
+    """Return the colour model, the object's or a shipped one, that best explains a sample of the frames.
+
+    normalise: whether the images' greys are made grey, whatever the models say.
+    """
     step = max(1, sum(len(one.learned) for one in footage) // TRIED)
     few = [dataclasses.replace(one, learned=(), held_out=one.learned[::step]) for one in footage]
     names = [name for name in color_model_names() if name != "dice"]  # a single colour fits no cuboid
     models = []
     for name in dict.fromkeys((model.colors, *names)):
         with suppress(ColorModelError):  # a new object has none yet
-            models.append(dataclasses.replace(load_colors(name), normalise=True))
+            models.append(dataclasses.replace(load_colors(name), normalise=normalise))
     return max(models, key=lambda colors: judge(model, few, colors).explained)
 
 
