@@ -5,7 +5,7 @@ import pytest
 
 import tracker
 from tests.helpers import RIG
-from tests.helpers.filmed import footage_of, overlap, shots
+from tests.helpers.filmed import footage_of, on_wood, overlap, shots
 from tracker.color_learning import lessons
 from tracker.color_learning.adapt import adapt, from_names, nearest, refit
 from tracker.color_learning.fit import FitOptions
@@ -46,19 +46,14 @@ def test_colors_of_renderings_become_those_of_the_pictures(film):
 
 @pytest.mark.usefixtures("known_names")
 def test_on_a_brown_table_colors_are_learned_from_images_as_they_are(film):
-    on_wood = [dataclasses.replace(shot, images=list(map(_brown, shot.images, shot.labels))) for shot in film]
-    learned = adapt(MODEL, [footage_of(on_wood)], None, OPTIONS, name="mine", rounds=3)
+    brown = [dataclasses.replace(shot, images=list(map(on_wood, shot.images, shot.labels))) for shot in film]
+    learned = adapt(MODEL, [footage_of(brown)], None, OPTIONS, name="mine", rounds=3)
     assert not learned.colors.normalise
     assert learned.before.posed < 0.5
     assert learned.after.posed == 1.0
     other_order = tracker.load_object("cube_v1")
     with pytest.raises(NotBetterError, match="refused: found 0 of"):
-        adapt(other_order, [footage_of(on_wood)], COLORS, OPTIONS, name="mine", rounds=1)
-
-
-def _brown(image, labels):
-    """The image with a brown table instead of a grey one."""
-    return np.where(labels[..., None] > 0, image, image * np.array([0.42, 0.7, 1.0])).astype(np.uint8)
+        adapt(other_order, [footage_of(brown)], COLORS, OPTIONS, name="mine", rounds=1)
 
 
 def test_the_same_frames_give_the_same_colors(film, known_names, monkeypatch):

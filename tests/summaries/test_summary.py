@@ -10,6 +10,7 @@ import pytest
 
 import tracker
 from tests.helpers import RIG, look_at, nudged
+from tests.helpers.filmed import on_wood
 from tests.helpers.kept_stills import bare
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
@@ -188,6 +189,18 @@ def test_other_channels_and_other_objects_are_named(demo):
             answer = finder.detect(given)
             assert answer.object_pose is None or answer.object_pose.confidence < 0.5
             assert word in remarks.misplaced(finder, given, answer)
+
+
+def test_a_coloured_background_is_named_unless_the_colours_were_learned_on_it(demo):
+    one, sets = demo
+    as_they_are = dataclasses.replace(one.colors, normalise=False)
+    learned = tracker.ObjectTracker(one.model, one.rig, as_they_are)
+    found = set()
+    for images in sets:
+        brown = [on_wood(image, tracker.segment(image, one.colors)) for image in images]
+        found.add(remarks.misplaced(one, brown, one.detect(brown)))
+        assert remarks.misplaced(learned, brown, learned.detect(brown)) != remarks.COLOURED
+    assert remarks.COLOURED in found <= {None, remarks.COLOURED}
 
 
 def test_a_camera_that_moved_is_no_reason_to_doubt_the_object(demo):

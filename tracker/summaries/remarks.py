@@ -24,6 +24,7 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.poses import Poses
 from tracker.recordings.track import Job, chosen, rig_for
+from tracker.segmentation.light import find_light
 from tracker.summaries.summary import SURE, camera_shares, to_look_at
 
 UNSURE = 0.75
@@ -49,6 +50,14 @@ OUT_OF_VIEW = (
 
 
 GREY = "the images have no colours: raw Bayer images must be demosaicked first, see docs/troubleshooting.md"
+
+COLOURED = (
+    "the background is coloured, so the faces seem to have other hues: "
+    "learn them in this light, see tracker colors adapt"
+)
+
+_MOST_COLOUR = 1.6
+"""Ratio of the background's channels above which it is coloured: wood has 2.2, recorded platforms 1.26."""
 
 
 def swapped(
@@ -99,7 +108,7 @@ def in_view(rig: CameraRig) -> bool:
 
 
 def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
-    """Return a remark on cameras out of view, swapped or moved, or what is `mistaken`, if any."""
+    """Return a remark on cameras out of view, swapped or moved, the background, or what is `mistaken`."""
     if not in_view(tracker.rig):
         return OUT_OF_VIEW  # even of a certain pose: the cameras left may be sure of a wrong one
     if _confidence(answer) >= UNSURE:
@@ -110,7 +119,9 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
     remark, own = swapped(tracker, images, answer), answer.object_pose
     sure = own is not None and own.confidence >= TRUSTED
     moved = DOUBTFUL if sure and CameraUse.CONTRADICTING in answer.cameras else None
-    return remark or moved or mistaken(tracker, images)
+    gains = [find_light(image).gains for image in lit if tracker.colors.normalise]
+    tinted = bool(gains) and np.median(np.max(gains, axis=1) / np.min(gains, axis=1)) > _MOST_COLOUR
+    return remark or moved or (COLOURED if tinted else mistaken(tracker, images))
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
