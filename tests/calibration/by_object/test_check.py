@@ -228,6 +228,13 @@ def test_a_shift_moves_all_corners_alike_and_a_turn_none_of_their_middle(move, p
     assert math.isnan(found.stated)
 
 
+def test_what_a_camera_has_nearer_along_its_line_of_sight_is_no_miss_wherever_the_object_is():
+    one = looks(CAMERAS, CAMERAS, count=1)[0]._replace(position=np.array([0.12, -0.1, 0.03]))
+    seen = np.zeros((3, 6))
+    seen[0, :3] = 0.02 * (CAMERAS[0].position - one.position)
+    assert check_calibration([one._replace(moved=seen)], CAMERAS).cameras[0].miss_px < 0.01
+
+
 def test_focal_lengths_that_differ_are_named_with_the_depth_that_they_leave_open():
     given = []
     for camera, ratio in zip(CAMERAS, (1.0074, 0.998, 1.0), strict=True):

@@ -76,9 +76,13 @@ class CameraErrors:
         self.lever = np.array([seen_motion(look.position) for look in looks])
         self.known = np.zeros((len(looks), count, 6, 6))
         self.distance = np.empty((len(looks), count))
+        # Derivatives of the object's place in each image, divided by the focal lengths [1/m].
+        self.across = np.empty((len(looks), count, 2, 3))
         for f, look in enumerate(looks):
             for c, camera in enumerate(cameras):
                 self.distance[f, c] = np.linalg.norm(camera.position - look.position)
+                slope = camera.project_with_jacobian(look.position[None])[1][0]
+                self.across[f, c] = slope / camera.matrix[(0, 1), (0, 1)][:, None]
                 if look.information[c, 0, 0] > 0.0:
                     # The errors inherent in one view, along world axes.
                     turn = np.kron(np.eye(2), camera.camera_from_world[:3, :3].T)
@@ -157,8 +161,7 @@ class CameraErrors:
             for c, camera in enumerate(self.cameras):
                 if (shares := self.shares(f, c)) is not None:
                     off = np.einsum("kij,kj->i", shares, self.moved_by[f])
-                    across = (camera.camera_from_world[:3, :3] @ off[:3])[:2] / self.distance[f, c]
-                    result[f, c] = across * [camera.matrix[0, 0], camera.matrix[1, 1]]
+                    result[f, c] = self.across[f, c] @ off[:3] * camera.matrix[(0, 1), (0, 1)]
         return result
 
     def noise(self, f: int, c: int) -> float:
@@ -166,7 +169,7 @@ class CameraErrors:
         shares, seeing = self.shares(f, c), self.known[f, :, 0, 0] > 0.0
         if shares is None:
             return float("nan")
-        parts = self.cameras[c].camera_from_world[:2, :3] / self.distance[f, c] @ shares[seeing, :3]
+        parts = self.across[f, c] @ shares[seeing, :3]
         return float(np.sqrt(np.sum(parts @ np.linalg.inv(self.known[f, seeing] + _FAINT) * parts)))
 
     def shares(self, f: int, c: int) -> FloatArray | None:
