@@ -235,6 +235,12 @@ def test_what_a_camera_has_nearer_along_its_line_of_sight_is_no_miss_wherever_th
     assert check_calibration([one._replace(moved=seen)], CAMERAS).cameras[0].miss_px < 0.01
 
 
+def test_pixels_that_are_not_square_change_no_angle():
+    seen = looks(CAMERAS, [moved(CAMERAS[0], np.array([0.0, 0.0, 4e-3]), np.zeros(3)), *CAMERAS[1:]])
+    tall = [camera.resized(camera.width, 2 * camera.height) for camera in CAMERAS]
+    assert check_calibration(seen, tall).miss == pytest.approx(check_calibration(seen, CAMERAS).miss)
+
+
 def test_focal_lengths_that_differ_are_named_with_the_depth_that_they_leave_open():
     given = []
     for camera, ratio in zip(CAMERAS, (1.0074, 0.998, 1.0), strict=True):

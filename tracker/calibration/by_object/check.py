@@ -229,8 +229,8 @@ def _median_miss(misses: FloatArray, problem: CameraErrors) -> float:
 
     Views that are as uncertain as LIMIT count only if there are no others.
     """
-    focal = np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in problem.cameras])
-    squares = ((misses / focal[:, None]) ** 2).sum(axis=2)
+    focal = np.array([camera.matrix[(0, 1), (0, 1)] for camera in problem.cameras])
+    squares = ((misses / focal) ** 2).sum(axis=2)
     clear = [[problem.noise(f, c) < LIMIT for c in range(len(focal))] for f in range(len(squares))]
     for one in (np.where(clear, squares, np.nan), squares):
         asked = np.isfinite(one).sum(axis=1) > 1
