@@ -6,7 +6,7 @@ import pytest
 import tracker
 from tests.helpers import RIG, make_rig, random_rotations
 from tests.helpers.filmed import shots
-from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
+from tests.helpers.moving_cube import PLACES, carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.check import check
 from tracker.calibration.by_object.edges import OWN, Contour, seen_motion
 from tracker.calibration.by_object.refine import Unknowns, refine_cameras, relative_covariance, solve
@@ -239,6 +239,24 @@ def test_rests_bring_the_world_to_the_table():
     assert found.rig.arena.table == 0.0
     pose = tracker.ObjectTracker(MODEL, found.rig).detect(rests()[0].images).object_pose
     assert abs(pose.position[2] - 0.0325) < 0.2e-3
+
+
+def test_where_the_origin_of_the_world_is_changes_nothing_but_that(found):
+    x, y, z = 1.3, -2.4, 0.73
+    arena = dataclasses.replace(WRONG.arena, center=(-x, -y), table=-z)
+    away = dataclasses.replace(moved(WRONG, so3.transform(np.eye(3), [x, y, z])), arena=arena)
+    there = refine_cameras(MODEL, [footage(carried())], away, COLORS)
+    np.testing.assert_allclose(there.moved, found.moved, atol=1e-6)
+    np.testing.assert_allclose(there.std, found.std, rtol=1e-3)
+    assert there.rig.arena == arena
+    back = moved(there.rig, so3.transform(np.eye(3), [-x, -y, -z]))
+    np.testing.assert_allclose(relative_errors(back, found.rig), 0.0, atol=1e-6)
+    level = refine_cameras(MODEL, [footage(carried()), footage(rests())], away, COLORS)
+    assert level.rig.arena.table == 0.0
+    assert level.rig.arena.center == level.plane.center == arena.center
+    assert level.plane.height == pytest.approx(-z, abs=0.01)
+    pose = tracker.ObjectTracker(MODEL, level.rig).detect(rests()[0].images).object_pose
+    np.testing.assert_allclose(pose.position, [*np.subtract(PLACES[0], (x, y)), 0.0325], atol=3e-3)
 
 
 EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3

@@ -33,7 +33,7 @@ from tracker.calibration.by_object.sightings import (
     different,
     require_two,
 )
-from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of
+from tracker.calibration.by_object.table import TablePlane, broad, levelled, moved, plane_of
 from tracker.calibration.deviations import calibration_covariance, element_std
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -266,6 +266,13 @@ def adjust(
     return now, step
 
 
+def _about(rig: CameraRig, origin: FloatArray) -> CameraRig:
+    """Return the same cameras and arena in a world that has its origin at (3,) [m]."""
+    x, y, z = (np.array([*rig.arena.center, rig.arena.ground]) - origin).tolist()
+    arena = dataclasses.replace(rig.arena, center=(x, y), table=None if rig.arena.table is None else z)
+    return dataclasses.replace(moved(rig, so3.transform(np.eye(3), origin)), arena=arena)
+
+
 def _stating(rig: CameraRig, cameras: Sequence[Camera], stds: Iterable[FloatArray | None]) -> CameraRig:
     """Return the rig with other cameras that state deviations (4, 4)."""
     pairs = zip(cameras, stds, strict=True)
@@ -300,7 +307,8 @@ class Refined:
 
     rig: CameraRig
     moved: FloatArray
-    """Error (C, 6) of each camera relative to the mean of all [m, rad], along world axes."""
+    """Error (C, 6) of each camera relative to the mean of all at the arena's middle [m, rad], along world
+    axes."""
     std: FloatArray
     """Standard deviations (C, 6) of these errors."""
     lenses: FloatArray
@@ -339,6 +347,9 @@ def refine_cameras(
     few frames. NotBetterError: the refined cameras do not fit the held-out frames better.
     """
     require_two(rig.cameras, "refine", ", which stand to each other")
+    # The least deviations are those at the object: the world's origin may be far away.
+    middle = np.array([*rig.arena.center, rig.arena.ground])
+    rig = _about(rig, middle)
     wide = _stating(broad(rig), rig.cameras, map(_wider, rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
@@ -369,8 +380,11 @@ def refine_cameras(
     # If the object rested in too few places, z and tilt stay as they are.
     with contextlib.suppress(CalibrationError):
         plane = plane_of(edges.of(found), seen)
+        middle[2], height = 0.0, plane.height + middle[2]
+        found = levelled(found, plane)
+        plane = dataclasses.replace(plane, center=(middle[0], middle[1]), height=height)
     return Refined(
-        found if plane is None else levelled(found, plane),
+        _about(found, -middle),
         now.errors[:, EXTRINSIC] - now.errors[:, EXTRINSIC].mean(axis=0),
         np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)),
         now.errors[:, FOCAL],
