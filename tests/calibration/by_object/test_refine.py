@@ -185,14 +185,14 @@ def footage(stills):
 
 
 class Film:
-    """Pictures at 10 Hz."""
+    """Pictures at 10 Hz, unless another period is given [s]."""
 
-    def __init__(self, frames):
-        self.frames = frames
+    def __init__(self, frames, period=0.1):
+        self.frames, self.period = frames, period
 
     def shots(self):
         for k, images in enumerate(self.frames):
-            yield Shot(k, images, np.full(3, 0.1 * k), k == 0)
+            yield Shot(k, images, np.full(3, self.period * k), k == 0)
 
     def images(self, numbers):
         return (self.frames[number] for number in numbers)
@@ -294,6 +294,14 @@ def test_images_of_another_object_are_refused(command):
     for stills in (shown, shown[:1]):
         with pytest.raises(CalibrationError, match=r"the images show .*cuboid_2x2x8_v2.* rather"):
             command(MODEL, [footage(stills)], WRONG, COLORS)
+
+
+@pytest.mark.parametrize("period", [0.1, 0.6, 5.0])
+def test_what_rests_is_checked_at_any_frame_rate_and_what_moves_never(period):
+    film = Film([still.images for still in rests() for _ in range(6)], period)
+    assert check(MODEL, [film], RIG, COLORS).looks == len(rests())
+    with pytest.raises(CalibrationError, match="no set of images"):
+        check(MODEL, [Film([still.images for still in carried()], period)], RIG, COLORS)
 
 
 def floating(height=0.005, degrees=1.0):

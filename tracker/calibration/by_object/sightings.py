@@ -12,7 +12,7 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.logs.log import Log, evenly, picked
 from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
-from tracker.pose.result import Observation
+from tracker.pose.result import Observation, PoseEstimate
 from tracker.tracking.cameras import slow
 
 Images = Sequence[Image | None]
@@ -146,14 +146,14 @@ def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
         if not level or not (one.velocity is None or slow(one.velocity)):
             continue
         run = [] if not runs or one.begins or one.velocity is None else runs[-1]
-        if run and one.number == run[-1].number + 1 and _near(one, run[0], SAME):
+        if run and one.number == run[-1].number + 1 and near(one, run[0], SAME):
             run.append(one)
         else:
             runs.append([one])
     return [run[len(run) // 2] for run in runs if run[0].velocity is None or len(run) >= FRAMES]
 
 
-def _near(one: Sighting, other: Sighting, limits: tuple[float, float]) -> bool:
+def near(one: Sighting | PoseEstimate, other: Sighting | PoseEstimate, limits: tuple[float, float]) -> bool:
     """Return whether the object moved and turned by less than these limits [m, rad]."""
     moved = np.linalg.norm(one.position - other.position)
     return bool(moved < limits[0] and so3.angle_between(one.rotation, other.rotation) < limits[1])
@@ -178,7 +178,7 @@ def apart(sightings: Sequence[Sighting]) -> list[Sighting]:
     every, numbers = np.array([one.position for one in sightings]), list[int]()
     for n, one in enumerate(sightings):
         beside = np.linalg.norm(every[numbers] - one.position, axis=1) < APART[0]  # few, of thousands
-        if not any(_near(one, sightings[numbers[k]], APART) for k in np.flatnonzero(beside)):
+        if not any(near(one, sightings[numbers[k]], APART) for k in np.flatnonzero(beside)):
             numbers.append(n)
     return [sightings[n] for n in numbers]
 
