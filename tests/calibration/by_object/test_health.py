@@ -11,6 +11,7 @@ from tests.calibration.by_object.test_check import moved
 from tests.helpers import ROOT
 from tests.helpers.kept_stills import take
 from tests.helpers.log_writers import write_picture
+from tests.helpers.moving_cube import carried
 from tests.helpers.stills import bare_scene
 from tracker.calibration.by_object.health import HEIGHT, MOST, QUANTITIES, health
 from tracker.logs import open_log
@@ -107,6 +108,16 @@ def test_a_single_camera_measures_no_height(film, rig, tmp_path):
     assert np.isfinite(alone.values["residual"]).any()
     assert np.isnan(alone.height).all()
     assert alone.missing() == "not measured: disagreement, table; there is a single camera"
+
+
+def test_an_object_that_moves_is_not_taken_to_rest_wherever_it_is_found_anew(rig, tmp_path):
+    for k, still in enumerate(carried()[:6]):
+        for name, image in zip(rig.names, still.images, strict=True):
+            write_picture(tmp_path / name / f"{k:06d}.png", image)
+    found = measured(tmp_path, rig)
+    assert np.isfinite(found.values["residual"]).all()
+    assert np.isnan(found.values["disagreement"]).all()
+    assert found.check is None
 
 
 def test_the_limits_are_those_that_the_documentation_states():

@@ -17,9 +17,11 @@ from tracker.calibration.by_object.check import (
     look_of,
 )
 from tracker.calibration.by_object.looks import CameraErrors, Look
+from tracker.calibration.by_object.sightings import SAME
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
+from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.logs.log import Log, evenly, picked
 from tracker.objects.model import CuboidModel
@@ -156,15 +158,14 @@ def health(
     LogError: the recording is damaged; ImageError: an image does not suit the tracker's cameras.
     """
     rows = evenly(range(len(poses)), MOST)
-    count, rig, filtered = len(tracker.rig), tracker.rig, poses.filtered
+    count, rig = len(tracker.rig), tracker.rig
     values = {key: np.full((len(rows), count), np.nan) for key in QUANTITIES}
     height = np.full(len(rows), np.nan)
     looks: list[Look] = []
     last = -APART
     for n, frame in enumerate(picked(log, poses.index[rows].tolist())):
         row = rows[n]
-        still = slow(filtered.velocity[row]) if filtered.has_pose[row] else len(poses) == 1
-        found = sample(tracker, frame.images, still=still)
+        found = sample(tracker, frame.images, still=_still(poses, row))
         for key, value in found.values.items():
             values[key][n] = value
         height[n] = found.height
@@ -181,6 +182,15 @@ def health(
             check = check_calibration(looks, rig.cameras)
     start = poses.timestamp[0] if len(poses) else 0.0
     return Health(poses.index[rows], poses.timestamp[rows] - start, tuple(rig.names), values, height, check)
+
+
+def _still(poses: Poses, row: int) -> bool:
+    """Return whether the object is at rest: slow, and where it was before, as a new track has no velocity."""
+    if row == 0:
+        return len(poses) == 1
+    place, rotation = (one[row - 1 : row + 1] for one in (poses.filtered.position, poses.filtered.rotation))
+    same = np.linalg.norm(place[1] - place[0]) < SAME[0] and so3.angle_between(*rotation) < SAME[1]
+    return bool(same and slow(poses.filtered.velocity[row]))
 
 
 class Sample(NamedTuple):
