@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import least_squares, lsq_linear, minimize
 
 from tracker.conventions import Array, FloatArray
 from tracker.noise.model import UNITS, NoiseState
@@ -190,16 +190,15 @@ def _missed(whole: Array) -> dict[str, float]:
 
 
 def _confidence(whole: Array) -> dict[str, float]:
-    """Fit the dependence of confidence on visible fraction and error, by linear regression."""
+    """Fit the dependence of confidence on visible fraction and error, by regression with slopes ≥ 0."""
     size, c, v = _sizes(whole), whole[..., 8], np.clip(whole[..., 1], 0.05, 1.0)
     given = np.isfinite(c) & (c < 1.0) & (c > 0.0)
     columns = np.stack([np.ones_like(v), np.log(v), -size[..., 0], -size[..., 1]], axis=-1)[given]
     logit = np.log(c[given] / (1.0 - c[given]))
-    best = np.linalg.lstsq(columns, logit, rcond=None)[0]
-    others = dict(zip(("visible", "distance", "angle"), np.maximum(best[1:], 0.0).tolist(), strict=True))
+    best = lsq_linear(columns, logit, ([-np.inf, 0.0, 0.0, 0.0], np.inf), method="bvls").x
     return {
         "clear": float(1.0 / (1.0 + np.exp(-best[0]))),
-        **others,
+        **dict(zip(("visible", "distance", "angle"), best[1:].tolist(), strict=True)),
         "spread": float(np.std(logit - columns @ best)),
     }
 

@@ -49,6 +49,18 @@ def test_rates_of_misses_are_found_again():
         assert abs(value - own[key]) < 0.25 * own[key], key
 
 
+def test_a_slope_of_confidence_that_may_not_be_negative_leaves_mean_and_spread_as_they_are(rng):
+    rows = np.stack(made_up())
+    rows[..., 2], rows[..., 5] = np.abs(rng.normal(0.0, [[[1e-3]], [[0.02]]], (2, *rows.shape[:2])))
+    logit = 2.0 + np.log(rows[..., 1]) - 80.0 * rows[..., 2] + 40.0 * rows[..., 5]
+    rows[..., 8] = 1.0 / (1.0 + np.exp(-logit))
+    own = score._confidence(rows)
+    assert own["angle"] == 0.0
+    left = logit - own["visible"] * np.log(rows[..., 1]) + own["distance"] * rows[..., 2]
+    assert abs(left.mean() - np.log(own["clear"] / (1.0 - own["clear"]))) < 0.01
+    assert abs(left.std() - own["spread"]) < 0.01
+
+
 def test_covers_hide_the_share_that_they_say(rng):
     image = np.full((270, 270, 3), 255, np.uint8)
     pose = np.array([0.0, 0.0, 0.0325]), np.eye(3)
