@@ -370,9 +370,9 @@ def test_a_rest_of_some_frames_in_a_row_counts_once(film, found):
     assert [one.number for one in resting(film)] == found
 
 
-def anywhere(count, rng, *, speed=0.0, skew=0.0):
+def anywhere(count, rng, *, speed=0.0, turning=0.0, skew=0.0):
     places = rng.uniform([-0.1, -0.1, 0.03], [0.1, 0.1, 0.1], (count, 3))
-    velocity = np.array([speed, 0, 0, 0, 0, 0])
+    velocity = np.array([speed, 0, 0, 0, turning, 0])
     return [
         Sighting(FILM, k, place, rotation, velocity, skew, k == 0)
         for k, (place, rotation) in enumerate(zip(places, random_rotations(rng, count), strict=True))
@@ -396,3 +396,5 @@ def test_pictures_that_cameras_took_one_after_the_other_do_not_count_while_it_mo
     assert different("cube", still + moving, 100) == still
     with pytest.raises(CalibrationError, match="in 20 more it moved between the cameras' images"):
         different("cube", moving, 100)
+    turning = anywhere(20, rng, skew=0.01, turning=1.5)
+    assert different("cube", still + turning, 100) == still

@@ -166,8 +166,8 @@ LEAST, SPREAD, TURNED = 18, 0.03, np.radians(30.0)
 """Smallest number of different poses, standard deviation of their positions over all axes together [m], and
 rotation between some of them [rad]; an object that is only shifted shows the same edges."""
 
-SMEARED = 0.3e-3
-"""Largest motion between the images of a frame that is used [m]."""
+SMEARED = 0.3e-3, np.radians(0.3)
+"""Largest motion between the images of a frame that is used [m, rad]."""
 
 UNSEEN = "is its image right, and its tf_world_to_camera in metres and from world to camera?"
 _FAR_OFF = "; cameras off by over a few mm or half a degree need a board first: tracker calibrate extrinsics"
@@ -186,7 +186,10 @@ def apart(sightings: Sequence[Sighting]) -> list[Sighting]:
 def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     """Return up to `most` sightings in different poses; CalibrationError if there are too few."""
     sharp = [
-        one for one in seen if one.velocity is None or one.skew * np.linalg.norm(one.velocity[:3]) < SMEARED
+        one
+        for one in seen
+        if one.velocity is None
+        or (one.skew * np.linalg.norm(one.velocity.reshape(2, 3), axis=1) < SMEARED).all()
     ]
     if not sharp:
         more = f"; in {len(seen)} more it moved between the cameras' images" if seen else ""
