@@ -147,6 +147,26 @@ def test_errors_as_large_as_files_state_are_no_motion():
     assert named <= 1
 
 
+def test_many_looks_in_few_places_accuse_no_camera():
+    named = 0
+    for seed in range(12):
+        rng = np.random.default_rng([5, seed])
+        given = [misplaced(camera, rng, *STATED) for camera in CAMERAS]
+        seen = looks(CAMERAS, given, count=2, seed=seed)
+        views = [one.moved + rng.normal(size=(3, 6)) * np.repeat([5e-4, 5e-3], 3) for one in seen]
+        few = [one._replace(moved=view) for one, view in zip(seen, views, strict=True)]
+        named += not check_calibration(20 * few, given).fits
+    assert named == 0
+
+
+@pytest.mark.parametrize("name", ["cube_v1", "cube_v2", "cuboid_2x2x8_v2"])
+def test_images_of_the_recorded_platforms_accuse_no_camera_however_often_they_are_repeated(name, real):
+    rig = tracker.CameraRig.load(real / "pose" / name)
+    images = [cv2.imread(str(real / "pose" / name / f"{camera}.png")) for camera in rig.names]
+    model = tracker.load_object(name)
+    assert check(model, [Footage([images] * 40)], rig, tracker.load_colors(model.colors)).fits
+
+
 def test_a_look_that_is_far_off_does_not_convict_a_camera():
     seen = looks(CAMERAS, CAMERAS)
     astray = seen[3].moved.copy()

@@ -18,7 +18,8 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 
 OFTEN = 3
-"""Smallest number of looks to call a camera moved; in a single look, an occlusion may resemble a motion."""
+"""Smallest number of places of looks to call a camera moved; in a single one, an occlusion may resemble a
+motion."""
 
 TYPICAL = 5e-4, 1.75e-3
 """Standard deviations assumed at the object for cameras whose files state none [m, rad]."""
@@ -34,8 +35,9 @@ ACROSS, ALONG, TILT, ROLL = 3e-4, 4e-3, 8e-3, 3e-3
 """Standard deviations of errors of a single view that are not due to calibration: across and along the line
 of sight, relative to the distance; and about axes across and along the line of sight [rad]."""
 
-SAME = 20.0
-"""Number of looks beyond which the errors of a camera's view no longer average out."""
+SAME, PLACE = 20.0, 8e-3
+"""Number of places beyond which the errors of a camera's view no longer average out, and distance up to which
+all corners of the object count as in the same place [m]."""
 
 MOVED = 8.0
 """Gain in log likelihood from which a camera counts as moved."""
@@ -98,7 +100,11 @@ class CameraErrors:
         self.held = np.array(
             [calibration_covariance(one, -1) if is_stated(one) else typical for one in cameras]
         )
-        self.share = min(1.0, SAME / len(looks))
+        # Looks in one place count as one: the errors of a view are the same in all of them.
+        ends = np.array([look.corners.ravel() for look in looks])
+        alike = np.array([np.sum(np.abs(ends - one).max(axis=1) < PLACE) for one in ends])
+        self.places = 1.0 / alike
+        self.share = (min(1.0, SAME / self.places.sum()) * self.places)[:, None]
 
     def solve(self, free: Sequence[int], share: float = 1.0) -> tuple[FloatArray, float, float]:
         """Return the cameras' errors (C, 6) if those in `free` may have moved, the cost, and -log evidence.
@@ -115,7 +121,7 @@ class CameraErrors:
             seen = self.moved_by + np.einsum("fij,cj->fci", self.lever, errors)
             off = seen - self._poses(weights[..., None, None] * self.known, seen)[:, None]
             squares = np.einsum("fci,fcij,fcj->fc", off, self.known, off)  # squared Mahalanobis distance
-            cost = 0.5 * self.share * float(((FREEDOM + 6) * np.log1p(squares / FREEDOM)).sum())
+            cost = 0.5 * float((self.share * (FREEDOM + 6) * np.log1p(squares / FREEDOM)).sum())
             cost += 0.5 * sum(float(e @ p @ e) for e, p in zip(errors, prior, strict=True))
             weights = (FREEDOM + 6) / (FREEDOM + squares)
         volume = np.linalg.slogdet(matrix)[1] - sum(np.linalg.slogdet(p)[1] for p in prior)
@@ -135,9 +141,9 @@ class CameraErrors:
         """
         free: list[int] = []
         seen = self.known[:, :, 0, 0] > 0.0
-        compared = np.count_nonzero(seen & (seen.sum(axis=1, keepdims=True) > 1), axis=0)
+        compared = seen & (seen.sum(axis=1, keepdims=True) > 1)
         evidence, costs = self.evidence(free)
-        left = often = np.flatnonzero(compared >= OFTEN).tolist()
+        left = often = np.flatnonzero(self.places @ compared > OFTEN - 0.5).tolist()
         while left and len(free) < len(self.cameras) - 1:
             best = min(left, key=lambda c: self.solve([*free, c])[1])
             after, fewer = self.evidence([*free, best])
@@ -193,7 +199,7 @@ class CameraErrors:
 
     def _equations(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the normal equations (6 C, 6 C), (6 C,) of the errors, without their prior."""
-        known = self.share * weights[..., None, None] * self.known
+        known = (self.share * weights)[..., None, None] * self.known
         joint = known.sum(axis=1) + _FAINT
         pulled = np.einsum("fji,fcjk->fcik", self.lever, known)  # Gᵀ A
         reduced = np.linalg.solve(joint[:, None], known)  # S⁻¹ A
