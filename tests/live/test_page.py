@@ -85,6 +85,15 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
     assert last["skew"] == pytest.approx(2.0)
 
 
+def test_cameras_are_compared_once_an_object_is_known_to_rest():
+    film, state = shots("cube_v2", 1, seed=701)[0], WebPageState(FOLLOWER)
+    follower = tracker.ObjectTracker(FOLLOWER.model, RIG)
+    for k in range(3):
+        one = moment(k, tuple(film.images))
+        state.look(replace(one, observation=follower.update(film.images, one.timestamp)))
+        assert np.isfinite(state._disagreement).any() == (k > 0)
+
+
 def test_a_fault_that_has_passed_is_reported_for_some_seconds(monkeypatch):
     now = 100.0
     monkeypatch.setattr("tracker.live.web_page.time.monotonic", lambda: now)

@@ -12,7 +12,7 @@ import click
 import numpy as np
 
 import tracker
-from tracker.calibration.by_object.health import Sample, sample
+from tracker.calibration.by_object.health import Sample, sample, surely_still
 from tracker.cli import options
 from tracker.cli.options import argument, command, file_option, flag, option
 from tracker.cli.outputs import AnyPath, InFile, Recording, refuse_overwriting, require_folder
@@ -28,7 +28,6 @@ from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import is_poses_file
 from tracker.recordings.track import answers
 from tracker.summaries.summary import best_kind, refuse_others
-from tracker.tracking.cameras import slow
 from tracker.viz.image_files import film_rate, write_log_film
 from tracker.viz.rerun_viewer import open_scene, require_rerun
 
@@ -314,8 +313,7 @@ def _looked_at(
 ) -> _Frames:
     """Yield frames with the tracker's results, images, and samples of rig health."""
     for frame, answer in answered:
-        motion = answer.filtered_object_pose
-        look = sample(finder, frame.images, still=motion is not None and slow(motion.velocity))
+        look = sample(finder, frame.images, still=surely_still(answer.filtered_object_pose))
         yield frame.index, frame.timestamp, answer, frame.images, look
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.calibration.by_object.health import QUANTITIES, sample
+from tracker.calibration.by_object.health import QUANTITIES, sample, surely_still
 from tracker.checks import naming
 from tracker.errors import LiveError
 from tracker.live.camera_check import MOST_MISSING, MOST_SKEW
@@ -24,7 +24,6 @@ from tracker.live.listeners import WAITING, Listener
 from tracker.live.moment import Moment
 from tracker.pipeline import ObjectTracker
 from tracker.summaries.remarks import MOST_BLUR, PictureLook
-from tracker.tracking.cameras import slow
 from tracker.viz.overlays import overlay
 
 SPAN = 10.0
@@ -72,7 +71,7 @@ class WebPageState:
         """Measure the images themselves, which takes tens of milliseconds."""
         images, pose = moment.taken.images, moment.filtered_object_pose
         self._looks = [{} if image is None else PictureLook.of(image)._asdict() for image in images]
-        found = None if pose is None else sample(self._tracker, images, still=slow(pose.velocity))
+        found = None if pose is None else sample(self._tracker, images, still=surely_still(pose))
         if found is not None and found.look is not None:
             self._disagreement = found.values["disagreement"].tolist()
         for c, look in enumerate(self._looks):

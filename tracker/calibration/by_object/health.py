@@ -28,6 +28,7 @@ from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import alone, apparent
+from tracker.pose.result import MotionEstimate
 from tracker.poses.poses import Poses
 from tracker.segmentation.light import CLIPPED, find_light
 from tracker.tracking.cameras import slow
@@ -202,6 +203,11 @@ class Sample(NamedTuple):
     """Value of HEIGHT."""
     look: Look | None
     """The poses in which the cameras separately see an object at rest, if at least one sees it."""
+
+
+def surely_still(pose: MotionEstimate | None) -> bool:
+    """Return whether an object is at rest, and its velocity known: that of a new track is 0 ± 0.4 m/s."""
+    return pose is not None and slow(pose.velocity) and slow(np.sqrt(np.diag(pose.velocity_covariance)))
 
 
 def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: bool) -> Sample:
