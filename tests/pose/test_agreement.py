@@ -63,20 +63,28 @@ def test_likelihoods_are_those_of_one_gaussian_over_all_cameras():
         roots = np.random.default_rng(seed).normal(size=(3, 6, 6)) * np.sqrt(KNOWN)
         moved, information = scattered(2e-3, seed), roots @ roots.transpose(0, 2, 1)
         found = likelihoods(moved, information, seed)
-        rotations, positions = (placed(seed)[name] for name in ("rotation", "position"))
+        sights = CENTRE - placed(seed)["position"]
         prior = np.diag([RADIUS**2 / 3] * 3 + [0.1] * 3)
         expected = []
         for scale in SCALES:
             whole = np.kron(np.ones((3, 3)), prior)
             for c in range(3):
-                distance = np.linalg.norm(positions[c] - CENTRE)
+                distance = np.linalg.norm(sights[c])
                 own = [scale**2 + (e * distance) ** 2 for e in (ACROSS, ACROSS, ALONG)]
                 own += [(scale / distance) ** 2 + e**2 for e in (TILT, TILT, ROLL)]
-                turned = np.kron(np.eye(2), rotations[c].T)
+                turned = np.kron(np.eye(2), np.linalg.svd(sights[c : c + 1])[2][[1, 2, 0]].T)
                 part = slice(6 * c, 6 * c + 6)
                 whole[part, part] += np.linalg.inv(information[c]) + turned @ np.diag(own) @ turned.T
             expected.append(multivariate_normal(cov=whole).logpdf(moved.ravel()))
         np.testing.assert_allclose(np.diff(found), np.diff(expected), rtol=1e-6, atol=1e-6)
+
+
+def test_where_in_an_image_the_object_is_does_not_matter():
+    seen = OwnViews(CLEAR, scattered(1e-3), np.full(3, 30.0))
+    one, other = placed(), placed()
+    other["rotation"] = placed(seed=4)["rotation"]
+    found = (disagreement(seen, lenses, CENTRE, RADIUS) for lenses in (one, other))
+    np.testing.assert_allclose(*found, rtol=1e-9)
 
 
 def test_cameras_that_agree_are_taken_to_be_exact_and_others_to_be_off_by_what_they_disagree():

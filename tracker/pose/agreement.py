@@ -59,7 +59,7 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
     information, moved, _ = views
     lower, full, solved = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     joint, pull, update = np.empty((6, 6)), np.empty(6), np.empty(6)
-    weights, out = np.empty((2, 3)), np.empty(len(SCALES))
+    sight, out = np.empty(3), np.empty(len(SCALES))
     for s in range(len(SCALES)):
         joint[:, :], pull[:], total = 0.0, 0.0, 0.0
         for i in range(6):
@@ -70,20 +70,21 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
             if known[0, 0] <= 0.0:
                 continue
             for i in range(3):
-                distance += (lens.position[i] - position[i]) ** 2
+                sight[i] = lens.position[i] - position[i]
+                distance += sight[i] ** 2
             distance = math.sqrt(distance)
-            for k in range(3):
-                error, turn = (ACROSS, TILT) if k < 2 else (ALONG, ROLL)
-                weights[0, k] = 1.0 / (SCALES[s] ** 2 + (error * distance) ** 2)
-                weights[1, k] = 1.0 / ((SCALES[s] / distance) ** 2 + turn**2)
-                total -= math.log(weights[0, k]) + math.log(weights[1, k])
-            for i in range(6):
-                for j in range(6):
-                    full[i, j] = known[i, j]
-                    if i // 3 == j // 3:
-                        for k in range(3):
-                            axes = lens.rotation[k, i % 3] * lens.rotation[k, j % 3]
-                            full[i, j] += weights[i // 3, k] * axes
+            full[:, :] = known
+            for first, scale, errors in (
+                (0, SCALES[s], (ACROSS * distance, ALONG * distance)),
+                (3, SCALES[s] / distance, (TILT, ROLL)),
+            ):
+                across, along = 1.0 / (scale**2 + errors[0] ** 2), 1.0 / (scale**2 + errors[1] ** 2)
+                total -= 2.0 * math.log(across) + math.log(along)
+                for i in range(3):
+                    full[first + i, first + i] += across
+                    for j in range(3):
+                        shared = sight[i] * sight[j] / distance**2
+                        full[first + i, first + j] += (along - across) * shared
             if not factorise(full, lower):
                 continue
             # N - N (N + W)⁻¹ N: the camera's information with its own error marginalised.
