@@ -52,9 +52,10 @@ class Problem:
         """Both shares, and the variances of edges' own offsets and of feet."""
         weight = 1.0 / NOISE**2
         solution, cameras = np.zeros(1, SOLUTION)[0], np.zeros(self.count, CAMERA)
-        solution["feet"], solution["own"], solution["alike"] = self.feet, own, SEEN_ALIKE
+        solution["feet"], solution["own"] = self.feet, own
         solution["size"], solution["prior"][:UNKNOWNS, :UNKNOWNS] = UNKNOWNS, self.prior
         cameras["used"], cameras["scale"] = True, 1.0
+        cameras["sight"] = np.sqrt(SEEN_ALIKE / self.count / 3)
         cameras["whole"] = weight * np.einsum("cri,crj->cij", self.rows, self.rows)
         cameras["force"] = weight * np.einsum("cri,cr->ci", self.rows, self.residuals)
         cameras["edges"] = [sums(*one, weight) for one in zip(self.rows, self.residuals, strict=True)]

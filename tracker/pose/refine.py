@@ -95,7 +95,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
     solution.covariance[:, :] = np.nan
     solution.shared[EXPONENT], solution.shared[RIM] = start.exponent, start.rim
     solution.own, doubtful = EXPECTED_WEAR**2, False
-    views, used, position = np.zeros(3), 0, np.empty(3)
+    position = np.empty(3)
     for c in range(len(cameras)):
         camera = cameras[c]
         for i in range(3):
@@ -107,15 +107,11 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
         camera.blur = start.blur * camera.scale
         offset_weights(model.calibration[c], solution.position, camera.weights)
         doubtful = doubtful or (camera.used and model.stated[c])
-        if camera.used:
-            used += 1
-            view, length = np.empty(3), 0.0
-            for i in range(3):
-                view[i] = model.lenses[c].position[i] - solution.position[i]
-                length += view[i] ** 2
-            for i in range(3):
-                views[i] += view[i] / math.sqrt(length)
-    solution.alike = (views[0] ** 2 + views[1] ** 2 + views[2] ** 2) / max(used, 1)
+        length = 0.0
+        for i in range(3):
+            camera.sight[i] = model.lenses[c].position[i] - solution.position[i]
+            length += camera.sight[i] ** 2
+        camera.sight[:] /= math.sqrt(length)
     return doubtful
 
 

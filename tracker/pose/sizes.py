@@ -44,9 +44,9 @@ WORN = WEAR**2 / (WEAR + 0.07**2)
 and most of that of worn ones."""
 
 ALIKE = 16.0, 0.8, 2.0
-"""Weight of that part, since cameras are independent here: first × (1 - second / number of cameras), times
-the square of `solution.alike` / third if that is above 1. Chosen on generated scenes, so that worn boxes lie
-within their covariances as sharp ones do."""
+"""Weight of that part, since cameras are independent here: first × (1 - second / n), times the square of
+n × (length of the mean of their viewing directions)² / third if that is above 1; n: number of cameras that
+show edges. Chosen on generated scenes, so that worn boxes lie within their covariances as sharp ones do."""
 
 NEGLIGIBLE = 12.0
 """Twice the log odds by which a size may fall behind the best and still count."""
@@ -94,6 +94,18 @@ def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def seeing(cameras):  # type: ignore[no-untyped-def]
+    """Number of cameras that show edges of the object, and how alike they see it (ALIKE)."""
+    count, views = 0, np.zeros(3)
+    for c in range(len(cameras)):
+        if cameras[c].whole[0, 0] > 0.0:
+            count += 1
+            for i in range(3):
+                views[i] += cameras[c].sight[i]
+    return count, (views[0] ** 2 + views[1] ** 2 + views[2] ** 2) / max(count, 1)
+
+
+@compiled
 def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
     """Estimate the size of the cameras' errors and of the edges' own.
 
@@ -107,10 +119,8 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
     Return the mean share of the stated calibration variance among those with which a pose moves, and the mean
     among all.
     """
-    used = 0
-    for c in range(len(cameras)):
-        used += cameras[c].used
-    several, standing = doubtful and used > 1, sum_from(solution.feet, 0) > 0.0
+    count, alike = seeing(cameras)
+    several, standing = doubtful and count > 1, sum_from(solution.feet, 0) > 0.0
     wears, feet, shares = np.empty(len(WEAR)), np.empty(len(FEET)), np.empty(len(SHARES))
     share = 1.0
     for turn in range(2 if several and ask else 1):
@@ -139,7 +149,7 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
             solution.own = WEAR[0]
         return 1.0, 1.0
     if ask:
-        weight = ALIKE[0] * (1.0 - ALIKE[1] / max(used, 1)) * max(1.0, solution.alike / ALIKE[2]) ** 2
+        weight = ALIKE[0] * (1.0 - ALIKE[1] / max(count, 1)) * max(1.0, alike / ALIKE[2]) ** 2
         solution.own = _mean(WEAR, wears) + weight * _mean(WORN, wears)
         if standing:
             solution.foot = _mean(FEET, feet)

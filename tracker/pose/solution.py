@@ -25,6 +25,7 @@ CAMERA = np.dtype(
         ("used", np.bool_),  # whether there is an image in which the object may be
         ("parts", np.int64),  # 3 if each pixel of a mosaic counts for one channel, else 1
         ("scale", np.float64),  # size of the object in the image, relative to the reference
+        ("sight", np.float64, (3,)),  # unit vector from the object to it
         ("delay", np.float64),  # age of the image relative to the latest [s]
         ("weights", np.float64, (6, 6)),  # inverse covariance of its offset, as calibrated
         ("offset", np.float64, (OWN,)),  # displacement of the object in its view [m, rad]; of its exponent
@@ -54,7 +55,6 @@ SOLUTION = np.dtype(
         ("rotation", np.float64, (3, 3)),  # world_from_object
         ("position", np.float64, (3,)),  # [m]
         ("shared", np.float64, (MOVING,)),  # exponent, rim, change of velocity; the first six are unused
-        ("alike", np.float64),  # number of cameras × (length of the mean of their viewing directions)²
         ("own", np.float64),  # variance of edges' own offsets [px² at reference size]
         ("feet", np.float64, (12,)),  # 1 for edges that may lie in a contact shadow, else 0
         ("foot", np.float64),  # variance of how far colours end above such an edge [m²]
