@@ -178,6 +178,18 @@ def test_a_camera_that_was_moved_sees_the_object_moved(rig, stills, c):
         assert size(new.disagreement) > size(old.disagreement)
 
 
+def test_faces_are_counted_where_each_camera_sees_the_object(rig):
+    stills = [bare("cuboid_2x2x8_v2", rig.cameras, [62, k], kind="rest") for k in range(3)]
+    std = np.full((4, 4), 5e-3)
+    given = [dataclasses.replace(camera, camera_from_world_std=std) for camera in rig]
+    given, rng = dataclasses.replace(rig, cameras=tuple(given)), np.random.default_rng(5)
+    for c in range(3):
+        given = nudged(given, c, rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3))
+    for exact, off in zip(*(fits(one, stills, "cuboid_2x2x8_v2") for one in (rig, given)), strict=True):
+        share, other = (fit.cameras["agree"].sum() / fit.cameras["predicted"].sum() for fit in (exact, off))
+        assert other > 0.93 * share
+
+
 def test_cameras_of_another_platform_are_not_believed(rig, stills):
     rng = np.random.default_rng(4)
     given = rig

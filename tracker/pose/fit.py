@@ -152,8 +152,8 @@ class Fit:
     """Whether colours were read as those of faces in shade."""
     offsets: FloatArray | None = None
     """(C, 6) displacement of the object in the cameras' views by errors of their calibration [m, rad]."""
-    lags: FloatArray | None = None
-    """(C, 6) the same by the age of their images [m, rad]; None: all were taken at the same time."""
+    shifts: FloatArray | None = None
+    """(C, 6) the same by these errors and by the age of the images [m, rad]; None: by neither."""
     own: OwnViews | None = None
     """Where each camera by itself sees the object; None: not estimated."""
     disagreement: FloatArray | None = None

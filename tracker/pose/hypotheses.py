@@ -111,7 +111,7 @@ class Search:
 
     def resized(self, sight: Sight, fit: Fit) -> float:
         """Log odds of a body with one edge shorter or longer than the object of a fit."""
-        place = fit.rotation, fit.position, self._still if fit.lags is None else fit.lags
+        place = fit.rotation, fit.position, self._still if fit.shifts is None else fit.shifts
         return float(
             resized(self.lenses, sight.labels, sight.pictures, self.faces, place, fit.cameras, NUMBERS)
         )

@@ -159,7 +159,8 @@ class Refiner:
             exponent, width = solution["shared"][0, EXPONENT : RIM + 1].tolist()
             least = min(SHOWN_RIM_STD, self.likely.rim_std)
             start = Start(blur, exponent, width, max(math.sqrt(rim), least))
-        place = rotation, position, self._still if lag is None else cameras["lag"].copy()
+        offsets = cameras["offset"][:, :6].copy()
+        place = rotation, position, offsets + cameras["lag"]
         body, nothing, ahead = judge(
             self._maps, sight.labels, sight.pictures, pictures, self._faces, place, stands, seen, NUMBERS
         )  # fmt: skip
@@ -177,8 +178,8 @@ class Refiner:
             stands=stands,
             left_out=left_out,
             shaded=sight.shaded,
-            offsets=cameras["offset"][:, :6].copy(),
-            lags=None if lag is None else place[2],
+            offsets=offsets,
+            shifts=place[2],
             own=own if ask else None,
         )
 
