@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 import tracker
-from tests.helpers import nudged, random_rotations
+from tests.helpers import nudged, random_rotations, sight_of
 from tests.helpers.kept_stills import bare
 from tracker.geometry.lens import LENS
 from tracker.pose.agreement import (
@@ -208,6 +208,16 @@ def test_a_camera_that_sees_a_narrow_object_wholly_beside_its_pose_contradicts(r
     for shift in ((0.025, 0.0, 0.0), (0.0, 0.02, 0.0), (-0.02, -0.02, 0.0)):
         for fit in fits(moved(rig, c, shift), stills, "cuboid_2x2x8_v2"):
             assert isinstance(fit, Status) or size(fit.disagreement) > CONTRADICTION, (c, shift)
+
+
+@pytest.mark.parametrize("c", range(3))
+def test_a_camera_that_was_left_out_is_asked_where_it_sees_the_object(rig, stills, c):
+    detector = tracker.ObjectTracker("cube_v2", moved(rig, c, (9e-3, 0.0, 0.0)))
+    estimator = detector._estimator
+    for still in stills:
+        sight = sight_of(detector, still.images)
+        fit = estimator.refiner(sight, still.rotation, still.position, left_out=(c,))
+        assert size(estimator.examined(sight, fit).disagreement) > CONTRADICTION
 
 
 def test_the_errors_of_more_than_three_cameras_average_out():

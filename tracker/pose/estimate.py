@@ -283,23 +283,24 @@ class PoseEstimator:
         near = self.search.alone(only, c, fit.rotation, fit.position)
         if near is None:
             return None
-        if not self._explains_better(self.search.counted(only, near.rotation, near.position)[c], fit, c):
+        # Not as in the fit, which counts colours beside the object elsewhere in images that were left out.
+        before = self.search.counted(only, fit.rotation, fit.position, fit.shifts)[c]
+        if not _explains_better(self.search.counted(only, near.rotation, near.position)[c], before):
             return None
         other = self.refiner(only, near.rotation, near.position, start=fit.end, lag=lag)
         turned = so3.log(other.rotation @ fit.rotation.T)
         if other.own is None or other.own.inliers[c] < USED or np.linalg.norm(turned) > TURNED:
             return None
-        if not self._explains_better(other.cameras[c], fit, c):
+        if not _explains_better(other.cameras[c], before):
             return None
         moved = other.own.moved[c] + np.concatenate([other.position - fit.position, turned])
         return other.own.information[c], moved, float(other.own.inliers[c])
 
-    @staticmethod
-    def _explains_better(seen: Any, fit: Fit, c: int) -> bool:
-        """Whether a camera's record of SEEN for another pose explains its label map clearly better."""
-        before = fit.counts[c]
-        gain = seen["agree"] - seen["extra"] - seen["wrong"] - before.agree + before.extra + before.wrong
-        return bool(gain > max(BETTER[0], BETTER[1] * before.predicted))
+
+def _explains_better(seen: Any, before: Any) -> bool:
+    """Whether a camera's record of SEEN for a pose explains its label map clearly better than that before."""
+    gain = seen["agree"] - seen["extra"] - seen["wrong"] - before["agree"] + before["extra"] + before["wrong"]
+    return bool(gain > max(BETTER[0], BETTER[1] * before["predicted"]))
 
 
 def _astray(sight: Sight, fit: Fit) -> list[int]:

@@ -103,10 +103,12 @@ class Search:
         left, top, right, bottom = window(self.lenses, c, position, self._radius, WINDOW_RIM)
         return left, top, right, bottom
 
-    def counted(self, sight: Sight, rotation: FloatArray, position: FloatArray) -> Array:
-        """Count what the label maps show of a pose (3, 3), (3,) [m]: (C,) of SEEN."""
-        seen, still = np.zeros(len(self._still), SEEN), self._still
-        count_labels(self.lenses, sight.labels, sight.pictures, self.faces, rotation, position, still, seen)
+    def counted(
+        self, sight: Sight, rotation: FloatArray, position: FloatArray, shifts: FloatArray | None = None
+    ) -> Array:
+        """Count what the label maps show of a pose (3, 3), (3,) [m]: (C,) of SEEN; shifts: as of a Fit."""
+        seen, shifts = np.zeros(len(self._still), SEEN), self._still if shifts is None else shifts
+        count_labels(self.lenses, sight.labels, sight.pictures, self.faces, rotation, position, shifts, seen)
         return seen
 
     def resized(self, sight: Sight, fit: Fit) -> float:
