@@ -96,6 +96,16 @@ def test_of_two_cameras_both_are_named_each_with_what_would_reconcile_it_alone(c
         np.testing.assert_allclose(between[:3, :3], true[:3, :3], atol=2e-3)
 
 
+@pytest.mark.parametrize("still", range(3))
+def test_if_one_of_three_alone_has_not_moved_all_are_named_since_nothing_tells_which(still):
+    shifts = np.array([[0.008, 0.002, -0.003], [-0.004, 0.007, 0.005]])
+    given = list(CAMERAS)
+    for c, shift in zip([c for c in range(3) if c != still], shifts, strict=True):
+        given[c] = moved(CAMERAS[c], shift, np.zeros(3))
+    found = check_calibration(looks(CAMERAS, given), given)
+    assert [one.moved for one in found.cameras] == [True, True, True]
+
+
 def test_the_cameras_of_another_platform_do_not_fit_and_one_look_names_none():
     rng = np.random.default_rng(3)
     given = [moved(camera, rng.normal(0, 8e-3, 3), rng.normal(0, 0.02, 3)) for camera in CAMERAS]

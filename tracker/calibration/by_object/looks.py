@@ -136,8 +136,8 @@ class CameraErrors:
     def moved(self) -> tuple[list[int], FloatArray]:
         """Return the cameras that have moved, the one that explains most first, and all errors (C, 6).
 
-        At most all but one; but if only two see the object, both or none: nothing tells which has moved, and
-        the error of each is that which explains it all.
+        Not all but one: nothing tells which one has not, so that all are returned. Its error is that which
+        explains what it can in place of the camera that explains least.
         """
         free: list[int] = []
         seen = self.known[:, :, 0, 0] > 0.0
@@ -155,9 +155,10 @@ class CameraErrors:
             free.append(best)
             evidence, costs = after, fewer
         errors = self.solve(free)[0]
-        if free and len(often) == 2:
-            free = often
-            errors[free] = [self.solve([c])[0][c] for c in free]
+        if free and len(free) == len(often) - 1:
+            (last,) = set(often).difference(free)
+            errors[last] = self.solve([*free[:-1], last])[0][last]
+            free.append(last)
         return free, errors
 
     def misses(self) -> FloatArray:
