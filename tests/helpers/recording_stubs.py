@@ -18,8 +18,8 @@ from tracker.recordings import Job, Recipe
 class NoiseTracker:
     """Makes poses of the images' means; its filtered ones depend on all frames since the last reset."""
 
-    def __init__(self, model: Any = None, rig: Any = None, *_: Any) -> None:
-        self.model, self.rig = model, rig
+    def __init__(self, model: Any = None, rig: Any = None, colors: Any = None, *_: Any) -> None:
+        self.model, self.rig, self.colors = model, rig, colors
         self._memory: np.ndarray | None = None
 
     def reset(self) -> None:
