@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ import pytest
 import tracker
 from tests.helpers import RIG
 from tests.helpers.filmed import footage_of, on_wood, overlap, shots
+from tracker.cli.colors import _learned
 from tracker.color_learning import lessons
 from tracker.color_learning.adapt import adapt, from_names, nearest, refit
 from tracker.color_learning.fit import FitOptions
@@ -51,6 +53,7 @@ def test_on_a_brown_table_colors_are_learned_from_images_as_they_are(film):
     assert not learned.colors.normalise
     assert learned.before.posed < 0.5
     assert learned.after.posed == 1.0
+    assert "keep exposure and white balance fixed" in _learned(learned, Path("mine.npz"))
     other_order = tracker.load_object("cube_v1")
     with pytest.raises(NotBetterError, match="refused: found 0 of"):
         adapt(other_order, [footage_of(brown)], COLORS, OPTIONS, name="mine", rounds=1)

@@ -165,6 +165,8 @@ def _learned(learned: Adapted, output: Path) -> str:
     kept = [f"{color} was hardly seen and stays as it was" for color, count in pixels.items() if not count]
     if learned.after is before:
         kept = ["no round was better: the colours stay those of the names"]
+    if not learned.colors.normalise:
+        kept.append("for images as they are: keep exposure and white balance fixed")
     judged = ["before", f"{before} of {before.frames} held-out frames"], ["after", str(learned.after)]
     return "\n".join(["", kinds, *kept, "", listing([*judged, ["colours", str(output)]])])
 

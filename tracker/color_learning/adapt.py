@@ -78,23 +78,23 @@ def adapt(
     """
     faults: list[str] = []
     for normalise in (True, False):
-        its = dataclasses.replace(start or nearest(model, footage, normalise), normalise=normalise)
-        if wrong := _told_wrong(hues_of_model(its)):
-            raise ColorModelError(f"colour model {its.name}: refused: {wrong}")
-        best, fault = _adapted(model, footage, its, options, name, rounds, say)
+        initial = dataclasses.replace(start or nearest(model, footage, normalise), normalise=normalise)
+        if wrong := _told_wrong(hues_of_model(initial)):
+            raise ColorModelError(f"colour model {initial.name}: refused: {wrong}")
+        best, fault = _adapted(model, footage, initial, options, name, rounds, say)
         gained = best.after is not best.before
         if gained or not fault:
             break
-        faults.append(f"{its.name}: refused: {fault}")
+        faults.append(f"{initial.name}: refused: {fault}")
         if normalise:
             say(f"{faults[0]}\nin images as they are:")
     for one in footage:
         few = evenly(one.held_out, SAMPLE)
         if another := another_shown(ObjectTracker(model, one.rig, best.colors), few):
-            raise NotBetterError(f"{its.name}: refused: {another}")
+            raise NotBetterError(f"{initial.name}: refused: {another}")
     if not gained and (faults or not first):
-        instead = f"{its.name} (see --colors): {best.before}"
-        faults.append(f"{its.name}: refused: held-out frames are explained no better than by {instead}")
+        instead = f"{initial.name} (see --colors): {best.before}"
+        faults.append(f"{initial.name}: refused: held-out frames are explained no better than by {instead}")
         raise NotBetterError(faults[0])
     return dataclasses.replace(best, colors=dataclasses.replace(best.colors, name=name))
 

@@ -33,7 +33,7 @@ from tracker.calibration.by_object.sightings import (
     different,
     require_two,
 )
-from tracker.calibration.by_object.table import TablePlane, broad, levelled, moved, plane_of
+from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of, with_origin
 from tracker.calibration.deviations import calibration_covariance, element_std
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -266,13 +266,6 @@ def adjust(
     return now, step
 
 
-def _about(rig: CameraRig, origin: FloatArray) -> CameraRig:
-    """Return the same cameras and arena in a world that has its origin at (3,) [m]."""
-    x, y, z = (np.array([*rig.arena.center, rig.arena.ground]) - origin).tolist()
-    arena = dataclasses.replace(rig.arena, center=(x, y), table=None if rig.arena.table is None else z)
-    return dataclasses.replace(moved(rig, so3.transform(np.eye(3), origin)), arena=arena)
-
-
 def _stating(rig: CameraRig, cameras: Sequence[Camera], stds: Iterable[FloatArray | None]) -> CameraRig:
     """Return the rig with other cameras that state deviations (4, 4)."""
     pairs = zip(cameras, stds, strict=True)
@@ -349,7 +342,7 @@ def refine_cameras(
     require_two(rig.cameras, "refine", ", which stand to each other")
     # The least deviations are those at the object: the world's origin may be far away.
     middle = np.array([*rig.arena.center, rig.arena.ground])
-    rig = _about(rig, middle)
+    rig = with_origin(rig, middle)
     wide = _stating(broad(rig), rig.cameras, map(_wider, rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
@@ -384,7 +377,7 @@ def refine_cameras(
         found = levelled(found, plane)
         plane = dataclasses.replace(plane, center=(middle[0], middle[1]), height=height)
     return Refined(
-        _about(found, -middle),
+        with_origin(found, -middle),
         now.errors[:, EXTRINSIC] - now.errors[:, EXTRINSIC].mean(axis=0),
         np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)),
         now.errors[:, FOCAL],

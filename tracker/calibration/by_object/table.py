@@ -140,6 +140,13 @@ def levelled(rig: CameraRig, plane: TablePlane) -> CameraRig:
     return dataclasses.replace(moved(rig, world_from_level), arena=arena)
 
 
+def with_origin(rig: CameraRig, origin: FloatArray) -> CameraRig:
+    """Return the same cameras and arena in a world that has its origin at (3,) [m]."""
+    x, y, z = (np.array([*rig.arena.center, rig.arena.ground]) - origin).tolist()
+    arena = dataclasses.replace(rig.arena, center=(x, y), table=None if rig.arena.table is None else z)
+    return dataclasses.replace(moved(rig, so3.transform(np.eye(3), origin)), arena=arena)
+
+
 def moved(rig: CameraRig, world_from_new: FloatArray) -> CameraRig:
     """Return the same cameras in a new world, given world_from_new (4, 4), with deviations transformed.
 
