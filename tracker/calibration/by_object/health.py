@@ -17,11 +17,10 @@ from tracker.calibration.by_object.check import (
     look_of,
 )
 from tracker.calibration.by_object.looks import CameraErrors, Look
-from tracker.calibration.by_object.sightings import SAME
+from tracker.calibration.by_object.sightings import SAME, near
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
-from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.logs.log import Log, evenly, picked
 from tracker.objects.model import CuboidModel
@@ -189,9 +188,8 @@ def _still(poses: Poses, row: int) -> bool:
     """Return whether the object is at rest: slow, and where it was before, as a new track has no velocity."""
     if row == 0:
         return len(poses) == 1
-    place, rotation = (one[row - 1 : row + 1] for one in (poses.filtered.position, poses.filtered.rotation))
-    same = np.linalg.norm(place[1] - place[0]) < SAME[0] and so3.angle_between(*rotation) < SAME[1]
-    return bool(same and slow(poses.filtered.velocity[row]))
+    before, now = poses.filtered[row - 1 : row], poses.filtered[row : row + 1]
+    return near(before, now, SAME) and slow(poses.filtered.velocity[row])
 
 
 class Sample(NamedTuple):

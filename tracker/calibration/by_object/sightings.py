@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from tracker.geometry.camera import Camera
 from tracker.logs.log import Log, evenly, picked
 from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
 from tracker.pose.result import Observation, PoseEstimate
+from tracker.poses.columns import PoseColumns
 from tracker.tracking.cameras import slow
 
 Images = Sequence[Image | None]
@@ -153,8 +154,12 @@ def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
     return [run[len(run) // 2] for run in runs if run[0].velocity is None or len(run) >= FRAMES]
 
 
-def near(one: Sighting | PoseEstimate, other: Sighting | PoseEstimate, limits: tuple[float, float]) -> bool:
-    """Return whether the object moved and turned by less than these limits [m, rad]."""
+Posed: TypeAlias = Sighting | PoseEstimate | PoseColumns
+"""Something with one pose; columns have one row."""
+
+
+def near(one: Posed, other: Posed, limits: tuple[float, float]) -> bool:
+    """Return whether the object moved and turned by less than these limits [m, rad]; not if a pose is NaN."""
     moved = np.linalg.norm(one.position - other.position)
     return bool(moved < limits[0] and so3.angle_between(one.rotation, other.rotation) < limits[1])
 
