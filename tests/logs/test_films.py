@@ -185,15 +185,23 @@ def test_films_and_pictures_go_together_and_stamps_may_be_given(tmp_path):
         tracker.open_log(tmp_path)
 
 
-def test_a_films_first_picture_belongs_to_the_lowest_number_beside_it(tmp_path):
+@pytest.mark.parametrize(
+    ("rate", "name", "first", "period"),
+    [
+        ("rate = 50\n", lambda k: f"r{k + 1}.png", 0, 0.02),
+        ("", lambda k: f"r{1_605_000_000 + 0.04 * k:.2f}.png", 1_605_000_000, 0.04),
+        ("", lambda k: f"r{1_605_000_000_000 + 40 * k}.png", 1_605_000_000, 0.04),
+    ],
+)
+def test_a_films_first_picture_belongs_to_the_lowest_number_beside_it(tmp_path, rate, name, first, period):
     write_film(tmp_path / "some.mp4", pictures(0, 4))
     for k, image in enumerate(pictures(1, 4)):
         if k != 2:
-            write_picture(tmp_path / f"r{k + 1}.png", image)
-    (tmp_path / "recording.toml").write_text("rate = 50\n" + PATTERNS.format("some.mp4", "r*.png"))
+            write_picture(tmp_path / name(k), image)
+    (tmp_path / "recording.toml").write_text(rate + PATTERNS.format("some.mp4", "r*.png"))
     shown = expected(4, 2)
     shown[2][1] = None
-    assert shades(tmp_path)[:2] == (shown, [0.0, 0.02, 0.04, 0.06])
+    assert shades(tmp_path)[:2] == (shown, [first + round(period * k, 6) for k in range(4)])
 
 
 @pytest.mark.parametrize(("rate", "period"), [("", 0.04), ("rate = 5\n", 0.2)])

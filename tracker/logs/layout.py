@@ -235,11 +235,16 @@ def _of_stated(root: Path, rate: float) -> Layout:
     streams = {name: _stream(path, name, files) for name, files in fitting.items()}
     films = {name for name in streams if isinstance(next(iter(streams[name].values())), FilmPicture)}
     texts = [key for name in streams.keys() - films for key in streams[name]]
-    if films and (stamps is not None or "rate" in values or (texts and not stamps_of_names(texts))):
+    known = stamps_of_names(texts)
+    if films and (stamps is not None or "rate" in values or (texts and not known)):
         times = np.array([*streams[min(films)]], np.float64)
         if "rate" not in values and len(times) > 1:
             rate = 1 / float(np.diff(times).mean())
         streams = _numbered(streams, films)
+    elif films and known and min(known) >= _FIRST:  # a film counts from 0: it begins with the first image
+        at = dict(zip(texts, known, strict=True))
+        at |= {key: min(known) + float(key) for name in films for key in streams[name]}
+        streams = {name: {f"{at[key]:.9f}": one for key, one in its.items()} for name, its in streams.items()}
     names = {name for files in streams.values() for name in files}
     layout = _of_streams(root, streams, rate, by_name=stamps is not None and len(stamps) == len(names))
     if stamps is None:
