@@ -24,6 +24,7 @@ from tracker.poses.poses import Poses
 from tracker.recordings import Tracked, run
 from tracker.recordings.track import Job, Options, Recipe
 from tracker.summaries import remarks, summary
+from tracker.tasks.job_goal import JobGoal
 
 FRAMES = 20
 NOTHING = {"contradicting": 0.0, "no_image": 0.0, "frozen": 0.0, "black": 0.0}
@@ -132,6 +133,16 @@ def test_a_goal_of_later_is_that_of_later_frames(tmp_path):
     assert "goal.json: trajectory: entry 0" in none["goal_fault"]
     (tmp_path / "log" / "camera_data.dat").unlink()
     assert "camera_data.dat" in columns(goal)["goal_fault"]
+
+
+@pytest.mark.parametrize("rate", [10, 30])
+def test_a_goal_begins_with_its_frame_whatever_the_first_stamp(rate):
+    goal = JobGoal("trajectory", trajectory=((0.0, (0.0, 0.0, 0.05)), (30000.0, (0.1, 0.0, 0.05))))
+    at_first = np.tile([0.0, 0.0, 0.05, 1.0], (30 * rate + 9, 1))
+    for first in (*range(0, 1400, 7), 16_050_000_001):
+        stamps = (first + np.arange(len(at_first))) / rate
+        rewards = goal.rewards(stamps - stamps[0], at_first[:, :3], at_first, load_object("cube_v2"))
+        assert np.flatnonzero(rewards)[0] == 30 * rate
 
 
 def test_an_object_at_rest_has_no_path(rng):

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from tracker.checks import naming
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
@@ -51,7 +53,9 @@ class JobGoal:
         TaskError if the task is not to move an object.
         """
         if self.task == "trajectory":
-            return move_object.trajectory_reward(self.trajectory, STEPS_PER_SECOND * seconds, position)
+            # The rounding of stamps must not put a frame before the goal that begins with it.
+            steps = np.rint(STEPS_PER_SECOND * seconds)
+            return move_object.trajectory_reward(self.trajectory, steps, position)
         if self.task == "rearrange_dice" or self.position is None or self.level is None:
             raise TaskError("goal: found one of dice, expected that of an object")
         return move_object.reward(
