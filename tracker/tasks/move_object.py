@@ -5,6 +5,7 @@ nonzero length. Lists, as in a goal's JSON file, work as well as arrays. Every f
 many, for instance a whole episode: leading axes broadcast.
 
 Goals must be finite. A state may be NaN where the object was not seen; its error and reward are NaN, too.
+Every function raises a TaskError if an argument is malformed, or if leading axes do not broadcast.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,11 +37,7 @@ Trajectory = Sequence[tuple[float, npt.ArrayLike]]
 
 
 def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
-    """Return errors (...) of positions (..., 3) [m]: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), at most about 1.
-
-    Raises:
-        TaskError: an argument is malformed, or the leading axes do not broadcast.
-    """
+    """Return errors (...) of positions (..., 3) [m]: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), at most about 1."""
     goal, actual = pair("position", vectors, goal_position, position)
     difference = actual - goal
     across = np.linalg.norm(difference[..., :2], axis=-1)
@@ -49,11 +46,7 @@ def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> Flo
 
 
 def rotation_error(goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike) -> FloatArray:
-    """Return errors (...) in [0, 1] of orientations (..., 4) xyzw: the angle between them, divided by π.
-
-    Raises:
-        TaskError: an argument is malformed, or the leading axes do not broadcast.
-    """
+    """Return errors (...) in [0, 1] of orientations (..., 4) xyzw: the angle between them, divided by π."""
     goal, actual = pair("orientation", quaternions, goal_orientation, orientation)
     # Vector and scalar parts of goal⁻¹ · actual; the vector is exactly 0 if the two are equal.
     vector = goal[..., 3:] * actual[..., :3] - actual[..., 3:] * goal[..., :3]
@@ -76,9 +69,6 @@ def long_axis_error(
         goal_orientation: (..., 4) xyzw.
         orientation: (..., 4) xyzw.
         axis: 0, 1 or 2 for the object's x, y or z.
-
-    Raises:
-        TaskError: an argument is malformed, or the leading axes do not broadcast.
     """
     if not is_whole(axis) or axis not in (0, 1, 2):
         raise TaskError(f"axis: found {shown(axis)}, expected 0, 1 or 2")
@@ -145,9 +135,6 @@ def episode_reward(rewards: npt.ArrayLike, *, steps: npt.ArrayLike = 1) -> Float
         rewards: (..., N) over time.
         steps: number of control steps that each reward covers, a scalar or (..., N): 1 if there is a reward
             for every step, 100 if poses come at 10 Hz and steps take 1 ms.
-
-    Raises:
-        TaskError: an argument is malformed.
     """
     values, counts = numbers("rewards", rewards), numbers("steps", steps, finite=True)
     if values.ndim == 0:
@@ -212,9 +199,6 @@ def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt
     """Return rewards (...) per control step: -e_position with respect to the goal active at times (...).
 
     Positions are (..., 3) [m]; trajectory and times as for `active_goal`.
-
-    Raises:
-        TaskError: as `active_goal` and `position_error`.
     """
     return 0.0 - position_error(active_goal(trajectory, time), position)
 
@@ -251,9 +235,6 @@ def keypoints(position: npt.ArrayLike, orientation: npt.ArrayLike, size: npt.Arr
         position: (..., 3) of the box's centre [m]; NaN if it was not seen, which gives NaN.
         orientation: (..., 4) xyzw.
         size: (3,) edge lengths [m], as a model's `size`.
-
-    Raises:
-        TaskError: an argument is malformed, or the leading axes do not broadcast.
     """
     places, turns = vectors("position", position), quaternions("orientation", orientation)
     check_fit("position", places.shape[:-1], "orientation", turns.shape[:-1])
