@@ -104,21 +104,13 @@ def long_native(path: Path, count: int) -> Path:
     return path
 
 
-def long_hdf5(path: Path, count: int) -> Path:
-    return write_hdf5(path, make_content(count, size=120))
-
-
-def long_store(path: Path, count: int) -> Path:
-    return store(path, make_content(2, size=140), length=3 * count, map_size=1 << 27)
-
-
 @pytest.mark.parametrize(
     ("write", "suffix", "few", "many"),
     [
         (long_native, ".dat", 20, 200),
         (long_native, ".gz", 20, 100),
-        (long_hdf5, ".h5", 10, 60),
-        (long_store, ".zarr", 10, 60),
+        (lambda p, n: write_hdf5(p, make_content(n, size=120)), ".h5", 10, 60),
+        (lambda p, n: store(p, make_content(2, size=140), length=3 * n, map_size=1 << 27), ".zarr", 10, 60),
     ],
 )
 def test_memory_does_not_grow_with_the_length(write, suffix, few, many, tmp_path):
