@@ -135,6 +135,20 @@ def test_what_moves_while_it_is_not_found_does_not_count_for_the_delay(rng):
     assert delay([builder.build()]) == pytest.approx(robot_stores.LATE, abs=0.005)
 
 
+@pytest.mark.parametrize(("end", "shown"), [(7.0, True), (15.0, False)])
+def test_a_delay_is_told_of_a_push_that_ends_and_not_of_even_motion(end, shown, rng):
+    for _ in range(5):
+        builder = PosesBuilder(make_about())
+        for number, time in enumerate(np.arange(150) / 10):
+            pose, late = random_pose(rng, moving=True), np.array([0.0, robot_stores.LATE])
+            x, stored = np.interp(time - late, [end - 15, end], [0.0, 0.3])
+            pose.position = np.array([x, 0.0, 0.03]) + rng.normal(0, 1e-4, 3)
+            old = moved(np.eye(3), np.array([stored, 0.0, 0.03]) + rng.normal(0, 1e-3, 3))
+            builder.append(number, time, answer(None, pose, "tracking"), old)
+        found = delay([builder.build()])
+        assert found == (pytest.approx(robot_stores.LATE, abs=0.03) if shown else None)
+
+
 def test_no_delay_is_told_of_an_object_at_rest(tmp_path, robots, monkeypatch):
     place = np.array([0.0, 0.0, 0.03])
     monkeypatch.setattr(robot_stores, "position", lambda t: np.broadcast_to(place, (*np.shape(t), 3)))

@@ -19,6 +19,8 @@ FLIP = np.radians(45)
 LAGS = np.linspace(-0.1, 0.5, 61)  # candidate delays [s]
 MOVING = 0.005
 """Smallest standard deviation of the positions [m] that shows a delay."""
+UNSURE = 0.02
+"""Smallest standard deviation of a delay [s] that leaves it unknown."""
 
 _LONGEST = 0.25  # time between poses [s] up to which positions are interpolated: one may be missing
 _GROSS = 0.1  # distance [m] above which a stored pose is not used to estimate the delay
@@ -63,7 +65,7 @@ def delay(parts: Sequence[Poses]) -> float | None:
     """Estimate how far recorded positions lag behind ours [s], from the maximum of their cross-correlation.
 
     Deviations from each part's mean are correlated, so neither bias nor scale matters. None if the object
-    hardly moves, or the maximum is not inside LAGS.
+    hardly moves, or so evenly that the delay is UNSURE, or the maximum is not inside LAGS.
     """
     products, ours_squared = np.zeros(len(LAGS)), np.zeros(len(LAGS))
     theirs_squared, count = 0.0, 0
@@ -89,6 +91,11 @@ def delay(parts: Sequence[Poses]) -> float | None:
     agreement = products / np.sqrt(ours_squared * theirs_squared)
     best = int(np.argmax(agreement))
     if best in (0, len(LAGS) - 1):
+        return None
+    near = slice(max(best - 10, 0), best + 11)  # a period: interpolated between images, errors are smaller
+    bend = -2 * float(np.polyfit(LAGS[near] - LAGS[best], agreement[near], 2)[0])
+    # The Cramér-Rao bound with errors of the size that the maximum shows.
+    if max(1 - agreement[best] ** 2, 1e-6) >= UNSURE**2 * 3 * count * agreement[best] * bend:
         return None
     before, at, after = agreement[best - 1 : best + 2]
     curve = before - 2 * at + after
