@@ -216,12 +216,14 @@ def test_pictures_of_several_cameras_belong_to_a_films(tmp_path, name, rate, per
     assert shades(tmp_path)[1] == pytest.approx([0, period, 2 * period])
 
 
-@pytest.mark.parametrize("stated", [False, True])
+@pytest.mark.parametrize("stated", ["", "camera60/*.png", "some.mp4"])
 def test_pictures_named_after_their_cameras_go_together_by_order_unless_one_is_missing(stated, tmp_path):
     for c, name in enumerate(CAMERAS[:2]):
         write_numbers(tmp_path / name, c, 3, f"{name}_{{:02d}}.png")
+    if stated == "some.mp4":
+        write_film(tmp_path / stated, pictures(0, 3))
     if stated:
-        (tmp_path / "recording.toml").write_text(PATTERNS.format("camera60/*.png", "camera180/*.png"))
+        (tmp_path / "recording.toml").write_text(PATTERNS.format(stated, "camera180/*.png"))
     assert shades(tmp_path)[0] == expected(3, 2)
     (tmp_path / "camera180" / "camera180_01.png").unlink()  # the third would be taken with the second
     with pytest.raises(LogError, match=r"found 2 images of \w+ and 3 of \w+, whose names do not show which"):

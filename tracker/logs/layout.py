@@ -85,12 +85,11 @@ def stamps_of_names(names: Sequence[str]) -> list[float] | None:
     return None
 
 
-def _counted_stamps(names: Sequence[str], rate: float) -> list[float]:
-    """Return timestamps [s] at `rate` [Hz] by numbers in the names (missing ones are gaps), or by order."""
+def _numbers(names: Sequence[str]) -> list[int] | None:
+    """Return the numbers in the names; None if two have the same one, or one has none."""
     matches = [_NAME.fullmatch(name) for name in names]
     numbers = [int(m["whole"]) for m in matches if m and not m["fraction"] and len(m["whole"]) < 12]
-    counted = len(numbers) == len(names) and len(set(numbers)) == len(names)
-    return [number / rate for number in (numbers if counted else range(len(names)))]
+    return numbers if len(numbers) == len(names) == len(set(numbers)) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +239,8 @@ def _of_stated(root: Path, rate: float) -> Layout:
         times = np.array([*streams[min(films)]], np.float64)
         if "rate" not in values and len(times) > 1:
             rate = 1 / float(np.diff(times).mean())
-        streams = _numbered(streams, films)
+        numbers = {name: _numbers([*files]) for name, files in streams.items() if name not in films}
+        streams = _numbered(root, streams, films, {name: its for name, its in numbers.items() if its})
     elif films and known and min(known) >= _FIRST:  # a film counts from 0: it begins with the first image
         at = dict(zip(texts, known, strict=True))
         at |= {key: min(known) + float(key) for name in films for key in streams[name]}
@@ -309,14 +309,22 @@ def _stamps(path: Path, cameras: int) -> FloatArray | None:
     return stamps
 
 
-def _numbered(streams: _Streams, films: Set[str]) -> _Streams:
-    """Rename images to count from 000000: those of `films` by order, others by number or else order."""
-    numbers = {name: _counted_stamps([*files], 1) for name, files in streams.items() if name not in films}
-    first = min((min(counted) for counted in numbers.values()), default=0)
+def _numbered(root: Path, streams: _Streams, films: Set[str], numbers: Mapping[str, list[int]]) -> _Streams:
+    """Rename images to count from 000000: by `numbers` of some streams, by order of films and others.
+
+    LogError if there are others, and not as many images of each stream that goes by order.
+    """
+    counts = {name: len(files) for name, files in streams.items() if name not in numbers}
+    few, many = (pick(counts, key=counts.__getitem__) for pick in (min, max))
+    if counts.keys() - films and counts[few] < counts[many]:
+        found = f"found {counts[few]} images of {few} and {counts[many]} of {many}"
+        why = "whose names do not show which is missing"
+        raise LogError(f"{root}: {found}, {why}; expected as many of each")
+    first = min((min(its) for its in numbers.values()), default=0)
     result: _Streams = {}
     for name, files in streams.items():
         counted = [number - first for number in numbers[name]] if name in numbers else range(len(files))
-        result[name] = {f"{k:06.0f}": file for k, file in zip(counted, files.values(), strict=True)}
+        result[name] = {f"{k:06d}": file for k, file in zip(counted, files.values(), strict=True)}
     return result
 
 
@@ -324,15 +332,11 @@ def _of_streams(root: Path, streams: _Streams, rate: float, *, by_name: bool = F
     """Group images into frames by name or, if names are timestamps and not `by_name`, by time."""
     keys = [key for files in streams.values() for key in files]
     if not by_name and len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
-        few, many = (pick(streams, key=lambda name: len(streams[name])) for pick in (min, max))
-        if len(streams[few]) < len(streams[many]):
-            found = f"found {len(streams[few])} images of {few} and {len(streams[many])} of {many}"
-            why = "whose names do not show which is missing"
-            raise LogError(f"{root}: {found}, {why}; expected as many of each")
-        streams = _numbered(streams, streams.keys())
+        streams = _numbered(root, streams, set(), {})
     names = sorted({name for files in streams.values() for name in files}, key=_natural)
     stamps = stamps_of_names(names)
-    times = dict(zip(names, stamps or _counted_stamps(names, rate), strict=True))
+    counted = (number / rate for number in _numbers(names) or range(len(names)))
+    times = dict(zip(names, stamps or counted, strict=True))
     if stamps:  # -0.2 comes before -0.1, and 0.15 before 0.2
         names.sort(key=times.__getitem__)
     if stamps and not by_name:
