@@ -51,8 +51,7 @@ def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered
     A line is `timestamp tx ty tz qx qy qz qw` [s, m], the object in the world; frames without a pose have no
     line. LogError: the recording has no poses of that `kind`, or the file cannot be written.
     """
-    _check(poses)
-    columns = poses.columns(kind)
+    columns = _poses(poses).columns(kind)
     table = np.column_stack([poses.timestamp, columns.position, columns.orientation])[columns.has_pose]
     lines = ["# timestamp tx ty tz qx qy qz qw", *(" ".join(map(repr, row)) for row in table.tolist())]
     with told_as(LogError, path):
@@ -85,9 +84,8 @@ def write_bop(
     Raises:
         LogError: the recording has no such poses, a pose has no confidence, or the file cannot be written.
     """
-    _check(poses)
     of_kind(camera, Camera, "camera", LogError)
-    columns = poses.columns(kind)
+    columns = _poses(poses).columns(kind)
     found = columns[columns.has_pose]
     if np.isnan(found.confidence).any():
         what = f"found {kind} poses without a confidence"
@@ -126,16 +124,15 @@ def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray
     return turn @ columns.rotation, columns.position @ turn.T + shift
 
 
-def _check(poses: object) -> None:
-    of_kind(poses, Poses, "poses", LogError, "tracker.read_poses or tracker.track(...).poses")
+def _poses(poses: object) -> Poses:
+    return of_kind(poses, Poses, "poses", LogError, "tracker.read_poses or tracker.track(...).poses")
 
 
 def _table(
     poses: Poses, keypoints_of: CuboidModel | None, more: Mapping[str, Array] | None
 ) -> dict[str, Array]:
     """Return the columns of a table; LogError if one of `more` has a wrong length, or replaces another."""
-    _check(poses)
-    table = poses.table(keypoints_of)
+    table = _poses(poses).table(keypoints_of)
     for name, column in (more or {}).items():
         if name in table or np.shape(column) != (len(poses),):
             found = f"found shape {np.shape(column)}, expected a new name and shape ({len(poses)},)"

@@ -5,7 +5,7 @@ nonzero length. Lists, as in a goal's JSON file, work as well as arrays. Every f
 many, for instance a whole episode: leading axes broadcast.
 
 Goals must be finite. A state may be NaN where the object was not seen; its error and reward are NaN, too.
-Every function raises a TaskError if an argument is malformed, or if leading axes do not broadcast.
+Every function raises a TaskError if an argument is missing or malformed, or if leading axes do not broadcast.
 """
 
 from collections.abc import Mapping, Sequence
@@ -107,9 +107,6 @@ def reward(
         goal_orientation: (..., 4) xyzw; level 4 needs it, the others ignore it.
         orientation: (..., 4) xyzw; likewise.
         model: the object, whose size determines whether it has a long axis; None: it has none.
-
-    Raises:
-        TaskError: an argument is missing or malformed, or the leading axes do not broadcast.
     """
     if not is_whole(level) or level not in LEVELS:
         raise TaskError(f"level: found {shown(level)}, expected 1, 2, 3 or 4")
