@@ -175,26 +175,8 @@ def check(
 
 def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
     """Return the result as plain numbers; None for unknown ones."""
-    cameras = []
-    for one in found.cameras:
-        focal, corners = one.focal, vars(one.corners)
-        numbers = {
-            "name": one.name,
-            "looks": one.looks,
-            "cannot_use": one.lost,
-            "miss_px": one.miss_px,
-            "moved": one.moved,
-            "correction": one.correction.tolist(),
-            "shift_mm": 1e3 * one.shift,
-            "turn_deg": math.degrees(one.turn),
-            **{f"corners_{name}_px": corners[name] for name in ("seen", "stated", "shift", "shape")},
-            "distance_m": focal.distance,
-            "focal_ratio": focal.ratio,
-            "focal_off_percent": 100.0 * focal.off,
-            "focal_needed_percent": 100.0 * focal.needed,
-            "depth_off_mm": 1e3 * focal.depth,
-        }
-        cameras.append({name: None if value != value else value for name, value in numbers.items()})
+    numbers = [vars(one) | {"correction": one.correction.tolist()} for one in found.cameras]
+    cameras = [{name: None if value != value else value for name, value in one.items()} for one in numbers]
     return {
         "fits": found.fits,
         "looks": found.looks,
@@ -212,16 +194,15 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
 
     rows = [["camera", "looks", "cannot use", "miss [px]", "moved [mm]", "turned [°]"]]
     for one in found.cameras:
-        moved = [f"{1e3 * one.shift:.1f}", f"{math.degrees(one.turn):.2f}"] if one.moved else []
-        rows.append([one.name, str(one.looks), str(one.lost), number(one.miss_px, 2), *moved])
+        moved = [f"{one.shift_mm:.1f}", f"{one.turn_deg:.2f}"] if one.moved else []
+        rows.append([one.name, str(one.looks), str(one.cannot_use), number(one.miss_px, 2), *moved])
     expected = [["camera", "corners [px]", "stated", "shift", "shape", "fy/fx", "f ± [%]", "depth ± [mm]"]]
     for one in found.cameras:
-        corners, focal = one.corners, one.focal
-        pixels = [number(px, 2) for px in (corners.seen, corners.stated, corners.shift, corners.shape)]
-        off = [number(100.0 * focal.off, 2), number(1e3 * focal.depth, 1)]
-        expected.append([one.name, *pixels, f"{focal.ratio:.4f}", *off])
-    asked = [one.focal.needed for one in found.cameras if not math.isnan(one.focal.distance)]
-    needed = number(100.0 * min(asked, default=math.nan), 2)
+        corners = one.corners_seen_px, one.corners_stated_px, one.corners_shift_px, one.corners_shape_px
+        off = [number(one.focal_off_percent, 2), number(one.depth_off_mm, 1)]
+        expected.append([one.name, *(number(px, 2) for px in corners), f"{one.focal_ratio:.4f}", *off])
+    asked = [one.focal_needed_percent for one in found.cameras if not math.isnan(one.distance_m)]
+    needed = number(min(asked, default=math.nan), 2)
     depth = f"error of one camera's depth; {1e3 * DEPTH:g} mm need its focal length right to {needed} %"
     below = [
         ["corners", f"how far a camera misses the object's corners [px at a focal length of {FOCAL:g} px]"],

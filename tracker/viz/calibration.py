@@ -47,7 +47,7 @@ def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
 def verdict(found: CalibrationCheck, one: CameraCheck) -> str:
     """Return the verdict on a camera in one line."""
     if one.moved:
-        return f"moved: {1e3 * one.shift:.1f} mm, {np.degrees(one.turn):.2f}°"
+        return f"moved: {one.shift_mm:.1f} mm, {one.turn_deg:.2f}°"
     if found.is_lost(one):
         return "should see the object, and cannot use what it shows"
     return "not asked" if np.isnan(one.miss_px) else f"misses the others by {one.miss_px:.2f} px"

@@ -75,7 +75,7 @@ def test_a_camera_that_was_moved_is_named_and_its_correction_undoes_it(c, shift,
     # Along the line of sight it is known less well.
     across = (mended @ point - CAMERAS[c].camera_from_world @ point)[:2]
     np.testing.assert_allclose(across, 0.0, atol=0.6e-3)
-    assert found.cameras[c].shift == pytest.approx(np.linalg.norm(shift), abs=1.2e-3)
+    assert found.cameras[c].shift_mm == pytest.approx(1e3 * np.linalg.norm(shift), abs=1.2)
 
 
 @pytest.mark.parametrize("c", range(2))
@@ -145,7 +145,7 @@ def test_a_camera_that_was_moved_is_named_however_far_the_origin_of_the_world_is
     there = [one._replace(position=one.position + shift, corners=one.corners + shift) for one in seen]
     near, far = check_calibration(seen, given), check_calibration(there, elsewhere)
     assert [one.moved for one in far.cameras] == [one.moved for one in near.cameras] == [False, True, False]
-    assert far.cameras[1].shift == pytest.approx(near.cameras[1].shift, abs=1e-6)
+    assert far.cameras[1].shift_mm == pytest.approx(near.cameras[1].shift_mm, abs=1e-3)
 
 
 def test_errors_as_large_as_files_state_are_no_motion():
@@ -239,7 +239,7 @@ def test_stated_deviations_predict_the_misses_of_cameras_that_are_off_by_them():
             std = element_std(camera.camera_from_world[:3, :3], covariance)
             given.append(dataclasses.replace(misplaced(camera, rng, *STATED), camera_from_world_std=std))
         for one in check_calibration(looks(CAMERAS, given, count=1, seed=seed), given).cameras:
-            squares.append((one.corners.seen**2, one.corners.stated**2))
+            squares.append((one.corners_seen_px**2, one.corners_stated_px**2))
     seen, expected = np.sqrt(np.mean(squares, axis=0))
     assert seen == pytest.approx(expected, rel=0.15)
 
@@ -252,10 +252,10 @@ def test_a_shift_moves_all_corners_alike_and_a_turn_none_of_their_middle(move, p
     seen = np.zeros((3, 6))
     seen[1] = move
     silent = [dataclasses.replace(CAMERAS[0], camera_from_world_std=None), *CAMERAS[1:]]
-    found = check_calibration([one._replace(moved=seen)], silent).cameras[1].corners
-    assert getattr(found, part) > 0.98 * found.seen > 0.5
-    assert found.shift**2 + found.shape**2 == pytest.approx(found.seen**2)
-    assert math.isnan(found.stated)
+    found = check_calibration([one._replace(moved=seen)], silent).cameras[1]
+    assert getattr(found, f"corners_{part}_px") > 0.98 * found.corners_seen_px > 0.5
+    assert math.hypot(found.corners_shift_px, found.corners_shape_px) == pytest.approx(found.corners_seen_px)
+    assert math.isnan(found.corners_stated_px)
 
 
 def test_what_a_camera_has_nearer_along_its_line_of_sight_is_no_miss_wherever_the_object_is():
@@ -283,9 +283,9 @@ def test_focal_lengths_that_differ_are_named_with_the_depth_that_they_leave_open
     assert "camera60: fy/fx is 1.0074, expected 1 within 0.3 %" in found.warnings[0]
     for one, off, given_one in zip(found.cameras, (0.0037, 0.001, 0.01), given, strict=True):
         away = np.linalg.norm(given_one.position)
-        assert one.focal.depth == pytest.approx(off * away)
-        assert one.focal.needed == pytest.approx(2e-3 / away)
-    assert math.isnan(check_calibration(seen, given).cameras[2].focal.depth)  # nothing is known
+        assert one.depth_off_mm == pytest.approx(1e3 * off * away)
+        assert one.focal_needed_percent == pytest.approx(0.2 / away)
+    assert math.isnan(check_calibration(seen, given).cameras[2].depth_off_mm)  # nothing is known
 
 
 @pytest.mark.parametrize(("name", "stated"), [("cube_v1", 1.44), ("cuboid_2x2x8_v2", 0.71)])
@@ -295,5 +295,5 @@ def test_the_recorded_platforms_files_are_named_for_their_focal_lengths(name, st
     model = tracker.load_object(name)
     found = check(model, [Footage([images])], rig, tracker.load_colors(model.colors))
     assert found.fits
-    assert np.mean([one.corners.stated for one in found.cameras]) == pytest.approx(stated, abs=0.1)
+    assert np.mean([one.corners_stated_px for one in found.cameras]) == pytest.approx(stated, abs=0.1)
     assert len(found.warnings) == 3

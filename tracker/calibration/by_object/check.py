@@ -42,45 +42,6 @@ DEPTH = 2e-3
 """Largest depth error of a single camera, which determines how accurate its focal length must be [m]."""
 
 
-@dataclass(frozen=True)
-class Corners:
-    """How far a camera sees the object's corners from where the others see them.
-
-    Medians over the looks of the root mean square over the corners [px at FOCAL]; NaN if not measured.
-    """
-
-    seen: float
-    shift: float
-    """The part common to all corners of a look, due to the object's position."""
-    shape: float
-    """The remainder, due to the object's size and rotation."""
-    stated: float
-    """Predicted from the deviations stated in the files; NaN if any file states none."""
-
-
-@dataclass(frozen=True)
-class FocalCheck:
-    """How wrong a camera's focal length may be, and the resulting depth error."""
-
-    ratio: float
-    """fy over fx."""
-    off: float
-    """Possible relative error: the stated deviation, but at least half the difference of fx and fy; NaN if
-    nothing is stated and these are equal."""
-    distance: float
-    """Distance from the camera to the object, median over the looks [m]; NaN if not measured."""
-
-    @property
-    def depth(self) -> float:
-        """Resulting error of the camera's depth [m]."""
-        return self.off * self.distance
-
-    @property
-    def needed(self) -> float:
-        """Relative accuracy of the focal length that keeps the depth error within DEPTH."""
-        return DEPTH / self.distance
-
-
 LIMIT = 1.6 / FOCAL
 """Largest median disagreement of the cameras [rad]: 1.6 px on the platform, 3 mm at half a metre."""
 
@@ -90,25 +51,45 @@ LOST = 0.6
 
 @dataclass(frozen=True, eq=False)
 class CameraCheck:
-    """The result for one camera."""
+    """The result for one camera, by the names of `--json`; NaN if not measured.
+
+    Corners are medians over the looks of the root mean square over the object's corners [px at FOCAL].
+    """
 
     name: str
     looks: int
     """In how many it and at least one other camera see the object."""
-    lost: int
+    cannot_use: int
     """In how many looks it should see the object but cannot use its image."""
     miss_px: float
-    """Median disagreement with the other cameras [px]; NaN if not measured."""
+    """Median disagreement with the other cameras [px]."""
     moved: bool
     """Whether its pose has changed since the calibration; if only two see the object: of one of them."""
     correction: FloatArray
     """Transform (4, 4) that reconciles it with the others: camera_from_world is correction · given."""
-    shift: float
-    """Distance by which the correction moves the camera [m]."""
-    turn: float
-    """Angle by which the correction turns the camera [rad]."""
-    corners: Corners
-    focal: FocalCheck
+    shift_mm: float
+    """Distance by which the correction moves the camera."""
+    turn_deg: float
+    """Angle by which the correction turns the camera."""
+    corners_seen_px: float
+    """How far it sees the corners from where the others see them."""
+    corners_stated_px: float
+    """The same as predicted from the deviations stated in the files; NaN if any file states none."""
+    corners_shift_px: float
+    """The part common to all corners of a look, due to the object's position."""
+    corners_shape_px: float
+    """The remainder, due to the object's size and rotation."""
+    distance_m: float
+    """Distance from the camera to the object, median over the looks."""
+    focal_ratio: float
+    """fy over fx."""
+    focal_off_percent: float
+    """Possible error of the focal length: the stated deviation, but at least half the difference of fx and
+    fy; NaN if nothing is stated and these are equal."""
+    focal_needed_percent: float
+    """Accuracy of the focal length that keeps the depth error within DEPTH."""
+    depth_off_mm: float
+    """Error of the camera's depth due to that of its focal length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,15 +116,15 @@ class CalibrationCheck:
             for one in self.cameras
             if not (one.looks or one.moved or self.is_lost(one))
         ] + [
-            f"{one.name}: fy/fx is {one.focal.ratio:.4f}, expected 1 within {100 * SQUARE:g} %: depths that "
-            f"it sees alone may be off by {100 * one.focal.off:.1f} % of the distance"
+            f"{one.name}: fy/fx is {one.focal_ratio:.4f}, expected 1 within {100 * SQUARE:g} %: depths that "
+            f"it sees alone may be off by {one.focal_off_percent:.1f} % of the distance"
             for one in self.cameras
-            if abs(one.focal.ratio - 1.0) > SQUARE
+            if abs(one.focal_ratio - 1.0) > SQUARE
         ]
 
     def is_lost(self, one: CameraCheck) -> bool:
         """Whether a camera cannot use its image in most looks."""
-        return one.lost >= max(OFTEN, LOST * self.looks)
+        return one.cannot_use >= max(OFTEN, LOST * self.looks)
 
 
 def check_calibration(
@@ -170,6 +151,7 @@ def check_calibration(
     for c, camera in enumerate(cameras):
         lengths = np.linalg.norm(misses[:, c], axis=1)
         asked = np.isfinite(lengths)
+        distance, (seen, stated, shift, shape) = _median(problem.distance[asked, c]), expected[c]
         ratio = float(camera.matrix[1, 1] / camera.matrix[0, 0])
         off = max(abs(ratio - 1.0) / 2.0, focal_std.get(camera.name, 0.0)) or float("nan")
         result.append(
@@ -180,15 +162,24 @@ def check_calibration(
                 _median(lengths[asked]),
                 c in free,
                 *_correction(camera, errors[c]),
-                expected[c],
-                FocalCheck(ratio, off, _median(problem.distance[asked, c])),
+                seen,
+                stated,
+                shift,
+                shape,
+                distance,
+                ratio,
+                100.0 * off,
+                100.0 * DEPTH / distance,
+                1e3 * off * distance,
             )
         )
     return CalibrationCheck(tuple(result), _median_miss(misses, problem), len(looks), misses)
 
 
-def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: CameraErrors) -> list[Corners]:
-    """Return the measured and predicted displacement of the object's corners in each camera."""
+def corner_misses(
+    looks: Sequence[Look], cameras: Sequence[Camera], problem: CameraErrors
+) -> list[list[float]]:
+    """Return each camera's displacement of the object's corners: seen, stated, shift and shape [px]."""
     stated = all(map(is_stated, cameras))
     covariances = np.array([calibration_covariance(one) for one in cameras])
     result = []
@@ -202,12 +193,10 @@ def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: Cam
             shift = moves.mean(axis=0)
             feigned = motion @ shares @ problem.lever[f]
             expected = np.einsum("kni,kij,knj->", feigned, covariances, feigned) / len(moves)
-            mean_squares = [(part**2).sum(1).mean() for part in (moves, moves - shift)]
-            rows.append([mean_squares[0], shift @ shift, mean_squares[1], expected])
+            seen, shape = ((part**2).sum(1).mean() for part in (moves, moves - shift))
+            rows.append([seen, expected if stated else np.nan, shift @ shift, shape])
         found = np.sqrt(np.median(rows, axis=0)) if rows else np.full(4, np.nan)
-        if not stated:
-            found[3] = np.nan
-        result.append(Corners(*found.tolist()))
+        result.append(found.tolist())
     return result
 
 
@@ -240,13 +229,17 @@ def _median_miss(misses: FloatArray, problem: CameraErrors) -> float:
 
 
 def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, float]:
-    """Return the transform that undoes an error (a, w) of camera_from_world, its shift [m] and turn [rad]."""
+    """Return the transform that undoes an error (a, w) of camera_from_world, its shift [mm] and turn [°]."""
     rotation = camera.camera_from_world[:3, :3]
     turn, shift = so3.exp(-rotation @ error[3:]), camera.camera_from_world[:3, 3]
     back = so3.transform(turn, shift - rotation @ error[:3] - turn @ shift)
     true = back @ camera.camera_from_world
     place = -true[:3, :3].T @ true[:3, 3]
-    return back, float(np.linalg.norm(place - camera.position)), float(np.linalg.norm(error[3:]))
+    return (
+        back,
+        1e3 * float(np.linalg.norm(place - camera.position)),
+        float(np.degrees(np.linalg.norm(error[3:]))),
+    )
 
 
 MOST, APART = 40, 5
