@@ -18,7 +18,7 @@ from tracker.calibration.by_object.check import check as look
 from tracker.calibration.by_object.looks import OFTEN
 from tracker.calibration.by_object.refine import Refined, refine_cameras
 from tracker.calibration.by_object.sightings import Footage
-from tracker.calibration.by_object.table import FoundTable, find_table
+from tracker.calibration.by_object.table import find_table
 from tracker.calibration.files import Calibrated, focal_deviations, halved_by_rows
 from tracker.calibration.rig import save_rig
 from tracker.cli import options
@@ -311,21 +311,17 @@ def table_command(filmed: Filmed, output: Path = _output) -> None:
     cameras. You may hold, lift and carry it in between.
     """
     with filmed.opened() as given:
-        found = find_table(*given)
-    save_rig(found.rig, output, filmed.lenses(given[2]))
-    if not filmed.quiet:
-        click.echo(_table_found(found, output))
-
-
-def _table_found(found: FoundTable, output: Path) -> str:
-    plane = found.plane
+        rig, plane, shots = find_table(*given)
+    save_rig(rig, output, filmed.lenses(given[2]))
+    if filmed.quiet:
+        return
     used, still, (height, tilt) = np.count_nonzero(plane.used > 0.5), len(plane.used), plane.std
     slopes = np.degrees(np.arctan(plane.slope))
     rows = [
-        ["at rest", f"in {used} of {still} places where it was still; seen in {found.shots} frames"],
+        ["at rest", f"in {used} of {still} places where it was still; seen in {shots} frames"],
         ["height [mm]", f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}: the table in the old world"],
         ["tilt [°]", f"{slopes[0]:+.2f} along x, {slopes[1]:+.2f} along y, ± {np.degrees(tilt):.2f}"],
         ["scatter [mm]", f"{1e3 * plane.scatter:.2f}: heights of resting objects"],
         ["calibration", str(output)],
     ]
-    return listing(rows)
+    click.echo(listing(rows))

@@ -222,29 +222,18 @@ SURE, PIECES = 0.5, 8
 """Smallest confidence of a pose that is used, and number of edge pieces of a camera that sees the object."""
 
 
-@dataclass(frozen=True, eq=False)
-class FoundTable:
-    """The table, and the calibration in a world whose z = 0 is the table."""
-
-    rig: CameraRig
-    """The same cameras in that world, and its arena."""
-    plane: TablePlane
-    """The table in the original world."""
-    shots: int
-    """Number of shots in which the object was surely seen."""
-
-
 def find_table(
     model: CuboidModel,
     footage: Sequence[Footage],
     rig: CameraRig,
     colors: ColorModel,
     progress: Callable[[int], None] = lambda _: None,
-) -> FoundTable:
+) -> tuple[CameraRig, TablePlane, int]:
     """Estimate the table from recordings and stills of an object that sometimes rests on it.
 
-    `progress` receives the number of new shots that show the object. CalibrationError: there is only one
-    camera, or the object rested in too few places.
+    Return the cameras and the arena in a world whose z = 0 is the table, the table in the given world, and
+    the number of shots in which the object was surely seen. `progress` receives the number of new ones.
+    CalibrationError: there is only one camera, or the object rested in too few places.
     """
     require_two(rig.cameras, "table", ": one camera's depth is not the table's height")
     loose = broad(rig)
@@ -253,7 +242,7 @@ def find_table(
     if not seen:
         raise CalibrationError(f"table: found no set of images in which {model.name} is surely seen")
     plane = plane_of(edges, seen)
-    return FoundTable(levelled(rig, plane), plane, len(seen))
+    return levelled(rig, plane), plane, len(seen)
 
 
 def broad(rig: CameraRig) -> CameraRig:
