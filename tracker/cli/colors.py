@@ -17,7 +17,7 @@ from tracker.cli.terminal import listing, table
 from tracker.color_learning.adapt import Adapted, from_names
 from tracker.color_learning.adapt import adapt as learn_colors
 from tracker.color_learning.fit import FitOptions, combine, image_histograms
-from tracker.color_learning.hues import LIGHT, NEAR, Paints, better_set, distances, paints
+from tracker.color_learning.hues import LIGHT, NEAR, better_set, distances, paints
 from tracker.color_learning.labelled import LabelledImage, confusion, intersection_over_union, read_labelled
 from tracker.color_learning.lessons import FEWEST_FRAMES, Frames, frames_of, shares
 from tracker.conventions import Array, FloatArray, Image
@@ -273,13 +273,15 @@ def _report(
     found = [tracker.segment(one.image, model) for one, model in zip(images, models, strict=True)]
     _print_overlaps(images, found)
     counts = confusion((labels, one.labels) for labels, one in zip(found, images, strict=True))
-    shown = paints(images)
+    pixels, light = paints(images)
+    means: dict[int, FloatArray] = {label: np.median(some, axis=0) for label, some in pixels.items()}
+    better = better_set(means)
     _print_confusion(counts)
     _print_weak(counts)
-    _print_near(shown)
+    if means:  # the images do not show background only
+        _print_near(means, better, light)
     if plot is not None:
-        better = better_set(shown.means())
-        tracker.viz.write_colors_plot(plot, counts, shown.pixels, better, f"colours: {name}")
+        tracker.viz.write_colors_plot(plot, counts, pixels, better, f"colours: {name}")
         click.echo(f"\nplot: {plot}")
 
 
@@ -334,23 +336,19 @@ def _print_weak(counts: Array) -> None:
     click.echo("\n".join(["", *(weak or ["no colour is weak"])]))
 
 
-def _print_near(shown: Paints) -> None:
-    means = shown.means()
-    if not means:  # the images show background only
-        return
+def _print_near(means: dict[int, FloatArray], better: dict[int, FloatArray], light: FloatArray) -> None:
     far = distances(means)
     rows = [["distance to", *(COLOR_NAMES[label] for label in means), "the light"]]
     for a in means:
         cells = [f"{far[min(a, b), max(a, b)]:.1f}" if a != b else "-" for b in means]
         rows.append([COLOR_NAMES[a], *cells, f"{far[LIGHT, a]:.1f}"])
-    blue, green, red = (100 * shown.light).round().astype(int).tolist()
+    blue, green, red = (100 * light).round().astype(int).tolist()
     click.echo(f"\nin standard deviations caused by light, shade and camera\n{table(rows)}")
     click.echo(f"the light: red {red} %, green {green} %, blue {blue} %")
     for (a, b), value in sorted(far.items(), key=lambda item: item[1]):
         if value < NEAR:
             other = "the light (the colour of grey things)" if a == LIGHT else COLOR_NAMES[a]
             click.echo(f"near: {COLOR_NAMES[b]} and {other}, {value:.1f}")
-    better = better_set(means)
     gain = f"nearest {min(far.values()):.1f} -> {min(distances(better).values()):.1f}"
     click.echo(f"\na better set of colours, {gain}; as red, green, blue, with greys at 115")
     rows = [["", "now", "better"]]

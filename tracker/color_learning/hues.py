@@ -9,7 +9,6 @@ covariance of the changes that light, shade and camera cause.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -96,22 +95,12 @@ def misnamed(hues: Mapping[int, float]) -> dict[int, int]:
     return wrong
 
 
-@dataclass(frozen=True, eq=False)
-class Paints:
-    """The faces' colours in labelled images."""
+def paints(images: Sequence[LabelledImage]) -> tuple[dict[int, Array], FloatArray]:
+    """Return the colours of labelled images, and their light.
 
-    pixels: Mapping[int, Array]
-    """(N, 3) levels BGR in neutral light, by label."""
-    light: FloatArray
-    """(3,) BGR of the images' greys before normalisation, scaled to a maximum of 1."""
-
-    def means(self) -> dict[int, FloatArray]:
-        """Return the median levels (3,) of each colour."""
-        return {label: np.median(some, axis=0) for label, some in self.pixels.items()}
-
-
-def paints(images: Sequence[LabelledImage]) -> Paints:
-    """Collect the colours of labelled images, each normalised by the light of its greys."""
+    The former are levels (N, 3) BGR in neutral light by label; the latter is the BGR (3,) of the images'
+    greys before normalisation, scaled to a maximum of 1.
+    """
     found: dict[int, list[Array]] = {}
     lights = []
     for one in images:
@@ -121,7 +110,7 @@ def paints(images: Sequence[LabelledImage]) -> Paints:
             found.setdefault(int(label), []).append(levels[one.labels == label])
     raw = np.exp(np.median(lights, axis=0))
     joined = {label: np.concatenate(some) for label, some in sorted(found.items())}
-    return Paints({label: some[:: len(some) // MOST + 1] for label, some in joined.items()}, raw / raw.max())
+    return {label: some[:: len(some) // MOST + 1] for label, some in joined.items()}, raw / raw.max()
 
 
 def distance(a: FloatArray, b: FloatArray) -> FloatArray:
