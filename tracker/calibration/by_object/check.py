@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
-from tracker.calibration.by_object.sightings import SAME, UNSEEN, Footage, near, observed, require_two
+from tracker.calibration.by_object.sightings import UNSEEN, Footage, observed, require_two, stays
 from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -28,9 +28,7 @@ from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
 from tracker.pose.estimate import USED
 from tracker.pose.fit import Fit
 from tracker.pose.judge import ASTRAY, EXPECTED, apparent
-from tracker.pose.result import PoseEstimate, Status
 from tracker.segmentation.color_model import ColorModel
-from tracker.tracking.cameras import slow
 
 FOCAL = 295.0
 """Focal length of the reference images in whose pixels all cameras are compared [px]."""
@@ -292,21 +290,14 @@ def look_of(fit: Fit, size: FloatArray) -> Look:
 
 def _still(tracker: ObjectTracker, footage: Footage, progress: Callable[[int], None]) -> Iterator[int]:
     """Yield the numbers of the shots in which the object is at rest; stills always count."""
-    last = -APART
-    before: PoseEstimate | None = None
+    last, now = -APART, None
     for shot, found in observed(tracker, footage):
         progress(1)
         if shot.begins:
-            last, before = -APART, None
+            last, now = -APART, None
         if found is not None:
-            pose, state, previous = found.object_pose, found.filtered_object_pose, before
-            before = pose
-            if pose is None or state is None:
-                continue
-            # A velocity is not known at once, and at 2 Hz or less never.
-            known = found.status not in (Status.FOUND, Status.REFOUND)
-            known = known or (previous is not None and near(pose, previous, SAME))
-            if not known or not slow(state.velocity) or shot.number < last + APART:
+            before, now = now, found.filtered_object_pose
+            if found.object_pose is None or not stays(before, now) or shot.number < last + APART:
                 continue
         last = shot.number
         yield shot.number

@@ -17,7 +17,7 @@ from tracker.calibration.by_object.check import (
     look_of,
 )
 from tracker.calibration.by_object.looks import CameraErrors, Look
-from tracker.calibration.by_object.sightings import SAME, near
+from tracker.calibration.by_object.sightings import stays
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
@@ -164,8 +164,9 @@ def health(
     looks: list[Look] = []
     last = -APART
     for n, frame in enumerate(picked(log, poses.index[rows].tolist())):
-        row = rows[n]
-        found = sample(tracker, frame.images, still=_still(poses, row))
+        row, seen = rows[n], poses.filtered
+        still = stays(seen[row - 1 : row], seen[row : row + 1]) if row else len(poses) == 1
+        found = sample(tracker, frame.images, still=still)
         for key, value in found.values.items():
             values[key][n] = value
         height[n] = found.height
@@ -182,14 +183,6 @@ def health(
             check = check_calibration(looks, rig.cameras)
     start = poses.timestamp[0] if len(poses) else 0.0
     return Health(poses.index[rows], poses.timestamp[rows] - start, tuple(rig.names), values, height, check)
-
-
-def _still(poses: Poses, row: int) -> bool:
-    """Return whether the object is at rest: slow, and where it was before, as a new track has no velocity."""
-    if row == 0:
-        return len(poses) == 1
-    before, now = poses.filtered[row - 1 : row], poses.filtered[row : row + 1]
-    return near(before, now, SAME) and slow(poses.filtered.velocity[row])
 
 
 class Sample(NamedTuple):

@@ -12,8 +12,8 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.logs.log import Log, evenly, picked
 from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
-from tracker.pose.result import Observation, PoseEstimate
-from tracker.poses.columns import PoseColumns
+from tracker.pose.result import MotionEstimate, Observation, PoseEstimate
+from tracker.poses.columns import FilteredColumns, PoseColumns
 from tracker.tracking.cameras import slow
 
 Images = Sequence[Image | None]
@@ -162,6 +162,17 @@ def near(one: Posed, other: Posed, limits: tuple[float, float]) -> bool:
     """Return whether the object moved and turned by less than these limits [m, rad]; not if a pose is NaN."""
     moved = np.linalg.norm(one.position - other.position)
     return bool(moved < limits[0] and so3.angle_between(one.rotation, other.rotation) < limits[1])
+
+
+Moving: TypeAlias = MotionEstimate | FilteredColumns
+"""Something with one pose and its velocity."""
+
+
+def stays(before: Moving | None, now: Moving | None) -> bool:
+    """Return whether an object is at rest: slow, and where it was before, as a new track has no velocity."""
+    if before is None or now is None:
+        return False
+    return near(before, now, SAME) and slow(now.velocity.ravel())
 
 
 APART = 8e-3, np.radians(8.0)
