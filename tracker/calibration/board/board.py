@@ -29,11 +29,6 @@ MOST_SQUARES = 60
 """Largest number of squares along an edge; the platform's cameras cannot resolve more."""
 
 
-def dictionaries() -> tuple[str, ...]:
-    """Names of OpenCV's marker dictionaries, e.g. `DICT_APRILTAG_16h5`."""
-    return tuple(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_")))
-
-
 @dataclasses.dataclass(frozen=True)
 class Board:
     """A board of `columns` × `rows` squares; CalibrationError if such a board is impossible."""
@@ -45,12 +40,13 @@ class Board:
     marker: float
     """Edge of a marker [m]."""
     dictionary: str = "DICT_APRILTAG_16h5"
-    """Name of the marker dictionary; see `dictionaries`."""
+    """OpenCV's name of the marker dictionary."""
     legacy: bool = False
     """Whether a board with an even number of rows begins with a marker (the old pattern)."""
 
     def __post_init__(self) -> None:
-        squares, square, known = f"{self.columns}x{self.rows} squares", self.square, dictionaries()
+        squares, square = f"{self.columns}x{self.rows} squares", self.square
+        known = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
         least, most = 0.2 * square, 0.95 * square  # a white gap is left around each marker
         sizes = all(3 <= count <= MOST_SQUARES for count in (self.columns, self.rows))
         for holds, found, valid in (
