@@ -150,10 +150,9 @@ class Fit:
     """Whether it was found in images whose greys keep their colour and brightness."""
     shaded: bool = False
     """Whether colours were read as those of faces in shade."""
-    offsets: FloatArray | None = None
-    """(C, 6) displacement of the object in the cameras' views by errors of their calibration [m, rad]."""
     shifts: FloatArray | None = None
-    """(C, 6) the same by these errors and by the age of the images [m, rad]; None: by neither."""
+    """(C, 6) displacement of the object in the cameras' views by errors of their calibration and by the age
+    of the images [m, rad]; None: by neither."""
     own: OwnViews | None = None
     """Where each camera by itself sees the object; None: not estimated."""
     disagreement: FloatArray | None = None

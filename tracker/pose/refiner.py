@@ -159,8 +159,7 @@ class Refiner:
             exponent, width = solution["shared"][0, EXPONENT : RIM + 1].tolist()
             least = min(SHOWN_RIM_STD, self.likely.rim_std)
             start = Start(blur, exponent, width, max(math.sqrt(rim), least))
-        offsets = cameras["offset"][:, :6].copy()
-        place = rotation, position, offsets + cameras["lag"]
+        place = rotation, position, cameras["offset"][:, :6] + cameras["lag"]
         body, nothing, ahead = judge(
             self._maps, sight.labels, sight.pictures, pictures, self._faces, place, stands, seen, NUMBERS
         )  # fmt: skip
@@ -178,7 +177,6 @@ class Refiner:
             stands=stands,
             left_out=left_out,
             shaded=sight.shaded,
-            offsets=offsets,
             shifts=place[2],
             own=own if ask else None,
         )
@@ -205,7 +203,6 @@ class Refiner:
         rotation: FloatArray,
         position: FloatArray,
         start: Start | None = None,
-        offsets: FloatArray | None = None,
     ) -> tuple[Array, Array, Workspace]:
         """Measure the edges at a pose; return a solution, cameras (C,) and this thread's workspace.
 
@@ -214,11 +211,7 @@ class Refiner:
             rotation: (3, 3) world_from_object.
             position: (3,) of the object's centre [m].
             start: blur of the images, and the exponent and rim with which the object is drawn.
-            offsets: (C, 6) known displacements of the object in each camera's view [m, rad]; edges are
-                measured there.
         """
         (solution, cameras), work = self.begun(rotation, position), self._local.work
-        if offsets is not None:
-            cameras["offset"][:, :6] = offsets
         self._run(self.model, pictures, MEASURING, start or self.likely, solution, cameras, 0)
         return solution[0], cameras, work

@@ -158,19 +158,10 @@ class EdgeReader:
         return self._refiner(sight, rotation, position, FOLLOWING, ask=False)
 
     def contours(
-        self,
-        sight: Sight,
-        rotation: FloatArray,
-        position: FloatArray,
-        start: Start,
-        offsets: FloatArray | None = None,
+        self, sight: Sight, rotation: FloatArray, position: FloatArray, start: Start
     ) -> list[Contour | None]:
-        """Return each camera's edges at a pose (3, 3), (3,) [m]; None if it has no image or sees no edge.
-
-        offsets: known apparent displacement (C, 6) of the object in each camera [m, rad]. Edges are
-        searched there, but the offsets returned are relative to the pose itself.
-        """
-        solution, cameras, work = self._refiner.edges(sight.pictures, rotation, position, start, offsets)
+        """Return each camera's edges at a pose (3, 3), (3,) [m]; None if it has no image or sees no edge."""
+        solution, cameras, work = self._refiner.edges(sight.pictures, rotation, position, start)
         result: list[Contour | None] = [None] * len(cameras)
         for c, (lens, camera) in enumerate(zip(self._refiner.model.lenses, cameras, strict=True)):
             found = work.found[c, : camera["strips"]]
@@ -184,7 +175,7 @@ class EdgeReader:
                 lens=np.column_stack([np.einsum("ni,ni->n", normal, away), normal]) / scale,
                 bloom=found["bloom"] / scale,
                 rim=strips["rim"] / scale,
-                offset=found["offset"] / scale + jacobian @ camera["offset"][:6],
+                offset=found["offset"] / scale,
                 variance=(FLOOR**2 + found["variance"] / scale**2) / trust_of(camera),
                 edge=strips["edge"].copy(),
                 foot=FOOT_STD * np.abs(strips["rim"] / scale) * solution["feet"][strips["edge"]],

@@ -245,13 +245,11 @@ def adjust(
     now = Unknowns.of(edges.rig.cameras, rim, focal=focal)
     fits = [edges.refine(sight, seen.rotation, seen.position) for sight, seen in frames]
     poses = [(fit.rotation, fit.position) for fit in fits]
-    # At first the cameras see the object displaced, by the errors of the calibration.
-    aims: Sequence[FloatArray | None] = [fit.offsets for fit in fits]
     for _ in range(ITERATIONS):
         reader = edges.of(dataclasses.replace(edges.rig, cameras=now.cameras))
         read = [
-            (position, reader.contours(sight, rotation, position, fit.end, aim))
-            for (sight, _), (rotation, position), fit, aim in zip(frames, poses, fits, aims, strict=True)
+            (position, reader.contours(sight, rotation, position, fit.end))
+            for (sight, _), (rotation, position), fit in zip(frames, poses, fits, strict=True)
         ]
         step = solve(read, now)
         now = now.moved(step.change, step.rim)
@@ -259,7 +257,6 @@ def adjust(
             (so3.exp(change[3:]) @ rotation, position + change[:3])
             for (rotation, position), change in zip(poses, step.poses, strict=True)
         ]
-        aims = [None] * len(frames)
         shift, turn = (np.linalg.norm(step.change[:, k : k + 3], axis=1).max() for k in (0, 3))
         if shift < SETTLED[0] and turn < SETTLED[1]:
             break
