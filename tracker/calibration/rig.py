@@ -1,14 +1,7 @@
 """The rig: all cameras that see the arena, in a fixed order, and the arena.
 
-The arena is stated beside the camera files, in one TOML file, `arena.toml`:
-
-    center = [0.0, 0.0]         # of the arena in the world, x and y [m]
-    radius = 0.235              # largest distance of the object's centre from it [m]
-    height = 0.185              # largest height of the object's centre above the table [m]
-    table = 0.0                 # z of the table in the world [m], or "none"
-    table_std = [0.008, 0.017]  # standard deviations of the table's height [m] and tilt [rad]
-
-The values shown are the defaults, those of `geometry.arena.Arena`.
+The arena is stated beside the camera files, in one TOML file, `arena.toml`: the fields of
+`geometry.arena.Arena`, each optional; table = "none" is that of an arena without one.
 """
 
 from __future__ import annotations
