@@ -10,6 +10,7 @@ covariance of the changes that light, shade and camera cause.
 
 from collections.abc import Mapping, Sequence
 
+import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
@@ -61,10 +62,8 @@ def hues_of_model(colors: ColorModel) -> dict[int, float]:
 
 def bgr_of_hue(hues: FloatArray, saturations: FloatArray, levels: FloatArray) -> FloatArray:
     """Return pixels (N, 3) BGR for hues [degrees], saturations up to 1, levels of the brightest channel."""
-    # A channel has its full level within 60° of its own hue; the lack grows linearly from there to 120°.
-    sector = (hues[:, None] / 60.0 + np.array([1.0, 3.0, 5.0])) % 6.0  # blue, green, red
-    lack = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
-    return np.asarray(levels[:, None] * (1.0 - saturations[:, None] * lack), dtype=np.float64)
+    pixels = np.stack([hues % 360.0, saturations, levels], axis=-1, dtype=np.float32)
+    return np.asarray(cv2.cvtColor(pixels[None], cv2.COLOR_HSV2BGR)[0], dtype=np.float64)
 
 
 def hue_distance(a: Array | float, b: Array | float) -> FloatArray:
