@@ -150,12 +150,8 @@ class EdgeReader:
     def fitted(self, frame: Frame) -> tuple[Fit, list[Contour | None]]:
         """Return the pose near the given one that fits the edges best, and each camera's edges there."""
         sight, seen = frame
-        fit = self.refine(sight, seen.rotation, seen.position)
+        fit = self._refiner(sight, seen.rotation, seen.position, FOLLOWING, ask=False)
         return fit, self.contours(sight, fit.rotation, fit.position, fit.end)
-
-    def refine(self, sight: Sight, rotation: FloatArray, position: FloatArray) -> Fit:
-        """Refine a pose (3, 3), (3,) [m] to the edges of the images."""
-        return self._refiner(sight, rotation, position, FOLLOWING, ask=False)
 
     def contours(
         self, sight: Sight, rotation: FloatArray, position: FloatArray, start: Start
