@@ -39,7 +39,7 @@ def known_names(names, monkeypatch):
 @pytest.mark.usefixtures("known_names")
 def test_colors_of_renderings_become_those_of_the_pictures(film):
     start, other_film = tracker.load_colors("simulation"), shots("cube_v2", 3, seed=512)
-    learned = adapt(MODEL, [footage_of(film)], start, OPTIONS, name="mine", rounds=3)
+    learned = adapt(MODEL, [footage_of(film)], start, OPTIONS, rounds=3)
     shown = COLORS, dataclasses.replace(start, normalise=True), learned.colors
     shipped, before, after = (overlap(other_film, colors) for colors in shown)
     assert learned.after.explained > learned.before.explained
@@ -49,21 +49,21 @@ def test_colors_of_renderings_become_those_of_the_pictures(film):
 @pytest.mark.usefixtures("known_names")
 def test_on_a_brown_table_colors_are_learned_from_images_as_they_are(film):
     brown = [dataclasses.replace(shot, images=list(map(on_wood, shot.images, shot.labels))) for shot in film]
-    learned = adapt(MODEL, [footage_of(brown)], None, OPTIONS, name="mine", rounds=3)
+    learned = adapt(MODEL, [footage_of(brown)], None, OPTIONS, rounds=3)
     assert not learned.colors.normalise
     assert learned.before.posed < 0.5
     assert learned.after.posed == 1.0
     assert "keep exposure and white balance fixed" in _learned(learned, Path("mine.npz"))
     other_order = tracker.load_object("cube_v1")
     with pytest.raises(NotBetterError, match="refused: found 0 of"):
-        adapt(other_order, [footage_of(brown)], COLORS, OPTIONS, name="mine", rounds=1)
+        adapt(other_order, [footage_of(brown)], COLORS, OPTIONS, rounds=1)
 
 
 def test_the_same_frames_give_the_same_colors(film, known_names, monkeypatch):
     start, footage = tracker.load_colors("simulation"), [footage_of(film[:4])]
-    one = adapt(MODEL, footage, start, OPTIONS, name="mine", rounds=1).colors
+    one = adapt(MODEL, footage, start, OPTIONS, rounds=1).colors
     monkeypatch.undo()  # the names' colours are drawn again
-    two = adapt(MODEL, footage, start, OPTIONS, name="mine", rounds=1).colors
+    two = adapt(MODEL, footage, start, OPTIONS, rounds=1).colors
     assert (one.log_posterior == two.log_posterior).all()
 
 
@@ -71,24 +71,23 @@ def test_the_same_frames_give_the_same_colors(film, known_names, monkeypatch):
 def test_another_object_is_refused(film):
     cuboid = tracker.load_object("cuboid_2x2x8_v2")
     with pytest.raises(NotBetterError, match=r"refused: the images show .* rather than cuboid_2x2x8_v2"):
-        adapt(cuboid, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=2)
+        adapt(cuboid, [footage_of(film)], COLORS, OPTIONS, rounds=2)
     grey = [np.full_like(image, 110) for image in film[0].images]
     empty = [dataclasses.replace(shot, images=grey) for shot in film]
     with pytest.raises(NotBetterError, match=r"refused: found 0 of .*; are the object's size and faces"):
-        adapt(cuboid, [footage_of(empty)], COLORS, OPTIONS, name="mine", rounds=2)
+        adapt(cuboid, [footage_of(empty)], COLORS, OPTIONS, rounds=2)
     with pytest.raises(NotBetterError, match=r"no better than by cube_v2 \(see --colors\)"):
-        adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=0)
+        adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, rounds=0)
 
 
 def test_a_new_object_keeps_the_colours_of_names_that_nothing_improves(film):
     start = dataclasses.replace(COLORS, name="names")
-    found = adapt(MODEL, [footage_of(film)], start, OPTIONS, name="mine", rounds=0, first=True)
-    assert found.colors.name == "mine"
+    found = adapt(MODEL, [footage_of(film)], start, OPTIONS, rounds=0, first=True)
     np.testing.assert_array_equal(found.colors.label_table, COLORS.label_table)
     grey = [np.full_like(image, 110) for image in film[0].images]
     empty = [dataclasses.replace(shot, images=grey) for shot in film]
     with pytest.raises(NotBetterError, match="found 0 of"):
-        adapt(MODEL, [footage_of(empty)], start, OPTIONS, name="mine", rounds=1, first=True)
+        adapt(MODEL, [footage_of(empty)], start, OPTIONS, rounds=1, first=True)
 
 
 def test_the_nearest_shipped_model_explains_most(film):
@@ -118,7 +117,7 @@ def test_colors_that_are_not_shown_stay_as_they_were():
         {0: rng.integers(90, 130, (4000, 3)), 1: rng.integers((10, 20, 150), (30, 40, 170), (400, 3))}
         for _ in range(6)
     ]
-    model = refit(pixels, np.zeros(32**3, dtype=bool), [COLORS], OPTIONS, "mine")
+    model = refit(pixels, np.zeros(32**3, dtype=bool), [COLORS], OPTIONS)
     old = np.argmax(COLORS.log_posterior, axis=0)
     new = np.argmax(model.log_posterior, axis=0)
     for label in range(2, 7):

@@ -84,10 +84,8 @@ class Lesson:
     ) -> None:
         """Learn colours from the frames and write the model; print one line per round. first: see `adapt`."""
         say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
-        draws, name = FitOptions(seed=self.seed), self.output.stem
-        learned = learn_colors(
-            model, footage, start, draws, name=name, rounds=self.rounds, first=first, say=say
-        )
+        draws = FitOptions(seed=self.seed)
+        learned = learn_colors(model, footage, start, draws, rounds=self.rounds, first=first, say=say)
         learned.colors.save(self.output)
         if not self.quiet:
             click.echo(_learned(learned, self.output))

@@ -62,7 +62,6 @@ def adapt(
     start: ColorModel | None,
     options: FitOptions,
     *,
-    name: str,
     rounds: int = 8,
     first: bool = False,
     say: Callable[[str], None] = lambda _: None,
@@ -81,7 +80,7 @@ def adapt(
         initial = dataclasses.replace(start or nearest(model, footage, normalise), normalise=normalise)
         if wrong := _told_wrong(hues_of_model(initial)):
             raise ColorModelError(f"colour model {initial.name}: refused: {wrong}")
-        best, fault = _adapted(model, footage, initial, options, name, rounds, say)
+        best, fault = _adapted(model, footage, initial, options, rounds, say)
         gained = best.after is not best.before
         if gained or not fault:
             break
@@ -96,7 +95,7 @@ def adapt(
         instead = f"{initial.name} (see --colors): {best.before}"
         faults.append(f"{initial.name}: refused: held-out frames are explained no better than by {instead}")
         raise NotBetterError(faults[0])
-    return dataclasses.replace(best, colors=dataclasses.replace(best.colors, name=name))
+    return best
 
 
 def _adapted(
@@ -104,7 +103,6 @@ def _adapted(
     footage: Sequence[Frames],
     start: ColorModel,
     options: FitOptions,
-    name: str,
     rounds: int,
     say: Callable[[str], None],
 ) -> tuple[Adapted, str]:
@@ -128,7 +126,7 @@ def _adapted(
             break
         strays = sum(np.bincount(nodes_of(one.levels[one.stray]), minlength=NODES**3) for one in lessons)
         mistaken |= strays >= OFTEN
-        fitted = refit(pixels, mistaken, remembered, options, name)
+        fitted = refit(pixels, mistaken, remembered, options)
         colors = dataclasses.replace(fitted, normalise=start.normalise)
         after = judge(model, footage, colors)
         say(f"round {turn + 1}: learned from {len(lessons)} frames of confidence {gate:g} or more; {after}")
@@ -243,18 +241,14 @@ def learned(pixels: Sequence[Mapping[int, Array]]) -> dict[int, int]:
 
 
 def refit(
-    pixels: Sequence[Mapping[int, Array]],
-    taken: Array,
-    before: Sequence[ColorModel],
-    options: FitOptions,
-    name: str,
+    pixels: Sequence[Mapping[int, Array]], taken: Array, before: Sequence[ColorModel], options: FitOptions
 ) -> ColorModel:
     """Fit a colour model to frames' pixels (N, 3) in neutral light by label, 0 for background.
 
     taken: (32³,) bool: colours that were mistaken for a face.
     before: earlier models; they get a small weight, except for face colours that the frames do not show.
     """
-    rng = np.random.default_rng([options.seed, *name.encode()])
+    rng = np.random.default_rng(options.seed)
     labels, groups = learned(pixels), min(GROUPS, len(pixels))
     histograms: list[Histograms] = []
     for group in range(groups):
@@ -266,7 +260,7 @@ def refit(
         if 0 in parts:
             parts[0] = _with_distracting(parts[0], taken, rng)
         histograms.append(pixel_histograms(parts, options, rng))
-    return combine(histograms, [_remembered(one) for one in before], options, name=name)
+    return combine(histograms, [_remembered(one) for one in before], options)
 
 
 def _with_distracting(background: Array, taken: Array, rng: np.random.Generator) -> Array:
