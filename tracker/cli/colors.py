@@ -76,13 +76,10 @@ class Lesson:
         return result
 
     def learn(
-        self,
-        model: tracker.CuboidModel,
-        footage: list[Frames],
-        start: tracker.ColorModel | None,
-        first: bool = False,
+        self, model: tracker.CuboidModel, start: tracker.ColorModel | None, first: bool = False
     ) -> None:
         """Learn colours from the frames and write the model; print one line per round. first: see `adapt`."""
+        footage = self.footage()
         say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
         draws = FitOptions(seed=self.seed)
         learned = learn_colors(model, footage, start, draws, rounds=self.rounds, first=first, say=say)
@@ -107,7 +104,7 @@ def adapt(
     """
     model = tracker.load_object(object_name)
     start = tracker.load_colors(colors_name) if colors_name is not None else None
-    lesson.learn(model, lesson.footage(), start)
+    lesson.learn(model, start)
 
 
 @command(colors)
@@ -133,7 +130,7 @@ def new(
     if known is None and description.exists():
         raise click.UsageError(f"{description}: exists; expected --object to use it, or another -o")
     model = described(lesson.output, size, faces) if known is None else tracker.load_object(known)
-    lesson.learn(model, lesson.footage(), from_names(lesson.seed), first=True)
+    lesson.learn(model, from_names(lesson.seed), first=True)
     if known is None:
         write_whole(description, to_toml(model))
         if not lesson.quiet:
