@@ -26,6 +26,7 @@ from tracker.objects.model import object_names
 from tracker.poses.columns import MeasuredColumns
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import is_poses_file
+from tracker.recordings.track import chosen
 from tracker.summaries.summary import best_kind, refuse_others
 from tracker.viz.image_files import film_rate, write_log_film
 from tracker.viz.rerun_viewer import open_scene, require_rerun
@@ -212,8 +213,8 @@ def convert(
     if output.exists():
         raise click.UsageError(f"-o {output}: exists, expected a new name")
     with tracker.open_log(source, recover=part.recover) as log:
-        chosen = part.of(source, len(log))
-        frames = log[chosen.start : chosen.stop]
+        numbers = chosen(source, len(log), part.start, part.stop)
+        frames = log[numbers.start : numbers.stop]
         with bar(source.name, len(frames), quiet) as progress:
             if suffix == ".mp4":
                 write_log_film(output, frames, progress)
@@ -224,7 +225,7 @@ def convert(
                 elif (written := write_folder(output, frames, rig, progress)) != len(frames):
                     why = "those without readable images are left out"
                     say(f"warning: {output}: {len(frames)} frames become {written}: {why}")
-                if count := sum(chosen.start < first < chosen.stop for first in log.episode_starts):
+                if count := sum(numbers.start < first < numbers.stop for first in log.episode_starts):
                     say(f"warning: {source}: its {count + 1} episodes become one recording without a break")
     if log.fault is not None:
         say(f"warning: {log.fault}")
@@ -272,13 +273,13 @@ def view(
     else:
         log, (model, colors) = source, options.Subject(object_name, colors_name).load()
         with tracker.open_log(log, recover=part.recover) as opened:
-            rig, total = cameras.rig_of(log, opened), len(part.of(log, len(opened)))
+            rig, total = cameras.rig_of(log, opened), len(opened[part.start : part.stop])
         with bar("frames", total, quiet) as progress:
-            given = {"colors": colors, "progress": progress, **vars(part)}
-            poses = tracker.track(log, model, rig=rig, **given).poses
+            how = {"colors": colors, "progress": progress, **vars(part)}
+            poses = tracker.track(log, model, rig=rig, **how).poses
     numbers, rig = poses.index.tolist(), poses.about.rig
-    chosen = part.of(source, numbers[-1] + 1 if numbers else 0)[::every]
-    rows = {index: row for row, index in enumerate(numbers) if index in chosen}
+    shown = chosen(source, numbers[-1] + 1 if numbers else 0, part.start, part.stop)[::every]
+    rows = {index: row for row, index in enumerate(numbers) if index in shown}
     with ExitStack() as stack:
         if log is None:
             stamps = poses.timestamp.tolist()
@@ -287,8 +288,8 @@ def view(
             opened = stack.enter_context(tracker.open_log(log, recover=part.recover))
             rig = fitted_to(log, opened, rig)
             refuse_others(source, poses, log, opened)
-            shown = opened[min(rows) : max(rows) + 1 : every] if rows else ()
-            answered = ((one, observation(poses, rows[one.index])) for one in shown if one.index in rows)
+            given = opened[min(rows) : max(rows) + 1 : every] if rows else ()
+            answered = ((one, observation(poses, rows[one.index])) for one in given if one.index in rows)
             frames = _looked_at(tracker.ObjectTracker(model, rig, colors), answered)
         scene = stack.enter_context(open_scene(target, rig, model))
         progress = stack.enter_context(bar(source.name, len(rows), quiet))
