@@ -309,9 +309,12 @@ class FrameMaker(Closing):
         noise = self._rng(_NOISE, index)
         scene = scene_at(timestamp)
         stamps, shutters = self._exposures(timestamp, scene, scene_at, crew)
+        at_stamps = tuple(scene if stamp == timestamp else scene_at(stamp) for stamp in stamps.tolist())
         shots: list[CameraShot] = [
-            shoot(scenes, unit.at(stamp), self._quality, noise)
-            for scenes, unit, stamp in zip(shutters, crew.units, stamps.tolist(), strict=True)
+            shoot(scenes, unit.at(stamp), self._quality, noise, middle)
+            for scenes, unit, stamp, middle in zip(
+                shutters, crew.units, stamps.tolist(), at_stamps, strict=True
+            )
         ]
         visible = np.array([np.count_nonzero(shot.labels) for shot in shots])
         alone = np.array([np.count_nonzero(shot.alone) for shot in shots])
@@ -325,7 +328,7 @@ class FrameMaker(Closing):
             scene=scene,
             calibrated=crew.calibrated,
             stamps=stamps,
-            scenes=tuple(scene if stamp == timestamp else scene_at(stamp) for stamp in stamps.tolist()),
+            scenes=at_stamps,
             alone=tuple(shot.alone for shot in shots),
         )
 

@@ -10,7 +10,7 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.camera.units import Unit
 from synthetic.render.raster import Layers
-from synthetic.render.renderer import render
+from synthetic.render.renderer import label_maps, render
 from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
 
@@ -74,10 +74,12 @@ def shoot(
     unit: Unit,
     quality: Quality,
     noise: np.random.Generator,
+    middle: PlatformScene | None = None,
 ) -> CameraShot:
     """Take an image with one camera of scenes at equal intervals while its shutter is open.
 
-    The light is their mean, the label maps are those of the middle one. `noise` draws nothing but the noise.
+    The light is their mean, the label maps are those of `middle`, the scene in the middle of the exposure;
+    None: one of `scenes`, whose number is odd. `noise` draws nothing but the noise.
     """
     camera = unit.camera
     halved = quality.full and camera.height < SENSOR_HEIGHT
@@ -87,7 +89,10 @@ def shoot(
     lens = Lens(camera.resized(camera.width * factor, camera.height * factor), points)
     views = [render(scene, lens.view, shadows=quality.shadows) for scene in scenes]
     light = sum((_light(layers, lens, unit) for layers in views[1:]), _light(views[0], lens, unit))
-    middle = views[len(views) // 2]
+    if len(views) % 2 == 0 and middle is not None:
+        labels, alone = label_maps(middle, lens.view)
+    else:
+        labels, alone = views[len(views) // 2].labels, views[len(views) // 2].alone
     # The fine camera's lattice of points is also the camera's own, so both share one view.
     coarse = Lens(camera, points * factor)
     pattern = unit.fixed_pattern
@@ -102,8 +107,8 @@ def shoot(
             else functools.partial(pattern.applied, binned=unit.sensor.binned),
             finish=None if unit.sharpening is None else unit.sharpening.applied,
         ),
-        labels=np.asarray(coarse.to_camera(middle.labels, "label"), dtype=np.uint8),
-        alone=np.asarray(coarse.to_camera(middle.alone, "label"), dtype=np.uint8),
+        labels=np.asarray(coarse.to_camera(labels, "label"), dtype=np.uint8),
+        alone=np.asarray(coarse.to_camera(alone, "label"), dtype=np.uint8),
     )
 
 

@@ -14,8 +14,9 @@ from synthetic.render.shading import add_bounced, shade
 from synthetic.render.shadows import Shadows, add_contact, shadows_of, take_shadows
 from synthetic.render.surfaces import surfaces_of
 from synthetic.scene import PlatformScene
+from tracker.conventions import Array, Image
 
-KEPT = 6
+KEPT = 7
 """Number of scenes whose surfaces and shadows are cached: those of one exposure, shared by all cameras."""
 
 
@@ -31,9 +32,7 @@ def render(scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> 
     The same scene and view give the same bits.
     """
     surfaces = _surfaces(scene)
-    bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
-    codes, nearness = paint(view, bodies)
-    alone, _ = paint(view, [row for row in bodies if surfaces.is_object[row[0]]])
+    (codes, nearness), (alone, _) = _painted(scene, view)
     at, stands = shared(codes, surfaces, view.block) if view.block > 1 else (None, None)
     hits = hits_of_codes(codes, view, surfaces, at)
     reach = np.ones((*hits.body.shape, 1 + len(scene.lighting.lamps)), np.float32)
@@ -46,6 +45,20 @@ def render(scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> 
     if stands is not None:
         color = color[0][stands]
     return Layers(color, labels_of_codes(codes, surfaces), labels_of_codes(alone, surfaces), nearness)
+
+
+def label_maps(scene: PlatformScene, view: PinholeView) -> tuple[Image, Image]:
+    """Return `labels` and `alone` of the scene's `Layers`, without the light."""
+    surfaces = _surfaces(scene)
+    labels, alone = (labels_of_codes(codes, surfaces) for codes, _ in _painted(scene, view))
+    return labels, alone
+
+
+def _painted(scene: PlatformScene, view: PinholeView) -> tuple[tuple[Array, Array], ...]:
+    """Return codes and 1 / depth of all bodies, and of the objects alone."""
+    is_object = _surfaces(scene).is_object
+    bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
+    return paint(view, bodies), paint(view, [row for row in bodies if is_object[row[0]]])
 
 
 @functools.lru_cache(KEPT)

@@ -203,9 +203,12 @@ def test_raw_pictures_are_the_mosaics_of_the_others(platform):
         assert np.array_equal(demosaicked(mosaic)[2:-2, 2:-2], image[2:-2, 2:-2])
 
 
-def test_a_wrong_calibration_leaves_pictures_alone_and_tells_truth_in_its_world(platform):
-    options = {"quality": "fast", "empty": 0.0}
-    (tidy,), (off,) = (frames("cube_v1", 1, 5, effects=e, **options) for e in ("none", "calibration"))
+def test_truth_is_that_of_mid_exposure_and_of_the_world_of_a_calibration_that_leaves_pictures_alone(platform):
+    effects, options = ("none", "motion_blur", "calibration"), {"quality": "fast", "empty": 0.0}
+    (tidy,), (blurred,), (off,) = (frames("cube_v1", 1, 5, effects=one, **options) for one in effects)
+    assert not np.array_equal(tidy.images, blurred.images)
+    assert np.array_equal(tidy.labels, blurred.labels)
+    assert np.array_equal(tidy.alone, blurred.alone)
     assert np.array_equal(tidy.images, off.images)
     assert tidy.given is tidy.rig
     assert tidy.objects == tidy.scene.objects
