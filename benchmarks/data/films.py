@@ -14,7 +14,7 @@ from benchmarks.data.plan import Plan, stream
 from benchmarks.data.scenes import SIZE, Moment, moment_of
 from benchmarks.data.store import Maker, Store
 from synthetic.effects import NAMES as EFFECTS
-from synthetic.frames import FrameMaker, FrameOptions
+from synthetic.frames import Frame, FrameMaker, FrameOptions
 from tracker.conventions import FloatArray
 
 RATE = 10.0
@@ -55,11 +55,21 @@ class FilmFrame(Moment):
 
     stamps: FloatArray
     """(cameras,) timestamp of each image [s]."""
+    positions: FloatArray | None = None
+    """(cameras, 3) position of the object at each of them [m]; None: no object."""
+    rotations: FloatArray | None = None
+    """(cameras, 3, 3) world_from_object at each of them."""
 
     @property
     def timestamp(self) -> float:
         """That of the newest image, for which the pose is given [s]."""
         return float(self.stamps.max())
+
+    def shown(self, camera: int | None) -> tuple[FloatArray | None, FloatArray | None]:
+        """Return position and rotation that a camera's image shows; None: those at `timestamp`."""
+        if camera is None or self.positions is None or self.rotations is None:
+            return self.position, self.rotation
+        return self.positions[camera], self.rotations[camera]
 
 
 def vanishing_frames(length: int) -> list[int]:
@@ -121,9 +131,20 @@ def _maker(object_name: str, style: Style, seed: int, length: int) -> Maker[Film
         whole, emptied = ({first + frame for empty, frame in places if empty == part} for part in (0, 1))
         for frame in maker(style.kinds[film % len(style.kinds)]).chunk(film, whole, emptied):
             number = first + frame.index + length * (not frame.objects)
-            yield number, FilmFrame(**vars(moment_of(frame)), stamps=frame.stamps)
+            yield number, film_frame(frame)
 
     return make
+
+
+def film_frame(frame: Frame) -> FilmFrame:
+    """Return what a rendered frame of a film shows."""
+    positions = rotations = None
+    if frame.objects:
+        states = [state for (state,) in frame.objects_at_stamps]
+        positions, rotations = (
+            np.array([getattr(one, key) for one in states]) for key in ("position", "rotation")
+        )
+    return FilmFrame(**vars(moment_of(frame)), stamps=frame.stamps, positions=positions, rotations=rotations)
 
 
 def vanishing_film(store: FilmStore, film: int, start: int, positions: FloatArray) -> Iterator[FilmFrame]:

@@ -85,7 +85,7 @@ def _films(
 
 
 def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | None = None) -> pd.DataFrame:
-    """Play a film to a reset tracker, with the images of all cameras or of only one.
+    """Play a film to a reset tracker: the images of all cameras, or of one, at whose timestamps it is judged.
 
     Returns:
         A row for each frame: `timestamp`, `present`, `status`, `visible` (mean over the given cameras),
@@ -99,7 +99,7 @@ def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | 
         answer = same[0][0]
         measured, filtered = answer.object_pose, answer.filtered_object_pose
         seen = frame.visible_fraction if camera is None else frame.visible_fraction[camera]
-        true = true_pose(frame.position, frame.rotation)
+        true = true_pose(*frame.shown(camera))
         row: dict[str, Any] = {
             "timestamp": frame.timestamp,
             "present": frame.position is not None,
@@ -124,7 +124,7 @@ def _played(
     played = []
     for frame in film:
         images = [image if camera in (None, k) else None for k, image in enumerate(frame.images)]
-        stamps = frame.stamps if camera is None else frame.timestamp
+        stamps = frame.stamps if camera is None else float(frame.stamps[camera])
         played.append(in_turn(functools.partial(own.update, images, stamps), images))
     return played
 

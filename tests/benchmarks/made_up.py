@@ -1,6 +1,7 @@
 """Answers of a run that never was, for tests of what is made from answers."""
 
 import dataclasses
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,27 @@ def printed_by(*arguments: object) -> str:
 def figures_of(rows: Any, table: str) -> list[dict[str, Any]]:
     """Rows of a table that are made of rows of answers."""
     return list(BY_NAME[table].figures(pd.DataFrame(rows)))
+
+
+class Knowing:
+    """A tracker that knows where an object is that goes along x at 1 m/s, but for `off` [m]."""
+
+    def __init__(self, off: float = 0.0) -> None:
+        self.off, self.resets = off, 0
+        self.given: list[tuple[int, Any]] = []
+
+    def reset(self) -> None:
+        self.resets += 1
+
+    def update(self, images: Any, timestamp: Any) -> SimpleNamespace:
+        first = next(image for image in images if image is not None)
+        self.given.append((int(first[0, 0, 0]), timestamp))
+        pose, status = self.predict(float(np.max(timestamp))), SimpleNamespace(value="found")
+        return SimpleNamespace(object_pose=pose, filtered_object_pose=None, status=status)
+
+    def predict(self, timestamp: float) -> SimpleNamespace:
+        position, orientation = np.array([timestamp, self.off, 0]), np.array([0, 0, 0, 1.0])
+        return SimpleNamespace(position=position, orientation=orientation, covariance=1e-6 * np.eye(6))
 
 
 def answer(**values: Any) -> dict[str, Any]:

@@ -1,5 +1,4 @@
 import dataclasses
-from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -10,7 +9,7 @@ from benchmarks.data.plan import Plan
 from benchmarks.judge.results import read_results
 from benchmarks.measure import films
 from benchmarks.score import films as score
-from tests.benchmarks.made_up import assert_survives, figures_of, film, printed_by
+from tests.benchmarks.made_up import Knowing, assert_survives, figures_of, film, printed_by
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 
@@ -19,7 +18,8 @@ def frame_of(number, position=(0.0, 0.0, 0.0), rotation=None) -> FilmFrame:
     image = np.full((4, 4, 3), number, np.uint8)
     turn = np.eye(3) if rotation is None else rotation
     stamps = number / 10 - np.array([0.004, 0.0, 0.002])
-    return FilmFrame((image,) * 3, np.ones(3), np.array(position), turn, stamps=stamps)
+    shown = {"positions": np.outer(stamps, [1.0, 0.0, 0.0]), "rotations": np.stack([turn] * 3)}
+    return FilmFrame((image,) * 3, np.ones(3), np.array(position), turn, stamps=stamps, **shown)
 
 
 def test_a_frame_survives_the_disk(rng):
@@ -28,11 +28,12 @@ def test_a_frame_survives_the_disk(rng):
         assert_survives(one)
 
 
-def test_update_is_given_the_stamp_of_each_image():
-    own, frame = Mock(), frame_of(3)
-    for camera, stamps in ((None, [0.296, 0.3, 0.298]), (1, 0.3)):
-        films._played(own, [frame], camera)
-        np.testing.assert_allclose(own.update.call_args.args[1], stamps)
+@pytest.mark.parametrize(("camera", "stamps"), [(None, [0.296, 0.3, 0.298]), (0, 0.296), (1, 0.3)])
+def test_update_is_given_the_stamp_of_each_image_and_judged_at_it(camera, stamps):
+    own = Knowing()
+    played = films.play(own, [frame_of(k, (k / 10, 0.0, 0.0)) for k in range(4)], camera)
+    np.testing.assert_allclose(own.given[3][1], stamps)
+    np.testing.assert_allclose(played[["measured_mm", "measured_deg"]], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("length", [40, 600])
@@ -131,6 +132,10 @@ def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     assert counts["world"] == counts["world, camera 3"] == 2 * 3
     assert (frames.ratio > 0).all()
     assert len(list(cache.rglob("*.npz"))) == (3 + 1) + 2 * 3
+    (one,) = FilmStore("cube_v2", "world", 3, Plan(workers=1, cache=cache)).frames(1, [2])
+    newest = int(np.argmax(one.stamps))
+    assert np.array_equal(one.positions[newest], one.position)
+    assert np.array_equal(one.rotations[newest], one.rotation)
     store = FilmStore("cube_v2", "realistic", 3, Plan(seed=5, workers=1, cache=cache))
     before = next(store.frames(0, [1]))
     store.store.file(1).write_bytes(b"broken")

@@ -24,7 +24,7 @@ from benchmarks.data.plan import Plan
 from benchmarks.measure import motion as measured_motion
 from benchmarks.measure.motion import GIVEN, measure_motion, play
 from benchmarks.score.errors import pose_errors
-from tests.benchmarks.made_up import assert_survives, figures_of
+from tests.benchmarks.made_up import Knowing, assert_survives, figures_of
 from tests.helpers import opencv_pixels, random_rotations
 from tracker.geometry import so3
 
@@ -41,25 +41,6 @@ def frame_of(number, moving=True) -> MotionFrame:
     image = np.full((4, 4, 3), number, np.uint8)
     latest, ahead = (pose([time, 0, 0]) for time in (number / 10, number / 10 + AHEAD))
     return MotionFrame(stamps, (image,) * 3, (image + 100,) * 3, latest, ahead, moving)
-
-
-class Knowing:
-    """A tracker that knows where the object of `frame_of` is, but for `off` [m]."""
-
-    def __init__(self, off=0.0) -> None:
-        self.off, self.given, self.resets = off, [], 0
-
-    def reset(self):
-        self.resets += 1
-
-    def update(self, images, timestamp):
-        self.given.append((int(images[0][0, 0, 0]), timestamp))
-        answer = self.predict(float(np.max(timestamp)))
-        return SimpleNamespace(object_pose=answer, filtered_object_pose=None)
-
-    def predict(self, timestamp):
-        position, orientation = np.array([timestamp, self.off, 0]), np.array([0, 0, 0, 1.0])
-        return SimpleNamespace(position=position, orientation=orientation, covariance=1e-6 * np.eye(6))
 
 
 @pytest.mark.parametrize("seed", range(5))
