@@ -18,7 +18,7 @@ PROJECT = ("tracker", "synthetic", "benchmarks")
 KEEPERS = ("benchmarks.data.store", "benchmarks.data.fingerprint", "benchmarks.data.plan")
 """Modules that choose and store images; they do not affect pixels."""
 
-LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "pybullet", "trimesh", "pyrender")
+LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "pybullet", "trimesh", "av")
 
 
 @functools.cache

@@ -1,4 +1,6 @@
 import dataclasses
+import re
+import sys
 
 import numpy as np
 import pytest
@@ -172,6 +174,13 @@ def test_pictures_are_made_by_what_the_renderer_imports_and_by_nothing_else():
     assert "tracker/geometry/camera.py" in files
     for other in ("synthetic/export/", "synthetic/cli.py", "benchmarks/data/store.py", "tracker/pose/"):
         assert not any(file.startswith(other) for file in files)
+    named = re.compile(r"^ *(?:import|from) (\w+)(?:[\w.]* import .*| as \w+)?$", re.MULTILINE)
+    used = {
+        name for file in sources if file.suffix == ".py" for name in named.findall(file.read_text("utf-8"))
+    }
+    # Those of files of settings draw nothing.
+    used -= {*sys.stdlib_module_names, *fingerprint.PROJECT, "yaml", "tomli"}
+    assert {{"cv2": "opencv-python-headless"}.get(name, name) for name in used} == {*fingerprint.LIBRARIES}
 
 
 def test_no_two_kinds_of_scenes_and_no_two_commits_share_a_seed():
