@@ -34,7 +34,7 @@ NAMES = (
     # faces are painted on it.
     "table",
     # Tape, cables, cloth and tools lie on the wall, at its foot and outside, half of them in the colours of
-    # faces; never in front of the object.
+    # faces; rarely in front of the object.
     "clutter",
     # Each axis of the object is up to 0.3 mm longer or shorter than stated.
     "sizes",

@@ -220,7 +220,7 @@ def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
 
 
 def _photo(own: Body, rng: np.random.Generator) -> list[Body]:
-    """Return a photo of the object from above, cut out or on white paper, that lies, leans or floats."""
+    """Return a photo of the object from above, cut out or on white paper, that lies or leans on the table."""
     elevation, azimuth = rng.uniform([np.radians(25), 0.0], [np.radians(65), 2 * np.pi])
     towards = direction(azimuth, elevation)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
