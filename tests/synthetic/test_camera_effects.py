@@ -50,9 +50,7 @@ def test_each_part_of_a_picture_is_as_sharp_as_its_distance_to_the_focus_has_it(
             expected = (focus.least**2 + (focus.slope * away) ** 2) * (height / 540) ** 2
             added = spread(light[row, :, channel]) - spread(edge(1)[0, :, channel])
             assert added == pytest.approx(expected, rel=1e-3)
-
-
-def test_blur_neither_makes_nor_takes_light():
+    # Blur neither makes nor takes light.
     light = np.pad(rng(0).uniform(0, 1, (40, 40, 3)).astype(np.float32), ((10, 10), (10, 10), (0, 0)))
     blurred = Focus(0.3, 0.3, 1.0, (0.5, 0.0, 0.0)).blurred(light, np.full((60, 60), 2.0, np.float32))
     assert blurred.sum() == pytest.approx(light.sum(), rel=1e-5)
@@ -91,7 +89,7 @@ def test_pictures_are_those_of_opencvs_lens_and_stretched_channels_of_a_longer_o
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_response_is_that_of_its_inverse(seed):
+def test_the_response_is_that_of_its_inverse_and_keeps_the_brightness_of_a_picture(seed):
     response = Response.sample(rng(seed))
     sensor = dataclasses.replace(response.of(Sensor(psf_sigma=0.0)), noise=None, vignetting=0.0)
     levels = np.arange(1.0, 256.0)
@@ -99,6 +97,11 @@ def test_the_response_is_that_of_its_inverse(seed):
     light = (linear(levels, response.exponent)[:, None] * (1 - black) + black) / sensor.gain
     picture = sensor.expose(light[None].astype(np.float32), rng(0), NEUTRAL)
     assert np.array_equal(picture[0], np.repeat(levels.astype(np.uint8)[:, None], 3, axis=1))
+    before = Sensor(psf_sigma=0.0, vignetting=0.2, gamma=2.0)
+    light = np.full((100, 100, 3), 0.2, np.float32)
+    after = dataclasses.replace(response, black=0.0).of(before)
+    means = [own.expose(light, rng(0), NEUTRAL).mean() for own in (before, after)]
+    assert means[1] == pytest.approx(means[0], rel=0.04)
 
 
 @pytest.mark.parametrize("exponent", [1.5, 2.0])
@@ -111,15 +114,6 @@ def test_the_noise_of_a_response_is_the_measured_one(path, share, exponent):
         raw = mosaicked(sensor.expose(light, rng(1), NEUTRAL))
         found = [raw[1::2, 1::2].std(), raw[0::2, 1::2].std(), raw[0::2, 0::2].std()]
         assert found == pytest.approx([share[k] * noise[k] for noise in NOISE], rel=0.1)
-
-
-def test_a_response_keeps_the_brightness_of_a_picture():
-    before = Sensor(psf_sigma=0.0, vignetting=0.2, gamma=2.0)
-    light = np.full((100, 100, 3), 0.2, np.float32)
-    expected = before.expose(light, rng(0), NEUTRAL).mean()
-    for seed in range(5):
-        after = dataclasses.replace(Response.sample(rng(seed)), black=0.0).of(before)
-        assert after.expose(light, rng(0), NEUTRAL).mean() == pytest.approx(expected, rel=0.04)
 
 
 def test_sharpening_leaves_what_is_even_and_steepens_edges():
@@ -169,9 +163,12 @@ def test_exposure_drifts_slowly_and_by_what_is_drawn():
     np.testing.assert_allclose(unit.at(2.0).settings.gains / unit.settings.gains, own.at(2.0))
 
 
-def test_effects_of_cameras_leave_each_others_draws_alone():
+def test_effects_of_cameras_leave_each_others_draws_alone_and_differ_by_camera_and_scene():
     rig, sensor = standard_rig(), Sensor.sample(rng(1), "new")
-    every, usual = units_of(rig, sensor, rng(2), NAMES, 5, 6), rng(2)
+    every, other = (units_of(rig, sensor, rng(2), NAMES, 5, number) for number in (6, 7))
+    for own in OWN[:2]:
+        assert len({getattr(unit, own) for unit in (*every, *other)}) == 6
+    usual = rng(2)
     none = units_of(rig, sensor, usual, (), 5, 6)
     after = usual.random()
     for name in NAMES:
@@ -189,24 +186,14 @@ def test_effects_of_cameras_leave_each_others_draws_alone():
         assert generator.random() == after
 
 
-def test_cameras_of_a_rig_differ_from_each_other_and_from_scene_to_scene():
-    sensor = Sensor.sample(rng(1), "new")
-    units = [units_of(standard_rig(), sensor, rng(2), NAMES, 5, k) for k in (0, 1)]
-    for own in OWN[:2]:
-        assert len({getattr(unit, own) for scene in units for unit in scene}) == 6
-
-
-def test_a_text_names_what_is_on_in_one_order():
+def test_a_text_names_what_is_on_in_one_order_and_an_unknown_effect_is_refused_by_its_name():
     assert chosen_effects("none") == chosen_effects("") == chosen_effects(()) == ()
     assert chosen_effects("world") == chosen_effects(reversed(NAMES)) == NAMES
     for text in ("focus, chamfers", ["focus", "chamfers"]):
         assert chosen_effects(text) == ("chamfers", "focus")
-
-
-@pytest.mark.parametrize("found", ["fog", "chamfers,fog", ["fog"]])
-def test_an_unknown_effect_is_refused_by_its_name(found):
-    with pytest.raises(EffectError, match="effect: found 'fog', expected one of chamfers"):
-        chosen_effects(found)
+    for found in ("fog", "chamfers,fog", ["fog"]):
+        with pytest.raises(EffectError, match="effect: found 'fog', expected one of chamfers"):
+            chosen_effects(found)
 
 
 def test_streams_of_effects_differ_by_name_seed_and_number():

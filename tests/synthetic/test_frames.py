@@ -31,24 +31,14 @@ def test_a_frame_depends_on_seed_and_number_alone():
     assert not np.array_equal(pixels(other), pixels(again))
 
 
-def test_a_sequence_can_be_entered_anywhere():
-    whole, last = (make(count, sequence=True, kind="push", first=3 - count) for count in (3, 1))
-    assert [frame.index for frame in whole] == [0, 1, 2]
-    assert np.array_equal(pixels(whole[2]), pixels(last[0]))
-    assert all(a.timestamp < b.timestamp for a, b in itertools.pairwise(whole))
-
-
-def test_a_motion_is_as_long_as_asked_for():
+def test_a_motion_is_as_long_as_asked_for_can_be_entered_anywhere_and_emptied_of_its_object_alone():
     with FrameMaker(FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=3), RIG) as maker:
-        frames = list(maker.chunk(1))
-        assert [frame.index for frame in frames] == [3, 4, 5]
-
-
-def test_an_emptied_frame_differs_by_its_object_alone():
-    options = FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=2)
-    with FrameMaker(options, RIG) as maker:
-        whole, empty = maker.chunk(0, {1}, {1})
-    assert (whole.index, empty.index) == (1, 1)
+        motion, (last,) = list(maker.chunk(1)), maker.numbered([5])
+        whole, empty = maker.chunk(1, {5}, {5})
+    assert [frame.index for frame in motion] == [3, 4, 5]
+    assert all(np.array_equal(pixels(motion[2]), pixels(frame)) for frame in (last, whole))
+    assert all(a.timestamp < b.timestamp for a, b in itertools.pairwise(motion))
+    assert (whole.index, empty.index) == (5, 5)
     assert whole.timestamp == empty.timestamp
     assert len(whole.objects) == 1
     assert empty.objects == ()

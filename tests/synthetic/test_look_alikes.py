@@ -106,7 +106,7 @@ def test_no_other_arrangement_is_the_true_one_turned(kind, name):
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_sizes_are_what_their_names_say(name):
+def test_sizes_plates_photos_and_prisms_are_what_their_names_say(name):
     for scene, rng in bare_scenes(name, 10):
         (scale,) = np.unique(ratios(scene, "size", rng))
         assert SMALLER[0] <= scale <= SMALLER[1] or LARGER[0] <= scale <= LARGER[1]
@@ -115,17 +115,13 @@ def test_sizes_are_what_their_names_say(name):
         least, most = SHORTER if other == 1.0 else LONGER
         assert least <= one * other <= most
         assert 1.0 in (one, other)
-
-
-def test_plates_photos_and_prisms_are_what_their_names_say():
-    for name in OBJECTS:
-        (cylinder,), (prism,) = (marked(shown(kind, name).scene) for kind in ("round", "prism"))
-        assert 5 <= len(cylinder.labels) <= 8
-        assert len(prism.labels) in (5, 8)
-        for kind, most in (("plates", 3), ("photo", 1)):
-            bodies = marked(shown(kind, name).scene)
-            assert 1 <= len(bodies) <= most
-            assert all(np.ptp(body.mesh.vertices, axis=0).min() < 0.005 for body in bodies)
+    (cylinder,), (prism,) = (marked(shown(kind, name).scene) for kind in ("round", "prism"))
+    assert 5 <= len(cylinder.labels) <= 8
+    assert len(prism.labels) in (5, 8)
+    for kind, most in (("plates", 3), ("photo", 1)):
+        bodies = marked(shown(kind, name).scene)
+        assert 1 <= len(bodies) <= most
+        assert all(np.ptp(body.mesh.vertices, axis=0).min() < 0.005 for body in bodies)
 
 
 def test_a_mirrored_object_and_one_in_pairs_keep_what_their_names_say():

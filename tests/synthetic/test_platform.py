@@ -20,16 +20,7 @@ def platform():
 LIMITS = np.tile(kinematics.LOWER_LIMITS, 3), np.tile(kinematics.UPPER_LIMITS, 3)
 
 
-@pytest.fixture
-def posed(platform, rng):
-    """Joint angles, and the bodies of a scene with them and one object."""
-    joints = rng.uniform(*LIMITS)
-    states = platform.object_states(np.zeros((1, 3)), np.eye(3)[None])
-    look, lighting = random_look(rng, platform.model), random_lighting(rng)
-    return joints, platform.scene(states, joints, look, lighting, {}).bodies
-
-
-def test_the_tips_are_where_pybullet_has_them_and_lead_back_to_the_joint_angles(platform, rng):
+def test_tips_and_limits_are_those_of_pybullet_and_tips_lead_back_to_the_joint_angles(platform, rng):
     for _ in range(100):
         joints = rng.uniform(*LIMITS)
         platform.world.set_joints(joints)
@@ -40,21 +31,18 @@ def test_the_tips_are_where_pybullet_has_them_and_lead_back_to_the_joint_angles(
             found = kinematics.finger_angles(finger, tips[finger])
             assert found is not None
             np.testing.assert_allclose(found, joints[3 * finger : 3 * finger + 3], atol=1e-6)
-
-
-def test_a_place_out_of_reach_has_no_joint_angles():
-    assert kinematics.finger_angles(0, np.array([0.0, 0.0, 2.0])) is None
-    assert kinematics.finger_angles(0, np.array([0.0, 0.0, 0.29])) is None
-
-
-def test_joint_limits_are_those_of_the_description(platform):
+    for out_of_reach in ([0.0, 0.0, 2.0], [0.0, 0.0, 0.29]):
+        assert kinematics.finger_angles(0, np.array(out_of_reach)) is None
     world = platform.world
     limits = [pybullet.getJointInfo(world.robot, j, physicsClientId=world.client)[8:10] for j in world.joints]
     np.testing.assert_allclose(np.transpose(limits), LIMITS)
 
 
-def test_bodies_of_a_scene_are_where_pybullet_has_the_links(platform, posed):
-    poses = {body.name: body.world_from_body for body in posed[1]}
+def test_bodies_of_a_scene_are_where_pybullet_has_the_links_and_their_meshes_end_at_the_tips(platform, rng):
+    joints, states = rng.uniform(*LIMITS), platform.object_states(np.zeros((1, 3)), np.eye(3)[None])
+    look, lighting = random_look(rng, platform.model), random_lighting(rng)
+    bodies = platform.scene(states, joints, look, lighting, {}).bodies
+    poses = {body.name: body.world_from_body for body in bodies}
     world, seen = platform.world, 0
     for link, name in world.links.items():
         if name in poses:
@@ -64,19 +52,12 @@ def test_bodies_of_a_scene_are_where_pybullet_has_the_links(platform, posed):
             np.testing.assert_allclose(poses[name][:3, :3], matrix, atol=1e-6)
             seen += 1
     assert seen == 19
-
-
-def test_meshes_of_the_robot_end_at_the_tips(posed):
-    joints, bodies = posed
     for finger, tip in enumerate(kinematics.tips(joints)):
         (body,) = (body for body in bodies if body.name == f"finger_tip_link_{120 * finger}")
         distance = np.linalg.norm(body.points - tip, axis=1)
         assert distance.min() == pytest.approx(kinematics.TIP_RADIUS, abs=1e-4)
-
-
-def test_groups_have_colours_and_labels_and_meshes_with_one_key_are_equal(posed):
-    meshes = {}
-    for body in posed[1]:
+    meshes = {}  # of one key are equal
+    for body in bodies:
         assert body.mesh.groups.max() < len(body.colors) == len(body.labels)
         assert len(body.mesh.groups) == len(body.mesh.triangles)
         assert body.mesh.triangles.max() < len(body.mesh.vertices)

@@ -52,15 +52,12 @@ def crowded(rotation: Array) -> PlatformScene:
     return PlatformScene((cube, TABLE, *balls), lighting(0.5, lamp(0.3, 0.2, 1)))
 
 
-def test_shadows_only_take_light_away() -> None:
+def test_light_is_linear_and_shadows_only_take_it_away() -> None:
     scene = crowded(np.eye(3))
     dark, bright = (render(scene, LENS.view, shadows=shadows) for shadows in (True, False))
     assert np.array_equal(dark.labels, bright.labels)
     assert (dark.color <= bright.color + 1e-6).all()
     assert (dark.color < 0.8 * bright.color).any(axis=-1).mean() > 0.02
-
-
-def test_light_is_linear() -> None:
     colors = []
     for ambient, strength in ((0.2, 0.0), (0.0, 0.7), (0.4, 2.1)):
         light = lighting(ambient, lamp(0.3, 0.2, 1, strength))
@@ -69,14 +66,11 @@ def test_light_is_linear() -> None:
     np.testing.assert_allclose(colors[2], 2 * colors[0] + 3 * colors[1], rtol=1e-5, atol=1e-6)
 
 
-def test_lambert_holds_on_a_level_table() -> None:
+def test_lambert_holds_on_a_level_table_and_an_empty_scene_is_black() -> None:
     scene = PlatformScene((TABLE,), lighting(0.5, lamp(3, 0, 4, 0.5)))
     color = LENS.to_camera(render(scene, LENS.view, shadows=False).color, "mean")
     column, row = np.rint(opencv_pixels(CAMERA, np.zeros((1, 3)))[0]).astype(int)
     np.testing.assert_allclose(color[row, column], 0.2 * (0.5 + 0.5 * 0.8), rtol=1e-3)
-
-
-def test_empty_scene_is_black() -> None:
     layers = render(PlatformScene((), lighting()), LENS.view)
     assert not layers.color.any()
     assert not layers.labels.any()

@@ -61,7 +61,7 @@ def test_a_point_of_a_rim_has_the_label_of_the_face_it_looks_like(cut):
     assert (own >= (normals @ FACE_NORMALS.T).max(axis=1) - 1e-12).all()
 
 
-def test_rims_and_prints_keep_labels_and_pose():
+def test_rims_and_prints_keep_labels_and_pose_and_rims_are_about_as_wide_as_usual_and_dirty_by_any_share():
     rng, labels = np.random.default_rng(3), np.arange(1, 7, dtype=np.uint8)
     tidy = Body("cuboid", box(SIZES[0]), np.eye(4), np.full((6, 3), 0.3), labels)
     changed = with_prints(with_rims(tidy, random_rims(rng, 0.0005)), random_prints(rng))
@@ -71,6 +71,16 @@ def test_rims_and_prints_keep_labels_and_pose():
     np.testing.assert_array_equal(changed.labels[:6], tidy.labels)
     np.testing.assert_array_equal(changed.labels[54:], tidy.labels)
     np.testing.assert_array_equal(changed.world_from_body, tidy.world_from_body)
+    for usual in (0.0002, 0.0005, 0.0009):
+        rims = [random_rims(rng, usual) for _ in range(300)]
+        widths = np.array([one.width for one in rims])
+        assert (widths >= max(usual - SPREAD_M, 0)).all()
+        assert (widths <= WIDTH_M).all()
+        assert np.median(widths) == pytest.approx(usual, abs=0.0002)
+        dirty = np.array([(one.dirt < 1).mean() for one in rims])
+        assert dirty.min() < 0.1
+        assert dirty.max() > 0.9
+        assert max(one.dirt[one.dirt < 1].max(initial=0.0) for one in rims) <= SEAM[1]
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -85,17 +95,3 @@ def test_a_print_covers_its_face_up_to_the_margin_and_the_rounded_corners(size):
         # An arc of three segments lies within the circle by 1.1 % of its quarter's area.
         whole = np.prod(sides - 2 * margin) - (4 - np.pi) * corner**2
         np.testing.assert_allclose(areas[face], whole, rtol=0, atol=0.05 * np.pi * corner**2)
-
-
-def test_rims_are_about_as_wide_as_those_of_the_object_and_dirty_or_pale_by_any_share():
-    rng = np.random.default_rng(4)
-    for usual in (0.0002, 0.0005, 0.0009):
-        rims = [random_rims(rng, usual) for _ in range(300)]
-        widths = np.array([one.width for one in rims])
-        assert (widths >= max(usual - SPREAD_M, 0)).all()
-        assert (widths <= WIDTH_M).all()
-        assert np.median(widths) == pytest.approx(usual, abs=0.0002)
-        dirty = np.array([(one.dirt < 1).mean() for one in rims])
-        assert dirty.min() < 0.1
-        assert dirty.max() > 0.9
-        assert max(one.dirt[one.dirt < 1].max(initial=0.0) for one in rims) <= SEAM[1]

@@ -157,13 +157,10 @@ def test_what_surrounds_an_object_does_not_depend_on_it(platforms):
     assert len({rng.random() for rng in rngs}) == 1
 
 
-def test_an_object_larger_than_the_arena_is_refused():
-    with pytest.raises(TrackerError, match=r"diagonal of 0\.433 m, expected less than the arena's 0\.38 m"):
-        random_place(default_rng(0), np.full(3, 0.25), np.eye(3))
-
-
-def test_unknown_kinds_are_refused_by_name(platforms):
+def test_objects_larger_than_the_arena_and_unknown_kinds_are_refused(platforms):
     platform, rng = platforms["cube_v2"], default_rng(0)
+    with pytest.raises(TrackerError, match=r"diagonal of 0\.433 m, expected less than the arena's 0\.38 m"):
+        random_place(rng, np.full(3, 0.25), np.eye(3))
     with pytest.raises(TrackerError, match=r"dice_goal.*expected one of rest"):
         random_scene(platform, rng, kind="dice_goal")
     with pytest.raises(TrackerError, match=r"fly.*expected one of push"):

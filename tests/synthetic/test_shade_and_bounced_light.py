@@ -51,9 +51,7 @@ def test_shade_is_deepest_at_the_contact_and_gone_far_from_it():
     assert 0 < share[-1] < 2e-3
     # Of the half of the view that faces the ground, a strip from d to d + w seen from the height d.
     assert hidden(WIDTH, WIDTH) == pytest.approx(1 - np.sqrt(0.5))
-
-
-def test_face_and_table_darken_alike_towards_their_common_line():
+    # Face and table darken alike towards their common line.
     distance = np.linspace(0.0, 0.02, 50)
     face = np.stack([np.full(50, 0.03), np.zeros(50), distance], axis=1)
     table = np.stack([0.03 + distance, np.zeros(50), np.zeros(50)], axis=1)
@@ -126,14 +124,11 @@ def test_a_far_patch_gives_by_its_solid_angle_and_both_cosines():
         np.testing.assert_allclose(round_one, expected / np.cos(angle), rtol=1e-3)
 
 
-def test_what_lies_behind_or_turns_away_or_is_the_same_body_gives_nothing():
+def test_patches_add_up_and_what_lies_behind_or_turns_away_or_is_the_same_body_gives_nothing():
     above = (0.0, 0.0, 0.03)
     assert given(patch(above)).all()
     for nothing in (patch((0.0, 0.0, -0.03)), patch(above, (0.0, 0.0, 1.0)), patch(above, owner="floor")):
         assert not given(nothing).any()
-
-
-def test_patches_add_up_and_give_no_more_than_they_have():
     near = patch((0.0, 0.0, 0.001), area=0.01)
     assert (given(near) <= ALBEDO * LIGHT).all()
     two = Patches.joined([patch((0.01, 0.0, 0.03)), patch((-0.02, 0.0, 0.03))])

@@ -38,15 +38,13 @@ def test_the_masks_are_where_pictures_change_with_the_robot(fingers, rng):
             assert np.count_nonzero(mask & shown) > 0.98 * np.count_nonzero(mask | shown)
 
 
-def test_only_the_finger_whose_joints_move_moves(fingers):
+def test_fingers_move_with_their_joints_unknown_joints_hide_nothing_and_a_margin_widens_masks(fingers):
     moved = JOINTS.copy()
     moved[3:6] += 0.1
     for before, after in zip(fingers(JOINTS), fingers(moved), strict=True):
         assert (before != after).any()
     np.testing.assert_array_equal(fingers(JOINTS), fingers(JOINTS.tolist()))
-
-
-def test_a_margin_widens_the_masks(fingers):
+    assert fingers(np.full(9, np.nan)) == [None] * 3
     with FingerMasks(RIG, margin=3) as wider:
         for mask, wide in zip(fingers(JOINTS), wider(JOINTS), strict=True):
             assert wide[mask].all()
@@ -55,17 +53,10 @@ def test_a_margin_widens_the_masks(fingers):
             assert np.count_nonzero(away) > 100
 
 
-def test_joints_that_are_not_known_hide_nothing(fingers):
-    assert fingers(np.full(9, np.nan)) == [None] * 3
-
-
-@pytest.mark.parametrize("joints", [np.zeros(8), np.zeros((1, 9)), "rest", None])
-def test_what_are_no_joint_angles_is_named(fingers, joints):
-    with pytest.raises(TrackerError, match=r"joints: found .*, expected numbers of shape \(9,\)"):
-        fingers(joints)
-
-
-def test_what_is_no_margin_or_rig_is_refused():
+def test_what_are_no_joint_angles_no_margin_or_no_rig_is_named(fingers):
+    for joints in (np.zeros(8), np.zeros((1, 9)), "rest", None):
+        with pytest.raises(TrackerError, match=r"joints: found .*, expected numbers of shape \(9,\)"):
+            fingers(joints)
     for margin in (-1, 1.5, "3"):
         with pytest.raises(TrackerError, match="margin: found "):
             FingerMasks(RIG, margin=margin)
