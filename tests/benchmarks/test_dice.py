@@ -69,11 +69,8 @@ def test_what_is_hidden_counts_over_all_cameras_together():
     seen = visible_fractions(RIG.cameras, scene_of(positions, rotations, labels))
     assert seen[0] == pytest.approx(left / whole, abs=0.02)
     assert (seen < 0.6).all()
-
-
-def test_a_die_out_of_view_is_not_visible():
-    scene = scene_of([[0.0, 0.0, 0.011], [30.0, 0.0, 0.011]], [np.eye(3)] * 2)
-    assert visible_fractions(RIG.cameras, scene).tolist() == [0.0, 0.0]
+    positions[1][0] = 30.0  # out of view
+    assert visible_fractions(RIG.cameras, scene_of(positions, rotations)).tolist() == [0.0, 0.0]
 
 
 def test_the_cross_is_where_the_cameras_own_projection_has_it():
@@ -87,7 +84,7 @@ def test_the_cross_is_where_the_cameras_own_projection_has_it():
         assert not cross_pixels(camera, bar[None][:0]).any()
 
 
-def test_dice_that_are_left_over_are_invented():
+def test_as_many_dice_as_can_be_are_paired_and_those_that_are_left_over_are_invented():
     true = np.array([[0.0, 0.0, 0.011], [0.1, 0.0, 0.011]])
     found = [die([0.1, 0.001, 0.011]), die([0.1, 0.004, 0.011], 0.6), die([-0.1, 0.0, 0.011], 0.3)]
     answer = judge_positions(true, found)
@@ -95,27 +92,22 @@ def test_dice_that_are_left_over_are_invented():
     assert answer.error[1] == pytest.approx(0.001)
     assert answer.right.tolist() == [True, False, False]
     assert answer.probability.tolist() == [0.9, 0.6, 0.3]
-
-
-def test_distance_is_in_space_and_half_an_edge_is_near_enough():
+    # Distance is in space, and half an edge is near enough.
     for distance, right in ((RIGHT - 1e-6, True), (RIGHT + 1e-6, False)):
         assert judge_positions(np.zeros((1, 3)), [die([0.0, 0.0, distance])]).right.tolist() == [right]
-
-
-def test_no_pair_is_given_up_for_a_nearer_one():
     true = np.array([[0.0, 0.0, 0.0], [0.012, 0.0, 0.0]])
-    # The first is nearest to the second true die, but the other is near no other.
+    # The first is nearest to the second true die, but the other is near no other: no pair is given up.
     answer = judge_positions(true, [die([0.009, 0.0, 0.0]), die([0.02, 0.0, 0.0])])
     assert answer.right.all()
     assert answer.error == pytest.approx([0.009, 0.008])
 
 
-@pytest.mark.parametrize("count", [0, 3])
-def test_nothing_reported_and_nothing_true_are_answers_too(count):
-    answer = judge_positions(np.zeros((count, 3)) + np.arange(count)[:, None], [])
-    assert np.isnan(answer.error).all()
-    assert answer.error.shape == (count,)
-    assert answer.right.shape == (0,)
+def test_nothing_reported_and_nothing_true_are_answers_too():
+    for count in (0, 3):
+        answer = judge_positions(np.zeros((count, 3)) + np.arange(count)[:, None], [])
+        assert np.isnan(answer.error).all()
+        assert answer.error.shape == (count,)
+        assert answer.right.shape == (0,)
     assert not judge_positions(np.zeros((0, 3)), [die(np.zeros(3))]).right.any()
 
 
@@ -136,16 +128,13 @@ def test_pixels_of_masks_are_counted_once_and_where_they_belong():
     assert view == expected | {"elsewhere": 6, "total": 1600}
 
 
-def test_all_pixels_together_are_not_the_mean_of_views():
+def test_figures_are_of_all_pixels_together_and_of_dice_by_what_is_seen_of_them():
     keys = ("true", "found", "both", "cross", "cross_taken", "elsewhere", "total")
     counts = (10, 10, 10, 0, 0, 0, 100), (90, 100, 60, 8, 2, 10, 100)
     views = [THROWN | dict(zip(keys, one, strict=True)) for one in counts]
     (row,) = figures_of(views, "dice, masks")
     found = [row[key] for key in ("iou", "precision", "recall", "cross_taken", "elsewhere")]
     assert found == pytest.approx([70 / 140, 70 / 110, 0.7, 25, 5])
-
-
-def test_figures_of_positions():
     dice = [(1.0, 1.0), (0.4, 3.0), (0.35, np.nan), (0.1, np.nan)]
     seen, hidden = figures_of([THROWN | {"visible": v, "mm": mm} for v, mm in dice], "dice, positions")
     assert (seen["n"], hidden["n"], hidden["found"]) == (3, 1, 0)
@@ -157,13 +146,10 @@ def test_figures_of_positions():
     assert row["brier"] == pytest.approx((0.03**2 + 0.04**2 + 0.2**2) / 3)
 
 
-def test_every_kind_of_work_is_timed():
+def test_every_kind_of_work_is_timed_and_a_recorded_picture_is_compared_with_its_mask(tmp_path):
     rows = time_rows(RIG, [np.full((SIZE, SIZE, 3), 80, np.uint8)] * 3)
     assert len({row["group"] for row in rows}) == 4
     assert all(row["ms"] > 0 and row["ratio"] > 0 for row in rows)
-
-
-def test_a_recorded_picture_is_compared_with_its_mask(tmp_path):
     assert recorded_row(tmp_path) == []
     (tmp_path / "dice").mkdir()
     mask = np.zeros((SIZE, SIZE), np.uint8)

@@ -17,23 +17,17 @@ from benchmarks.score.metrics import (
     wilson_interval,
 )
 from benchmarks.score.tables import TABLES, VISIBLE, by_confidence, figures
-from tests.benchmarks.made_up import answer, answers, figures_of, results
+from tests.benchmarks.made_up import OBJECTS, answer, answers, figures_of, results
 from tests.helpers import random_rotations
 from tracker.geometry import so3
 
-CUBE, CUBOID = tracker.load_object("cube_v2").size, tracker.load_object("cuboid_2x2x8_v2").size
 
-
-def test_rotation_splits_into_axis_and_roll(rng):
+def test_rotation_splits_into_axis_and_roll_about_the_cuboids_longest_axis(rng):
     rotations, frame = random_rotations(rng, 20), random_rotations(rng, 1)[0]
     turned = rotations @ so3.exp([0.02, 0, 0]) @ so3.exp([0, 0.3, 0])
     for pair in ((rotations, turned), (turned, rotations), (frame @ rotations, frame @ turned)):
         np.testing.assert_allclose(errors.roll_error(*pair, 1), 0.3, atol=1e-9)
-
-
-def test_only_the_cuboid_has_a_longest_axis():
-    assert errors.longest_axis(CUBE) is None
-    assert errors.longest_axis(CUBOID) == 1
+    assert [errors.longest_axis(tracker.load_object(name).size) for name in OBJECTS] == [None, 1]
 
 
 def test_nees_of_a_true_covariance_is_chi_squared(rng):
@@ -76,7 +70,7 @@ def test_what_is_not_the_object_counts_as_found_above_a_confidence():
     assert [row[key] for key in ("found", "above_5", "above_9", "greatest")] == [75, 50, 25, 0.95]
 
 
-def test_every_metric_gives_a_number_and_its_text():
+def test_every_metric_gives_a_number_and_its_text_and_the_typical_one_is_the_geometric_mean():
     frames = results(12).frames
     rows = figures(frames)
     for table in TABLES:
@@ -86,6 +80,7 @@ def test_every_metric_gives_a_number_and_its_text():
             for metric in table.metrics:
                 assert isinstance(row.get(metric.name, 0.0), float | int)
                 assert metric.text(1.0).strip()
+    assert metrics.typical("mm")(pd.DataFrame({"mm": [0.1, 10.0, np.nan]})) == pytest.approx(1.0)
     expected = {"accuracy", "trust", "finds", "detect", "films", "update", "third camera"}
     assert {row["table"] for row in rows} > expected
     assert all(math.isfinite(value) for row in rows for value in row.values() if isinstance(value, float))
@@ -111,10 +106,6 @@ def test_a_metric_knows_what_is_worse(better, before, after, worse):
         assert Metric("x", "x", lambda rows: 0.0, better=better, **allowed).worse(before, after) is worse
 
 
-def test_the_typical_value_is_the_geometric_mean():
-    assert metrics.typical("mm")(pd.DataFrame({"mm": [0.1, 10.0, np.nan]})) == pytest.approx(1.0)
-
-
 def test_intervals_hold_their_figure_and_shrink_with_the_count():
     for share, count in ((0.0, 10), (50.0, 10), (100.0, 10), (50.0, 1000)):
         low, high = wilson_interval(share, count)
@@ -124,6 +115,13 @@ def test_intervals_hold_their_figure_and_shrink_with_the_count():
         assert (low, high) == pytest.approx((100 * own.low, 100 * own.high), abs=1e-9)
     assert np.ptp(wilson_interval(50.0, 1000)) < np.ptp(wilson_interval(50.0, 10))
     assert wilson_interval(np.nan, 0) == (0, 100)
+    # The frames of a film count once.
+    rows = pd.DataFrame(
+        {"film": np.repeat([0, 1, 0], 8), "camera": np.repeat(["a", "a", "b"], 8), "right": True}
+    )
+    share = Metric("x", "x", lambda own: percent(own.right), share=True)
+    assert share.interval(rows) == wilson_interval(100.0, 3)
+    assert share.interval(rows.drop(columns="film")) == wilson_interval(100.0, 24)
 
 
 @pytest.mark.parametrize("frames", [1, 8])
@@ -136,15 +134,6 @@ def test_the_bootstraps_interval_covers_as_often_as_it_says(frames):
         low, high = bootstrap_interval(lambda own: median(own.x), pd.DataFrame({"x": values, "film": film}))
         inside += low <= 0.0 <= high
     assert 51 <= inside <= 60
-
-
-def test_the_frames_of_a_film_count_once():
-    rows = pd.DataFrame(
-        {"film": np.repeat([0, 1, 0], 8), "camera": np.repeat(["a", "a", "b"], 8), "right": True}
-    )
-    share = Metric("x", "x", lambda own: percent(own.right), share=True)
-    assert share.interval(rows) == wilson_interval(100.0, 3)
-    assert share.interval(rows.drop(columns="film")) == wilson_interval(100.0, 24)
 
 
 def test_an_honest_confidence_is_found_to_be_honest():

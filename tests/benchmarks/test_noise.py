@@ -61,7 +61,7 @@ def test_a_slope_of_confidence_that_may_not_be_negative_leaves_mean_and_spread_a
     assert abs(left.std() - own["spread"]) < 0.01
 
 
-def test_covers_hide_the_share_that_they_say(rng):
+def test_covers_hide_the_share_that_they_say_and_refined_cameras_are_near_the_true_ones(rng):
     image = np.full((270, 270, 3), 255, np.uint8)
     pose = np.array([0.0, 0.0, 0.0325]), np.eye(3)
     one = FilmFrame((image,) * 3, np.ones(3), *pose, stamps=np.zeros(3))
@@ -71,9 +71,6 @@ def test_covers_hide_the_share_that_they_say(rng):
     assert 0.2 < (shares > 0).mean() < 0.9
     assert painted[shares > 0.2].all()
     assert not painted[shares == 0].any()
-
-
-def test_refined_cameras_are_near_the_true_ones(rng):
     given = stated(rig(), rng)
     for camera, true in zip(mended(rig(), given, rng), rig(), strict=True):
         off = camera.camera_from_world[:3, 3] - true.camera_from_world[:3, 3]

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.data import disturbances
 from benchmarks.data.package import environment as package
 from benchmarks.data.package.environment import PACKAGE, VARIABLE, VERSION, PackageError, interpreter, run
 from benchmarks.data.package.scenes import LENS_MARGIN, Drawing, as_drawn, bend_map, bent, face_map
@@ -46,13 +45,10 @@ def test_an_interpreter_that_is_chosen_has_to_be_there(tmp_path, monkeypatch):
             use(tmp_path)
 
 
-def test_nothing_is_installed_unless_requested(tmp_path):
+def test_an_environment_is_made_if_requested_once_and_again_where_its_python_has_gone(tmp_path, commands):
     with pytest.raises(PackageError, match="not installed"):
         interpreter(tmp_path, install=False)
     assert not list(tmp_path.iterdir())
-
-
-def test_an_environment_is_made_once_and_again_where_its_python_has_gone(tmp_path, commands):
     python = interpreter(tmp_path)
     assert python.is_file()
     assert python.is_relative_to(tmp_path)
@@ -108,15 +104,12 @@ def test_a_bent_picture_shows_points_where_opencv_projects_them(rng):
         np.testing.assert_allclose(centre, (u, v), atol=0.15)
 
 
-def test_without_distortion_a_lens_bends_nothing(rng):
+def test_without_distortion_a_lens_bends_nothing_and_a_margin_that_is_too_narrow_is_named(rng):
     camera = dataclasses.replace(make_camera(), distortion=np.zeros(5))
     size = camera.width + 2 * LENS_MARGIN
     picture = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)
     inner = picture[LENS_MARGIN:-LENS_MARGIN, LENS_MARGIN:-LENS_MARGIN]
     np.testing.assert_array_equal(bent(picture, bend_map(camera, LENS_MARGIN)), inner)
-
-
-def test_a_margin_that_is_too_narrow_is_named():
     with pytest.raises(CalibrationError, match=r"camera60: its lens shows .* px more .* margin of 5 px"):
         bend_map(make_camera(), 5)
 
@@ -146,16 +139,7 @@ def test_with_its_lens_a_camera_keeps_what_its_file_says():
     np.testing.assert_array_equal(whole.camera_from_world_std, camera.camera_from_world_std)
     np.testing.assert_array_equal(whole.matrix, bare.matrix)
     assert as_drawn(camera, Drawing(scale=4)).matrix[1, 2] == pytest.approx(camera.matrix[1, 2] - 0.25)
-
-
-def test_workloads_through_the_lens_share_their_scenes():
+    # Both workloads through the lens share their scenes.
     first, second = (BY_NAME[f"simulation package, lens{more}"].base for more in ("", ", blurred"))
     assert first == second
     assert PACKAGES[first].lens
-
-
-def test_a_slight_blur_is_the_same_for_all(rng):
-    image = rng.integers(0, 256, (32, 32, 3), dtype=np.uint8)
-    once, again = (disturbances.slight_blur([image], np.random.default_rng(seed))[0] for seed in (1, 2))
-    np.testing.assert_array_equal(once, again)
-    assert once.std() < image.std()

@@ -200,10 +200,8 @@ def test_publishing_writes_all_documents_of_release_scenes(published):
     assert documents.block(documents.README) == documents.brief(found)
     # Single scenes are nobody's business.
     assert not (folder / "out" / "worst.jpg").exists()
-
-
-def test_nothing_is_published_of_a_tree_with_changes_or_of_other_scenes(published):
-    runs, tree, _ = published
+    # Nothing is published of a tree with changes or of other scenes.
+    documents.PUBLISHED.unlink()
     assert "release scenes are drawn from the commit" in str(runs("--seed", "5").exception)
     tree["clean"] = False
     assert isinstance(runs().exception, ResultsError)

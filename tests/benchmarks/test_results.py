@@ -61,25 +61,23 @@ def measured(tmp_path, monkeypatch):
     return run, tree, count
 
 
-def test_parts_of_one_tree_are_put_together_and_say_what_made_them(measured, tmp_path):
-    run, _, _ = measured
+def test_parts_of_one_tree_are_put_together_and_say_what_made_them(measured, tmp_path, monkeypatch):
+    run, tree, _ = measured
     run("films")
     run("dice")
     found = read_results(tmp_path)
     assert set(found.frames) == set(found.about["parts"]) == {"films", "dice"}
     made = found.about["parts"]["dice"]
     assert {"commit", "processor", "libraries", "renderer", "seconds"} <= set(made)
-
-
-def test_parts_of_different_trees_or_scenes_are_not_put_together(measured):
-    run, tree, _ = measured
-    run("films")
     with pytest.raises(ResultsError, match="different trees"):
         run("dice", seed=2)
     tree["code"] = "changed"
     with pytest.raises(ResultsError, match="different trees"):
         run("dice")
     assert set(run("films", "dice", whole=True).frames) == {"films", "dice"}
+    monkeypatch.setitem(runs.PARTS, "films", lambda run: tree.update(code="changed again") or {})
+    with pytest.raises(ResultsError, match="changed while"):
+        run("films")
 
 
 def test_a_run_that_was_broken_off_goes_on_and_a_finished_one_starts_again(measured, monkeypatch):
@@ -144,13 +142,6 @@ def test_a_folder_of_something_else_is_refused(measured, tmp_path, name):
     with pytest.raises(ResultsError, match=f"found {name[:6]}.* and no results.json, expected a new or an"):
         run("films")
     assert (contents(tmp_path), sum(count.values())) == (before, 0)
-
-
-def test_sources_that_change_meanwhile_spoil_the_run(measured, monkeypatch):
-    run, tree, _ = measured
-    monkeypatch.setitem(runs.PARTS, "films", lambda run: tree.update(code="changed") or {})
-    with pytest.raises(ResultsError, match="changed while"):
-        run("films")
 
 
 ELLIPSOID = "inside the stated 95 % ellipsoid"

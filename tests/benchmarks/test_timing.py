@@ -31,13 +31,10 @@ def test_the_shortest_of_several_rounds_counts(clock):
     assert next(count) == timing.ROUNDS
 
 
-def test_one_round_is_work_and_then_its_reference(clock):
+def test_one_round_is_work_and_then_its_reference_to_which_a_missing_image_adds_nothing(clock):
     clock(0.004, 0.002)
     assert timing.in_turn(lambda: "done", IMAGES) == (
         "done",
         pytest.approx({"ms": 4.0, "reference_ms": 2.0, "ratio": 2.0}),
     )
-
-
-def test_a_missing_image_is_no_reference_work():
     timing.reference_work([None, *IMAGES])

@@ -34,13 +34,17 @@ def test_a_disturbance_is_seeded_and_of_each_camera_by_itself(name):
     assert (grey[0] == 100).all()
 
 
-def test_light_stays_within_what_it_says(rng):
+def test_light_stays_within_what_it_says_and_a_slight_blur_is_the_same_for_all(rng):
     grey = [np.full((16, 16, 3), 100, np.uint8)] * 200
     values = np.array(disturbances.light(grey, rng))[:, 0, 0]
     assert values.min() >= 0.8 * 0.6 * 100 - 1
     assert values.max() <= 1.2 * 1.4 * 100 + 1
     ramps = [disturbances._ramp((60, 80), disturbances._slope(rng)) for _ in range(50)]
     assert max(np.abs(ramp - 1).max() for ramp in ramps) <= 0.35 + 1e-12
+    image = rng.integers(0, 256, (32, 32, 3), dtype=np.uint8)
+    once, again = (disturbances.slight_blur([image], np.random.default_rng(seed))[0] for seed in (1, 2))
+    np.testing.assert_array_equal(once, again)
+    assert once.std() < image.std()
 
 
 def test_a_moved_rig_states_by_how_much(rng):
@@ -111,16 +115,13 @@ def test_another_robots_calibration_is_off_by_what_two_robots_differ(real):
         assert 1 < np.linalg.norm(off, axis=-1).max() < 60
 
 
-def test_every_effect_and_every_look_alike_is_a_workload():
+def test_every_effect_and_every_look_alike_is_a_workload_and_every_set_of_scenes_has_a_share():
     from synthetic.effects import NAMES
     from synthetic.world.look_alikes import KINDS
 
     assert {f"effect: {name}" for name in NAMES if name != "timing"} < set(BY_NAME)
     assert {f"look-alike: {kind}" for kind in KINDS} < set(BY_NAME)
     assert len(KINDS) >= 8
-
-
-def test_every_set_of_scenes_has_a_share():
     plan = Plan(FULL)
     for workload in workloads.WORKLOADS:
         assert 4 <= plan.count(workload.base) <= FULL
@@ -129,17 +130,12 @@ def test_every_set_of_scenes_has_a_share():
     assert set(SHARES) >= {"film", "motion", "thrown", "laid"}
 
 
-def test_a_scene_survives_the_disk(rng):
-    one = scene(rng)
-    rigs = np.stack([scenes.rows_of(rig())] * 2)
-    for before in (one, dataclasses.replace(one, position=None, rotation=None, cameras=rigs)):
-        assert_survives(before)
-
-
-def test_cameras_that_are_not_as_stated_go_with_their_scene(rng):
+def test_a_scene_survives_the_disk_and_cameras_that_are_not_as_stated_go_with_it(rng):
     usual, moved = rig(), disturbances.moved_rig(rig(), rng)
     rows = np.stack([scenes.rows_of(usual), scenes.rows_of(moved)])
     one = dataclasses.replace(scene(rng), cameras=rows)
+    for before in (scene(rng), dataclasses.replace(one, position=None, rotation=None)):
+        assert_survives(before)
     given = case(BY_NAME["world"], "cube_v2", one, usual, 1)
     for found, expected in ((given.true_rig, usual), (given.rig, moved)):
         for a, b in zip(found, expected, strict=True):
@@ -160,13 +156,10 @@ def test_the_signature_tells_pictures_apart(rng):
     assert abs(signature([images[0], None, images[2]]) - own) > 0.1
 
 
-def test_words_do_not_move_pixels():
+def test_pictures_are_made_by_code_that_the_renderer_imports_and_by_neither_words_nor_anything_else():
     code = b'"""What."""\ndef f(x):\n    """Doc."""\n    # why\n    return x + 1\n'
     assert fingerprint.code(code) == fingerprint.code(b"def f(x):\n    return x + 1\n")
     assert fingerprint.code(code) != fingerprint.code(b"def f(x):\n    return x + 2\n")
-
-
-def test_pictures_are_made_by_what_the_renderer_imports_and_by_nothing_else():
     sources = fingerprint.sources(["benchmarks.data.scenes"])
     files = {str(path.relative_to(fingerprint.ROOT)) for path in sources}
     assert {"benchmarks/data/scenes.py", "synthetic/frames.py", "synthetic/camera/sensor.py"} <= files
