@@ -42,6 +42,9 @@ DRAWS = 50
 SLOPE = 6.0
 """Decrease of the log rate of gross errors with the visible fraction; too rare to fit it."""
 
+MOST_RATE, MOST_SLOPE = 1e6, 30.0
+"""Largest rate of misses [1/s], and its largest slope over the visible fraction, that a model may have."""
+
 PULL = 0.5
 """Strength of the prior that pulls the logarithm of a number towards the start of the fit."""
 
@@ -182,8 +185,14 @@ def _missed(whole: Array) -> dict[str, float]:
         p = np.clip(rest + (before - rest) * np.exp(-0.1 * (lost + back)), 1e-6, 1 - 1e-6)
         return float(-np.sum(np.where(after, np.log(p), np.log(1 - p))))
 
+    # Without a single miss, or a single pose, the likelihood has no maximum, but a model's numbers have.
+    start, bounds = np.log([30.0, 15.0, 0.02, 25.0]), np.log([MOST_RATE, MOST_SLOPE] * 2)
     best = minimize(
-        surprise, np.log([30.0, 15.0, 0.02, 25.0]), method="Nelder-Mead", options={"maxiter": 2000}
+        surprise,
+        start,
+        method="Nelder-Mead",
+        bounds=[*zip(-bounds, bounds, strict=True)],
+        options={"maxiter": 2000},
     )
     names = "lost", "lost_visible", "found", "found_visible"
     return dict(zip(names, np.exp(best.x).tolist(), strict=True))

@@ -42,11 +42,19 @@ def test_a_file_that_is_written_is_read_again(tmp_path):
     assert path.stat().st_size < 5000
 
 
-def test_rates_of_misses_are_found_again():
+def test_rates_of_misses_are_found_again_and_have_an_end(tmp_path):
     own = {"lost": 3.0, "lost_visible": 2.0, "found": 2.0, "found_visible": 1.0}
     found = score._missed(score.simulated({**VALUES, "missed": own}, made_up(), 3))
     for key, value in found.items():
         assert abs(value - own[key]) < 0.25 * own[key], key
+    # Where all or nothing is found, or all from a visible share on, rates have no end; a file's numbers have.
+    nothing, sudden = np.stack(made_up()), np.stack(made_up())
+    nothing[0, :, 2:9] = sudden[sudden[..., 1] < 0.3, 2:9] = np.nan
+    for rows in (np.stack(made_up()), nothing, sudden):
+        known = {group: {key: (value, ()) for key, value in own.items()} for group, own in VALUES.items()}
+        known["missed"] = {key: (value, ()) for key, value in score._missed(rows).items()}
+        (tmp_path / "noise.toml").write_text(score.to_toml("", known), encoding="utf-8")
+        NoiseModel.load(tmp_path / "noise.toml")
 
 
 def test_a_slope_of_confidence_that_may_not_be_negative_leaves_mean_and_spread_as_they_are(rng):
