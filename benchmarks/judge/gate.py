@@ -57,10 +57,13 @@ def failures(before: Results, after: Results) -> list[str]:
         ResultsError: the runs' images differ.
     """
     worse = []
-    counts = before.frames["accuracy"].groupby("object").size()
-    for name, own in pairs_of(before, after).groupby("object", sort=False):
-        if len(own) < counts[name]:
-            worse.append(f"{name}: {counts[name] - len(own)} scenes of the baseline were not measured")
+    pairs = pairs_of(before, after)
+    for name, count in before.frames["accuracy"].object.value_counts(sort=False).items():
+        own = pairs[pairs.object == name]
+        if len(own) < count:
+            worse.append(f"{name}: {count - len(own)} scenes of the baseline were not measured")
+        if own.empty:
+            continue
         shown = own[own.present_before]
         both = shown[shown.found_before & shown.found_after]
         held = (

@@ -125,6 +125,9 @@ def test_other_pictures_are_not_compared_and_scenes_that_are_not_measured_are_mi
     fewer = copy.deepcopy(baseline)
     fewer.frames["accuracy"] = fewer.frames["accuracy"].iloc[3:]
     assert_told(baseline, fewer, "3 scenes of the baseline were not measured")
+    fewer.frames["accuracy"] = fewer.frames["accuracy"].query("object == 'cube_v2'")
+    count = baseline.frames["accuracy"].object.value_counts()["cuboid_2x2x8_v2"]
+    assert_told(baseline, fewer, f"cuboid_2x2x8_v2: {count} scenes of the baseline were not measured")
 
 
 def test_the_committed_baseline_is_of_these_scenes_and_says_why_it_stands(baseline):
