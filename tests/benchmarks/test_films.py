@@ -62,13 +62,10 @@ def test_a_vanished_object_returns_elsewhere_without_a_jump_in_time():
     assert np.linalg.norm(frames[33].position - frames[12].position) > 0.1
 
 
-def test_losses_are_of_what_had_been_found():
+def test_losses_are_of_what_had_been_found_and_shares_flips_and_ratios_of_all():
     names = ["lost", "found", "coasting", "lost", "lost", "refound", "lost"]
     assert score.losses(film(7, status=names)) == 2
     assert score.losses(pd.concat([film(1, status=["found"]), film(1, film=1, status=["lost"])])) == 0
-
-
-def test_shares_flips_and_ratios():
     own = film()
     own.loc[8:9, ["mm", "deg"]] = 1.0, 170.0
     own.loc[9, "confidence"] = 0.2

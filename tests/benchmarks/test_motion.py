@@ -72,13 +72,10 @@ def test_there_is_a_next_turning_point_wherever_one_is(rng):
         assert np.linalg.norm(motion_films._leg(rng, "straight", 0.0, middle, np.eye(3)).chord) >= LEAST
 
 
-def test_one_camera_is_the_latest_and_none_is_too_late(rng):
+def test_one_camera_is_the_latest_and_none_is_too_late_and_a_frame_survives_the_disk(rng):
     for cameras in (2, 3, 5):
         found = delays(rng, cameras)
         assert (found.min(), found.max(), len(set(found))) == (0, SKEW, cameras)
-
-
-def test_a_frame_survives_the_disk(rng):
     latest = pose(rng.normal(size=3), random_rotations(rng, 1)[0])
     assert_survives(dataclasses.replace(frame_of(3), latest=latest))
 

@@ -143,7 +143,7 @@ def test_a_skewed_spread_keeps_light_and_place_and_is_skewed_the_way_of_its_tail
     np.testing.assert_allclose(Coma(3.0, 0.0).applied(light)[266:275, 1:10, 1], kernel, atol=1e-6)
 
 
-def test_a_fixed_pattern_is_of_the_drawn_strength_and_stays():
+def test_a_fixed_pattern_is_as_strong_as_drawn_and_stays_and_exposure_drifts_slowly_and_as_drawn():
     own, light = FixedPattern.sample(rng(1)), np.full((540, 540, 3), 0.5, np.float32)
     once, again = own.applied(light), own.applied(light)
     assert np.array_equal(once, again)
@@ -152,9 +152,6 @@ def test_a_fixed_pattern_is_of_the_drawn_strength_and_stays():
     assert once[..., 1].mean(axis=0).std() == pytest.approx(np.sqrt(0.2) * spread, rel=0.15)
     assert own.applied(light, binned=True)[..., 1].std() == pytest.approx(spread / 2, rel=0.02)
     assert not np.array_equal(once, FixedPattern.sample(rng(2)).applied(light))
-
-
-def test_exposure_drifts_slowly_and_by_what_is_drawn():
     own = Drift.sample(rng(3))
     factors = np.log([own.at(time) for time in np.arange(0.0, 3 * own.period, 0.1)])
     assert np.abs(factors).max() == pytest.approx(own.amplitude, rel=0.01)

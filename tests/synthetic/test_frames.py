@@ -50,14 +50,11 @@ def test_a_motion_is_as_long_as_asked_for_can_be_entered_anywhere_and_emptied_of
         assert np.abs(one.astype(int) - other)[layer > 0].mean() > 10
 
 
-def test_where_there_is_no_object_there_is_no_label():
+def test_no_object_has_no_label_and_dice_have_their_numbers_and_pips_are_no_holes_in_them():
     (frame,) = make(1, empty=1.0)
     assert frame.truth()["object"] is None
     assert not frame.visible_fraction.any()
     assert not any(labels.any() for labels in frame.labels)
-
-
-def test_dice_have_their_numbers_and_pips_are_no_holes_in_them():
     (frame,) = make(1, name="dice", empty=0.0)
     assert len(frame.truth()["object"]) == 25
     seen = set(np.unique(np.concatenate(frame.labels, axis=None)).tolist()) - {0}

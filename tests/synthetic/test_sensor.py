@@ -96,15 +96,13 @@ def test_noise_follows_its_formula():
         assert image.mean() == pytest.approx(255 * level, abs=0.05)
 
 
-def test_blur_keeps_light_and_place():
+def test_blur_keeps_light_and_place_and_settings_stay_in_their_ranges():
     spot = np.zeros((21, 21, 3), np.float32)
     spot[10, 8] = 4.0
     image = Sensor(psf_sigma=1.2).expose(spot, rng(0))[:, :, 0].astype(float)
     assert middle(image) == pytest.approx([10, 8], abs=1e-9)
     assert image.sum() == pytest.approx(4 * 255, rel=0.02)
-
-
-def test_cameras_differ_in_color_and_brightness_as_allowed():
+    # Cameras differ in colour and brightness as allowed.
     sensor = Sensor(exposure=(0.6, 1.4), white_balance=0.2)
     flat = np.full((4, 4, 3), 0.4, np.float32)
     means = np.array([sensor.expose(flat, rng(seed)).mean(axis=(0, 1)) for seed in range(200)]) / (0.4 * 255)
