@@ -70,17 +70,13 @@ def test_rays_are_unit_and_project_to_their_pixels(camera, rng):
     np.testing.assert_allclose(camera.world_from_camera @ camera.camera_from_world, np.eye(4), atol=1e-15)
 
 
-@given(st.integers(1, 2000), st.integers(1, 2000))
-def test_resizing_commutes_with_projection(width, height):
+@given(st.integers(1, 2000), st.integers(1, 2000), st.integers(-100, 300), st.integers(-100, 300))
+def test_resizing_and_cropping_commute_with_projection(width, height, left, top):
     scale = np.array([width / CAMERA.width, height / CAMERA.height])
     resized = CAMERA.resized(width, height)
     assert (resized.width, resized.height) == (width, height)
     expected = (CAMERA.project(POINTS) + 0.5) * scale - 0.5
     np.testing.assert_allclose(resized.project(POINTS), expected, atol=1e-8)
-
-
-@given(st.integers(-100, 300), st.integers(-100, 300))
-def test_cropping_commutes_with_projection(left, top):
     cropped = CAMERA.cropped(left, top, 100, 80)
     assert (cropped.width, cropped.height) == (100, 80)
     np.testing.assert_allclose(cropped.project(POINTS), CAMERA.project(POINTS) - (left, top), atol=1e-9)
