@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from tests.helpers import RIG, ROOT, make_camera
+from tests.helpers import RIG, ROOT
 from tests.helpers.command import Run
 from tests.helpers.needs import (  # noqa: F401
     lack,
@@ -22,7 +22,7 @@ from tests.helpers.needs import (  # noqa: F401
     pytest_make_collect_report,
     pytest_runtest_makereport,
 )
-from tracker import Camera, CameraRig, cli
+from tracker import CameraRig, cli
 from tracker.warm_up import quickly
 
 # What nohup ignores stays ignored, in the commands that tests begin, too; in the background so does Ctrl-C.
@@ -66,12 +66,6 @@ def rig() -> CameraRig:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240607)
-
-
-@pytest.fixture
-def camera() -> Camera:
-    """A camera like the platform's camera60 at 270×270."""
-    return make_camera()
 
 
 @pytest.fixture

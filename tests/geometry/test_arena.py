@@ -72,25 +72,18 @@ def test_the_arena_holds_what_is_not_beside_or_above_it_or_below_its_table():
         assert not arena.holds(np.array(beyond), 0.0)
 
 
-def test_without_a_table_the_object_may_be_below_the_world_as_far_as_above():
-    arena = Arena(table=None, height=0.2, table_std=(0.0, 0.0))
-    for z, held in ((0.19, True), (0.21, False), (-0.19, True), (-0.21, False)):
-        assert arena.holds(np.array([0.0, 0.0, z]), z - 0.03) == held
-
-
-def test_a_height_that_is_uncertain_may_be_off_by_as_much():
-    arena = Arena(table_std=(0.003, 0.01))
-    place = np.array([0.0, 0.0, 0.02])
-    assert not arena.holds(place, -0.0065)
-    assert arena.holds(place, -0.0065, 0.002)
-    assert not arena.holds(place, -0.0075, 0.002)
-
-
-def test_a_table_whose_tilt_is_uncertain_may_be_lower_beside_its_centre():
-    arena = Arena(table_std=(0.001, 0.03))
+def test_a_height_or_tilt_that_is_uncertain_may_be_off_by_as_much_and_no_table_be_at_any_height():
+    uncertain, place = Arena(table_std=(0.003, 0.01)), np.array([0.0, 0.0, 0.02])
+    assert not uncertain.holds(place, -0.0065)
+    assert uncertain.holds(place, -0.0065, 0.002)
+    assert not uncertain.holds(place, -0.0075, 0.002)
     for away, low in ((0.0, -0.0021), (0.1, -0.0064), (0.2, -0.0123)):
-        assert arena.holds(np.array([0.0, away, 0.03]), low + 2e-4)
-        assert not arena.holds(np.array([0.0, away, 0.03]), low)
+        for more, held in ((2e-4, True), (0.0, False)):
+            place = np.array([0.0, away, 0.03])
+            assert Arena(table_std=(0.001, 0.03)).holds(place, low + more) == held
+    without = Arena(table=None, height=0.2, table_std=(0.0, 0.0))
+    for z, held in ((0.19, True), (0.21, False), (-0.19, True), (-0.21, False)):
+        assert without.holds(np.array([0.0, 0.0, z]), z - 0.03) == held
 
 
 @given(ARENAS)

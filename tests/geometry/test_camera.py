@@ -26,11 +26,8 @@ def test_a_camera_looks_along_its_z_axis_with_y_down():
     np.testing.assert_allclose(center, camera.matrix[:2, 2])
     assert above[1] < center[1]
     assert right[0] > center[0]
-
-
-def test_points_behind_the_camera_have_no_pixel(camera):
-    direction = camera.camera_from_world[2, :3]
-    points = camera.position + np.outer([-0.1, 0.0, 0.1], direction)
+    # Points behind it have no pixel.
+    points = camera.position + np.outer([-0.1, 0.0, 0.1], camera.camera_from_world[2, :3])
     pixels, jacobian = camera.project_with_jacobian(points)
     assert np.isnan(pixels[:2]).all()
     assert np.isnan(jacobian[:2]).any(axis=(1, 2)).all()
@@ -48,9 +45,9 @@ def assert_undistorted(camera: Camera, least: float) -> None:
     np.testing.assert_allclose(opencv_pixels(camera, on_plane, np.eye(4)), pixels[found], atol=1e-9)
 
 
-def test_undistort_inverts_the_distortion_and_says_so_where_no_ray_leads_to_a_pixel(camera):
-    assert_undistorted(camera, 1.0)
-    assert np.isnan(camera.undistort([[5000.0, 5000.0]])).all()
+def test_undistort_inverts_the_distortion_and_says_so_where_no_ray_leads_to_a_pixel():
+    assert_undistorted(CAMERA, 1.0)
+    assert np.isnan(CAMERA.undistort([[5000.0, 5000.0]])).all()
 
 
 def test_every_real_camera_projects_as_opencv_and_undistorts(real, rng):
@@ -62,12 +59,12 @@ def test_every_real_camera_projects_as_opencv_and_undistorts(real, rng):
         np.testing.assert_allclose(camera.project(points), opencv_pixels(camera, points), atol=1e-9)
 
 
-def test_rays_are_unit_and_project_to_their_pixels(camera, rng):
-    pixels = image_grid(camera)
-    np.testing.assert_allclose(np.linalg.norm(camera.rays(pixels), axis=1), 1)
-    np.testing.assert_allclose(camera.project(points_seen(camera, rng, pixels)), pixels, atol=1e-9)
-    np.testing.assert_allclose(camera.position, [0.175, 0.35 * np.sin(np.pi / 3), 0.37])
-    np.testing.assert_allclose(camera.world_from_camera @ camera.camera_from_world, np.eye(4), atol=1e-15)
+def test_rays_are_unit_and_project_to_their_pixels(rng):
+    pixels = image_grid(CAMERA)
+    np.testing.assert_allclose(np.linalg.norm(CAMERA.rays(pixels), axis=1), 1)
+    np.testing.assert_allclose(CAMERA.project(points_seen(CAMERA, rng, pixels)), pixels, atol=1e-9)
+    np.testing.assert_allclose(CAMERA.position, [0.175, 0.35 * np.sin(np.pi / 3), 0.37])
+    np.testing.assert_allclose(CAMERA.world_from_camera @ CAMERA.camera_from_world, np.eye(4), atol=1e-15)
 
 
 @given(st.integers(1, 2000), st.integers(1, 2000), st.integers(-100, 300), st.integers(-100, 300))
@@ -82,11 +79,11 @@ def test_resizing_and_cropping_commute_with_projection(width, height, left, top)
     np.testing.assert_allclose(cropped.project(POINTS), CAMERA.project(POINTS) - (left, top), atol=1e-9)
 
 
-def test_arrays_are_copied_and_read_only(camera):
-    matrix = camera.matrix.copy()
-    copy = dataclasses.replace(camera, matrix=matrix)
+def test_arrays_are_copied_and_read_only():
+    matrix = CAMERA.matrix.copy()
+    copy = dataclasses.replace(CAMERA, matrix=matrix)
     matrix[0, 0] = 1
-    assert copy.matrix[0, 0] == camera.matrix[0, 0]
+    assert copy.matrix[0, 0] == CAMERA.matrix[0, 0]
     with pytest.raises(ValueError, match="read-only"):
         copy.matrix[0, 0] = 1
 
@@ -132,26 +129,17 @@ def _changed(array: np.ndarray, index: tuple[int, ...], value: float) -> np.ndar
         ("camera_from_world", _changed(CAMERA.camera_from_world, (0, 0), 2), "deviates from a rotation"),
         ("camera_from_world", np.diag([1.0, 1.0, -1.0, 1.0]), "by inf, .* axis inverted"),
         ("camera_from_world_std", -np.ones((4, 4)), "found -1, expected standard deviations from 0 to"),
+        ("resized", ("a", 3), "width: found 'a'"),
+        pytest.param("resized", (3, 10**400), "height: found a whole number above", id="large"),
+        ("cropped", ("a", 0, 3, 3), "left and top: found tuple"),
+        ("cropped", (1e300, 0, 3, 3), "principal point"),
+        ("project", (np.zeros((3, 8)),), r"points: found shape \(3, 8\), expected .* \(N, 3\)"),
+        ("project_in_view", (np.zeros((2, 6)),), r"points: found shape \(2, 6\)"),
+        ("undistort", (np.zeros((2, 5)),), r"pixels: found shape \(2, 5\), expected .* \(N, 2\)"),
+        ("rays", (np.zeros(4),), r"pixels: found shape \(4,\)"),
     ],
 )
-def test_impossible_parameters_are_named(key, value, message):
+def test_impossible_parameters_parts_sizes_and_points_are_named(key, value, message):
+    part = getattr(CAMERA, key)
     with pytest.raises(CalibrationError, match=message):
-        dataclasses.replace(CAMERA, **{key: value})
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda: CAMERA.resized("a", 3), "width: found 'a'"),
-        pytest.param(lambda: CAMERA.resized(3, 10**400), "height: found a whole number above", id="large"),
-        (lambda: CAMERA.cropped("a", 0, 3, 3), "left and top: found tuple"),
-        (lambda: CAMERA.cropped(1e300, 0, 3, 3), "principal point"),
-        (lambda: CAMERA.project(np.zeros((3, 8))), r"points: found shape \(3, 8\), expected .* \(N, 3\)"),
-        (lambda: CAMERA.project_in_view(np.zeros((2, 6))), r"points: found shape \(2, 6\)"),
-        (lambda: CAMERA.undistort(np.zeros((2, 5))), r"pixels: found shape \(2, 5\), expected .* \(N, 2\)"),
-        (lambda: CAMERA.rays(np.zeros(4)), r"pixels: found shape \(4,\)"),
-    ],
-)
-def test_impossible_parts_sizes_and_points_are_named(change, message):
-    with pytest.raises(CalibrationError, match=message):
-        change()
+        part(*value) if callable(part) else dataclasses.replace(CAMERA, **{key: value})

@@ -17,7 +17,7 @@ def test_corners_have_the_signs_of_their_bits_and_half_the_size_and_faces_the_no
         assert np.count_nonzero(normal) == 1
 
 
-def test_every_edge_joins_neighbours_and_lies_in_both_its_faces():
+def test_every_edge_joins_neighbours_and_lies_in_both_its_faces_which_turn_counter_clockwise():
     corners = cuboid.corners(SIZE)
     assert len({tuple(sorted(edge[:2])) for edge in cuboid.EDGES.tolist()}) == 12
     for a, b, first, second in cuboid.EDGES:
@@ -25,10 +25,7 @@ def test_every_edge_joins_neighbours_and_lies_in_both_its_faces():
         for face in (first, second):
             heights = (corners[[a, b]] - CENTERS[face]) @ cuboid.FACE_NORMALS[face]
             np.testing.assert_allclose(heights, 0, atol=1e-15)
-
-
-def test_faces_turn_counter_clockwise_seen_from_outside():
-    corners = cuboid.corners(SIZE)
+    # Faces turn counter-clockwise, seen from outside.
     for face, ring in enumerate(cuboid.FACE_CORNERS):
         ring_corners = corners[ring]
         np.testing.assert_allclose(ring_corners.mean(axis=0), CENTERS[face], atol=1e-15)

@@ -53,7 +53,8 @@ def test_visible_faces_are_those_of_the_geometry(rng):
         np.testing.assert_array_equal(heights > 0, expected)
 
 
-def test_points_of_the_image_are_projected_as_ever_and_those_folded_into_it_have_no_pixel(camera, rng):
+def test_points_of_the_image_are_projected_as_ever_and_those_folded_into_it_have_no_pixel(rng):
+    camera = make_camera()
     points = camera.position + 0.5 * camera.rays(image_grid(camera))
     np.testing.assert_array_equal(camera.project_in_view(points), camera.project(points))
     corners = [(-0.5, -0.5), (269.5, -0.5), (-0.5, 269.5), (269.5, 269.5)]

@@ -102,12 +102,8 @@ def test_tiny_errors_are_certainly_within_the_limits_and_huge_ones_hardly_ever(s
 @pytest.mark.parametrize(
     "variances",
     [
-        [np.nan] * 6,
-        [0.0] * 6,
-        [-1e-7] * 6,
-        [1e-4] * 5 + [-1.0],
-        [1e-10] * 5 + [-1e-10],
-        [-1e-10] + [1e-10] * 5,
+        *([value] * 6 for value in (np.nan, 0.0, -1e-7)),
+        *([1e-4] * 5 + [-1.0], [1e-10] * 5 + [-1e-10], [-1e-10] + [1e-10] * 5),
     ],
 )
 def test_a_covariance_that_is_none_gives_no_probability(variances):
