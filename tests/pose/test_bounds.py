@@ -76,18 +76,14 @@ def begun(cameras, blind=()):
     return begin(refiner.model, pictures, solution[0], states, LIKELY), states
 
 
-ELEMENTS = {"none": slice(0), "rotations": np.s_[:3, :3], "translations": np.s_[:3, 3], "all": np.s_[:3]}
-"""The elements of a transform whose errors a file states."""
-
-
-@pytest.mark.parametrize("stated", ELEMENTS)
-def test_cameras_whose_errors_are_not_stated_are_exact(rig, stated):
-    std = np.zeros((4, 4))
-    std[ELEMENTS[stated]] = 1e-3
-    cameras = [dataclasses.replace(camera, camera_from_world_std=std) for camera in rig]
-    assert begun(cameras)[0] is (stated != "none")
+def test_cameras_whose_errors_are_not_stated_are_exact(rig):
     silent = [dataclasses.replace(camera, camera_from_world_std=None) for camera in rig]
     assert begun(silent)[0] is False
+    for stated in (slice(0), np.s_[:3, :3], np.s_[:3, 3], np.s_[:3]):  # none, rotations, translations, all
+        std = np.zeros((4, 4))
+        std[stated] = 1e-3
+        cameras = [dataclasses.replace(camera, camera_from_world_std=std) for camera in rig]
+        assert begun(cameras)[0] is bool(std.any())
 
 
 def test_cameras_at_one_place_see_alike_and_those_around_hardly(rig):

@@ -80,17 +80,15 @@ def test_what_speaks_against_a_fit_makes_it_less_likely(less, more):
     assert judge.log_odds(likelier) > judge.log_odds(less_likely) - 1e-3
 
 
-def test_colours_outside_the_object_speak_against_it():
+def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are_and_colours_outside_against_it():
     fits = [with_cameras(GOOD, elsewhere=count).evidence.nothing for count in (0, 200, 1000)]
     assert fits == sorted(fits)
-
-
-def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are():
     ranks = [judge.rank(rough(rms)) for rms in (0.1, 0.2, 0.4, 0.8)]
     assert ranks == sorted(set(ranks), reverse=True)
     for fit in (rough(0.05), rough(0.3)):
         fewer = {name: 0.7 * fit.cameras[name] for name in ("inliers", "squares")}
         assert judge.rank(with_cameras(fit, **fewer)) < judge.rank(fit)
+    assert math.isfinite(judge.rank(with_cameras(GOOD, expected=0.0, blur=0.0, **NO_EDGES)))
 
 
 def test_what_noise_explains_does_not_speak_against_the_object():
@@ -100,10 +98,6 @@ def test_what_noise_explains_does_not_speak_against_the_object():
     assert trusted == sorted(trusted)
     assert trusted[0] < trusted[1] < trusted[2]
     assert len({judge.rank(one) for one in noisy}) == 1
-
-
-def test_a_rank_is_finite_for_a_fit_without_pieces():
-    assert math.isfinite(judge.rank(with_cameras(GOOD, expected=0.0, blur=0.0, **NO_EDGES)))
 
 
 def test_a_clear_fit_is_sure_and_settled_and_one_camera_settles_nothing():
@@ -138,21 +132,18 @@ def test_whatever_speaks_against_a_fit_leaves_a_number(odds):
     assert judge.trust(dataclasses.replace(GOOD, lead=-odds)) < 1e-200
 
 
-@pytest.mark.parametrize("single", [False, True])
-def test_a_pose_that_is_stated_to_be_nearer_is_nearer(single):
-    spreads = [np.diag(np.repeat(np.square([shift, 0.02]), 3)) for shift in (3e-4, 1e-3, 2e-3, 4e-3, 0.1)]
-    found = [judge.nearness(spread, single) for spread in spreads]
+@pytest.mark.parametrize(("single", "factor"), [(False, 1.0), (True, judge.SINGLE)])
+def test_odds_of_being_near_are_as_stated_and_greater_for_a_single_camera(single, factor):
+    found = []
+    for shift in (3e-4, 1e-3, 2e-3, 4e-3, 0.1):
+        covariance = np.diag(np.repeat(np.square([shift, 0.02]), 3))
+        near = probability_within(covariance, *judge.NEAR)
+        found.append(judge.nearness(covariance, single))
+        assert found[-1] == pytest.approx(factor * near / (1.0 - near + factor * near))
     assert found == sorted(found, reverse=True)
     assert found[0] > 0.99
     assert found[-1] < 0.01
     assert judge.nearness(np.full((6, 6), np.nan), single) == 0.0
-
-
-def test_odds_of_being_near_are_as_stated_and_greater_for_a_single_camera():
-    covariance = np.diag(np.repeat(np.square([2e-3, 0.02]), 3))
-    near, single = judge.nearness(covariance, False), judge.nearness(covariance, True)
-    assert near == pytest.approx(probability_within(covariance, *judge.NEAR))
-    assert single / (1.0 - single) == pytest.approx(judge.SINGLE * near / (1.0 - near))
 
 
 def test_a_camera_that_shows_the_object_elsewhere_contradicts_and_one_that_shows_none_cannot_say():
@@ -166,6 +157,9 @@ def test_a_camera_that_shows_the_object_elsewhere_contradicts_and_one_that_shows
     assert not any(judge.contradicting(hidden))
     assert judge.contradicting(elsewhere) == (False, True, False)
     assert judge.confidence(elsewhere) < judge.confidence(hidden) < judge.confidence(GOOD)
+    contradicted = blind(blind(GOOD, 0, elsewhere=300), 2, elsewhere=300)
+    assert judge.trust(contradicted) < 1 / 3  # either of the others may be right, too
+    assert judge.confidence(contradicted) < min(0.5, 0.8 * judge.confidence(blind(blind(GOOD, 0), 2)))
 
 
 def test_a_camera_that_shows_another_thing_there_is_broken_and_does_not_spoil_the_pose():
@@ -174,15 +168,7 @@ def test_a_camera_that_shows_another_thing_there_is_broken_and_does_not_spoil_th
     assert judge.contradicting(fit) == (False, False, True)
     assert judge.supporters(fit) == 2
     assert 0.2 < judge.confidence(fit) < judge.confidence(GOOD)
-
-
-def test_a_pose_that_one_camera_supports_and_two_contradict_is_not_sure():
-    fit = blind(blind(GOOD, 0, elsewhere=300), 2, elsewhere=300)
-    assert judge.confidence(fit) < 0.5
-    assert judge.confidence(fit) < 0.8 * judge.confidence(blind(blind(GOOD, 0), 2))
-
-
-def test_a_camera_in_whose_picture_the_object_is_not_has_no_say():
+    # One in whose picture the object is not has no say.
     fit = with_cameras(GOOD, 2, predicted=0, agree=0, wrong=0, missing=0, elsewhere=500, extra=0)
     assert (fit.cameras["shows"] > 0.5).tolist() == [True, True, False]
     assert not any(judge.contradicting(fit))
@@ -199,19 +185,12 @@ def turned(quarters, rank):
     return dataclasses.replace(made_fit(), rotation=rotation, stands=rank)
 
 
-@pytest.fixture
-def ranked(monkeypatch):
+def test_a_lead_is_over_all_other_poses_together_and_the_same_pose_counts_once(monkeypatch):
     monkeypatch.setattr(rivals, "rank", lambda fit: fit.stands)
-
-
-def test_a_lead_is_over_all_other_poses_together(ranked):
     best, *others = fits = [turned(0, 5.0), turned(1, 4.0), turned(2, 4.0), turned(3, 3.0)]
     odds = math.exp(5.0) / sum(math.exp(fit.stands) for fit in others)
     assert lead(best, fits, RADIUS) == pytest.approx(math.log(odds))
     assert lead(best, fits[:2], RADIUS) == pytest.approx(1.0)
-
-
-def test_the_same_pose_counts_once(ranked):
     fits = [turned(0, 5.0), turned(0, 4.9), turned(1, 4.0), turned(1, 4.0)]
     assert lead(fits[0], fits, RADIUS) == pytest.approx(1.0)
     assert lead(fits[0], fits[:2], RADIUS) == math.inf
@@ -219,7 +198,7 @@ def test_the_same_pose_counts_once(ranked):
 
 @pytest.mark.parametrize("half", [(0.03, 0.03, 0.03), (0.01, 0.01, 0.04), (0.02, 0.03, 0.04)])
 @pytest.mark.parametrize("face", range(3))
-def test_turns_about_the_one_face_in_view_look_the_same(half, face):
+def test_turns_about_the_one_face_in_view_look_the_same_and_of_two_faces_none(half, face):
     found = list(turned_about_face(np.eye(3), np.zeros(3), np.array(half), 0.5 * np.eye(3)[face]))
     one, other = np.delete(half, face)
     assert len(found) == (3 if one == other else 1)
@@ -227,6 +206,8 @@ def test_turns_about_the_one_face_in_view_look_the_same(half, face):
         np.testing.assert_allclose(rotation[:, face], np.eye(3)[face], atol=1e-12)
         np.testing.assert_allclose(np.abs(rotation) @ half, half, atol=1e-12)
         assert so3.angle_between(rotation, np.eye(3)) > 1
+    two = np.roll([0.4, 0.3, 0.0], face) * half
+    assert not list(turned_about_face(np.eye(3), np.zeros(3), np.array(half), two))
 
 
 LONG_BOX = tracker.load_object("cuboid_2x2x8_v2")
@@ -243,13 +224,6 @@ def test_a_long_box_may_be_shifted_along_while_no_end_is_seen(seen, rng):
         assert (x, z) == pytest.approx((0.0, 0.0), abs=1e-12)
         assert 0.009 < abs(y) < 0.031
     assert sum(y for _, y, _ in found) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_box_that_is_not_long_is_not_shifted():
     for size in ((0.065, 0.065, 0.065), (0.02, 0.03, 0.04)):
         model = dataclasses.replace(LONG_BOX, size=np.array(size))
-        assert not list(shifted_along(made_fit(), Box.of(model)))
-
-
-def test_two_faces_in_view_leave_one_turn_only():
-    assert not list(turned_about_face(np.eye(3), np.zeros(3), np.full(3, 0.03), np.array([0.4, 0.3, 0.0])))
+        assert not list(shifted_along(fit, Box.of(model)))

@@ -24,7 +24,7 @@ POSE = PoseEstimate([0.1, -0.02, 0.0325], [0.0, 0.0, 0.6, 0.8], COVARIANCE, 0.95
 MOTION = (*(POSE.position, POSE.orientation, COVARIANCE, 0.5), [0.03, 0.04, 0, 0, 0, 1], np.eye(6))
 
 
-def test_a_pose_is_shown_with_its_units_and_deviations():
+def test_a_pose_is_shown_with_its_units_and_deviations_and_an_observation_with_what_a_person_asks_for():
     text = repr(POSE)
     assert "100.00 -20.00 32.50 ± 0.10 0.20 0.30 mm" in text
     assert "0.0000 0.0000 0.6000 0.8000 ± 0.10 0.20 0.30°, confidence 0.951" in text
@@ -33,9 +33,6 @@ def test_a_pose_is_shown_with_its_units_and_deviations():
     assert repr(kind).startswith("MotionKind(")
     assert "at rest 0.75" in repr(kind)
     assert "at rest 0.75, confidence" in repr(Forecast(*MOTION, (kind,)))
-
-
-def test_an_observation_is_shown_with_what_a_person_asks_for():
     uses = (CameraUse.USED, CameraUse.NO_IMAGE)
     found = repr(Observation(POSE, None, Status.FOUND, {"total": 4.21}, cameras=uses))
     assert found.startswith("Observation(found; cameras used, no_image; 4.2 ms;")
@@ -44,7 +41,7 @@ def test_an_observation_is_shown_with_what_a_person_asks_for():
     assert " ".join(lost.split()) == "Observation(lost, since poor_fit; no pose)"
 
 
-def test_covariances_of_keypoints_are_those_of_samples():
+def test_covariances_of_keypoints_are_those_of_samples_where_the_size_is_known():
     rng = np.random.default_rng(5)
     root = rng.normal(size=(6, 6)) * ([[1e-3]] * 3 + [[5e-3]] * 3)
     turn = np.array([0.1, -0.2, 0.3, 0.9]) / np.linalg.norm([0.1, -0.2, 0.3, 0.9])
@@ -55,9 +52,7 @@ def test_covariances_of_keypoints_are_those_of_samples():
     expected = np.array([np.cov(corner.T) for corner in samples.transpose(1, 0, 2)])
     limit = 0.02 * np.abs(expected).max()
     np.testing.assert_allclose(pose.keypoint_covariances, expected, rtol=0.02, atol=limit)
-
-
-def test_a_pose_of_a_box_of_unknown_size_has_no_keypoints():
+    # A box of unknown size has none.
     for name in ("keypoints", "keypoint_covariances"):
         with pytest.raises(TrackerError, match="without the object's size"):
             getattr(POSE, name)

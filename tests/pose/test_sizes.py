@@ -104,12 +104,13 @@ def test_share_is_high_where_cameras_disagree_and_low_where_they_agree(rng):
 
 
 @pytest.mark.parametrize("share", [0.001, 1.0])
-def test_worn_edges_are_distinguished_from_cameras_that_are_off(rng, share):
+def test_worn_edges_are_distinguished_from_cameras_that_are_off_and_what_is_known_is_kept(rng, share):
     sharp, worn = (found(rng, share, wear) for wear in (0.0, 0.2**2))
     assert np.median(worn[2]) == pytest.approx(np.interp(0.2**2, WEAR, COUNTED), rel=0.4)
     assert np.quantile(sharp[2], 0.95) < np.quantile(worn[2], 0.05)
     low, high = np.quantile(worn[1], [0.25, 0.75])
     assert low / 10 < share < 10 * high
+    assert Problem(rng, share, 0.2**2).sizes(own=0.03**2)[2] == pytest.approx(0.03**2)
 
 
 def test_sizes_are_unbiased_over_their_prior(rng):
@@ -125,25 +126,18 @@ def test_sizes_are_unbiased_over_their_prior(rng):
             assert abs(off.mean()) < 3 * off.std() / np.sqrt(len(off))
 
 
-def test_a_pose_moves_under_no_share_that_is_larger_than_that(rng):
-    for share in (100.0, 1.0, 0.001):
-        moving, mean, *_ = Problem(rng, share).sizes()
-        assert SHARES.min() <= moving <= min(SHARES[MOVING_SHARE], mean + 1e-12)
-
-
 def test_what_edges_are_off_by_counts_more_often_where_more_cameras_share_it(rng):
     one, two, four = (np.median(found(rng, 1.0, 0.4**2, cameras, count=20)[2]) for cameras in (1, 2, 4))
     assert one < two < four
 
 
-def test_one_camera_does_not_tell_its_share(rng):
+def test_a_pose_moves_under_no_share_that_is_larger_and_one_camera_does_not_tell_its_own(rng):
+    for share in (100.0, 1.0, 0.001):
+        moving, mean, *_ = Problem(rng, share).sizes()
+        assert SHARES.min() <= moving <= min(SHARES[MOVING_SHARE], mean + 1e-12)
     moving, mean, *_ = Problem(rng, 0.01, cameras=1).sizes()
     assert mean == pytest.approx(SHARES @ SHARES_PRIOR)
     assert moving == pytest.approx(np.average(SHARES[MOVING_SHARE:], weights=SHARES_PRIOR[MOVING_SHARE:]))
-
-
-def test_what_is_known_of_the_edges_is_kept(rng):
-    assert Problem(rng, 1.0, 0.2**2).sizes(own=0.03**2)[2] == pytest.approx(0.03**2)
 
 
 def test_feet_are_found_where_colours_end_above_the_table_and_kept_where_they_do_not(rng):

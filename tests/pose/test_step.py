@@ -92,35 +92,24 @@ class Problem:
         return left @ left + np.linalg.slogdet(rows.T @ rows)[1] - 2 * held
 
 
-@pytest.mark.parametrize("share", [100.0, 1.0, 0.1, 0.001])
 @pytest.mark.parametrize(("cameras", "lagging"), [(1, False), (3, False), (2, True), (3, True)])
-def test_step_is_that_of_the_dense_least_squares(rng, share, cameras, lagging):
-    problem = Problem(rng, cameras, lagging=lagging)
-    rows, side = problem.dense(share)
-    expected = np.linalg.lstsq(rows, side, rcond=None)[0]
-    assert np.isfinite(problem.solve(share))
-    np.testing.assert_allclose(problem.shared, expected[: problem.size], atol=1e-9)
-    np.testing.assert_allclose(problem.changes.ravel(), expected[problem.size :], atol=1e-9)
-    covariance = np.linalg.inv(rows.T @ rows)[: problem.size, : problem.size]
-    np.testing.assert_allclose(np.linalg.inv(problem.known), covariance, atol=1e-9)
-    np.testing.assert_array_equal(problem.known, problem.known.T)
-    assert marginal(problem.solution)
-    np.testing.assert_allclose(problem.solution["covariance"], covariance[:6, :6], atol=1e-9)
-
-
-def test_no_covariance_is_given_where_there_is_none(rng):
-    problem = Problem(rng)
-    problem.solve()
-    problem.known[:] = -np.eye(UNKNOWNS)
-    assert not marginal(problem.solution)
-
-
-@pytest.mark.parametrize("lagging", [False, True])
-def test_doubt_is_the_likelihood_of_the_share(rng, lagging):
-    problem = Problem(rng, lagging=lagging)
-    shares = (1.0, 100.0, 0.3, 0.01, 0.001)
-    off = np.array([problem.solve(share) - problem.doubt(share) for share in shares])
+def test_step_is_that_of_the_dense_least_squares_and_doubt_the_likelihood_of_the_share(rng, cameras, lagging):
+    problem, off = Problem(rng, cameras, lagging=lagging), []
+    for share in (1.0, 100.0, 0.3, 0.1, 0.01, 0.001):
+        rows, side = problem.dense(share)
+        expected = np.linalg.lstsq(rows, side, rcond=None)[0]
+        off.append(problem.solve(share) - problem.doubt(share))
+        np.testing.assert_allclose(problem.shared, expected[: problem.size], atol=1e-9)
+        np.testing.assert_allclose(problem.changes.ravel(), expected[problem.size :], atol=1e-9)
+        covariance = np.linalg.inv(rows.T @ rows)[: problem.size, : problem.size]
+        np.testing.assert_allclose(np.linalg.inv(problem.known), covariance, atol=1e-9)
+        np.testing.assert_array_equal(problem.known, problem.known.T)
+        assert marginal(problem.solution)
+        np.testing.assert_allclose(problem.solution["covariance"], covariance[:6, :6], atol=1e-9)
     np.testing.assert_allclose(off, off[0], rtol=0, atol=1e-8)
+    # No covariance is given where there is none.
+    problem.known[:] = -np.eye(problem.size)
+    assert not marginal(problem.solution)
 
 
 def test_a_camera_that_sees_nothing_goes_back_to_its_calibration_and_moves_nothing(rng):

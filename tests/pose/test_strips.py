@@ -45,12 +45,15 @@ def faces_seen(rotation):
     return visible_faces(2 * HALF, rotation.T @ (CAMERA.position - POSITION))
 
 
-def test_jacobian_is_the_motion_of_the_samples(rng):
+def test_normals_are_unit_and_point_out_of_the_face_and_the_jacobian_is_the_motion_along_them(rng):
     # A sample that is found again on the moved object has moved along the edge too, but along the normal as
     # its columns say.
     for rotation in random_rotations(rng, 10):
         samples = samples_at(rotation)
         normals = samples["normal"]
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-12)
+        outward = np.sum((samples["pixel"] - CAMERA.project([POSITION])) * normals, axis=1)
+        assert (outward[samples["outside"] == 0] > 0).all()
 
         def along(change, rotation=rotation, normals=normals):
             moved = samples_at(so3.exp(change[3:]) @ rotation, POSITION + change[:3])
@@ -78,43 +81,22 @@ def test_a_rim_ends_each_face_before_its_neighbours_plane(rng):
             assert sample["rim"] < 0 or sample["outside"]  # outlines are drawn inwards
 
 
-def test_normals_are_unit_and_point_out_of_the_face(rng):
-    for rotation in random_rotations(rng, 10):
-        samples = samples_at(rotation, np.array([0.0, 0.0, 0.05]))
-        np.testing.assert_allclose(np.linalg.norm(samples["normal"], axis=1), 1, atol=1e-12)
-        centre = CAMERA.project(np.array([[0.0, 0.0, 0.05]]))[0]
-        silhouette = samples[samples["outside"] == 0]
-        outward = np.sum((silhouette["pixel"] - centre) * silhouette["normal"], axis=1)
-        assert (outward > 0).all()
-
-
-@pytest.mark.parametrize("margin", [0.0, 1.0, 3.0])
-def test_lengths_sum_to_the_edge_without_margins(rng, margin):
-    settled = 0
-    for _, _, ends, samples in samples_by_edge(rng, margin=margin):
+@pytest.mark.parametrize(("spacing", "margin"), [(2.0, 0.0), (2.0, 1.0), (2.0, 3.0), (4.0, 3.0), (6.0, 3.0)])
+@pytest.mark.parametrize("distortion", [CAMERA.distortion, np.zeros(5)], ids=["bent", "straight"])
+def test_pieces_are_about_as_long_as_asked_for_and_cover_the_edge(rng, distortion, spacing, margin):
+    camera, settled = dataclasses.replace(CAMERA, distortion=distortion), 0
+    for _, _, ends, samples in samples_by_edge(rng, camera=camera, spacing=spacing, margin=margin):
         if len(samples) > 0:
-            length = np.linalg.norm(ends[1] - ends[0])
+            length, piece, count = np.linalg.norm(ends[1] - ends[0]), samples["length"][0], len(samples)
             assert samples["length"].sum() == pytest.approx(length - 2 * margin, rel=1e-9)
             assert np.ptp(samples["length"]) == 0
+            # Up to half a piece more or less, spread over all.
+            assert count == 24 or abs(piece - spacing) * count <= 0.5 * spacing + 1e-9
+            places = (samples["pixel"] - ends[0]) @ (ends[1] - ends[0]) / length
+            # Perspective and a bent lens put the middle of a piece off the middle by a little.
+            np.testing.assert_allclose(places, margin + piece * (np.arange(count) + 0.5), atol=0.05 * length)
             settled += 1
     assert settled > 50
-
-
-@pytest.mark.parametrize("spacing", [2.0, 4.0, 6.0])
-def test_pieces_are_about_as_long_as_asked_for_and_cover_the_edge(rng, spacing):
-    # Without a lens' distortion, since an edge then is a line, and pieces of equal length on it nearly so.
-    camera = dataclasses.replace(CAMERA, distortion=np.zeros(5))
-    for _, _, ends, samples in samples_by_edge(rng, camera=camera, spacing=spacing):
-        if len(samples) == 0:
-            continue
-        piece, count = samples["length"][0], len(samples)
-        # Up to half a piece more or less, spread over all.
-        assert count == 24 or abs(piece - spacing) * count <= 0.5 * spacing + 1e-9
-        length = np.linalg.norm(ends[1] - ends[0])
-        places = (samples["pixel"] - ends[0]) @ (ends[1] - ends[0]) / length
-        # Perspective puts the middle of a piece off the middle by a little.
-        expected = MARGIN + piece * (np.arange(count) + 0.5)
-        np.testing.assert_allclose(places, expected, atol=0.05 * length)
 
 
 def test_every_visible_edge_of_wide_faces_has_samples(rng):

@@ -112,7 +112,7 @@ def test_the_step_leads_to_the_mean_of_what_is_likely(rng, gap, tilt):
     assert odds == pytest.approx(math.log(weights.mean() / FREE), abs=0.25)
 
 
-def test_what_is_high_above_or_known_well_enough_stays(rng):
+def test_what_is_high_above_or_known_well_enough_stays_and_what_is_below_is_unlikely(rng):
     for gap, tilt, spread in ((0.08, 0.5, 1.0), (0.004, 0.0, 0.02), (0.0005, 0.06, 0.02)):
         rotation, position = standing(rng, gap, tilt)
         step, covariance = measured(rng, spread)
@@ -121,15 +121,12 @@ def test_what_is_high_above_or_known_well_enough_stays(rng):
         limit = 0.35 * np.sqrt(np.diag(covariance))
         assert (np.abs(step["change"][:UNKNOWNS] - before) < limit).all()
         assert (np.diag(after) < 1.5 * np.diag(covariance)[:6]).all()
-
-
-def test_below_the_table_is_nothing(rng):
+    # Below the table is nothing.
     rotation, position = standing(rng, -0.05, 0.5)
     step, _ = measured(rng)
     before = step["change"][:UNKNOWNS].copy()
     odds, _ = leaned(rotation, position, step)
     assert odds < -20
-    assert np.isfinite(step["change"][:UNKNOWNS]).all()
     assert np.linalg.norm(step["change"][:UNKNOWNS] - before) < 0.1
 
 
