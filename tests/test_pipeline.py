@@ -97,22 +97,6 @@ def test_gains_and_exposure_do_not_move_the_pose(trackers, scenes, poses):
         assert within(pose, poses["cube_v2"][0], 0.1e-3, 0.15)
 
 
-@pytest.mark.parametrize("kind", ["black", "white", "grey", "noise", "empty arena", "flooded"])
-def test_nothing_to_see_gives_none_and_says_why(trackers, rig, kind):
-    rng, shape = np.random.default_rng(1), (270, 270, 3)
-    if kind == "empty arena":
-        scene = bare_scene(tracker.load_object("cube_v2"), rng, object_present=False)
-        images = take(scene, rig.cameras, Sensor.realistic(), rng).images
-    else:
-        fill = {"black": 0, "white": 255, "grey": 115, "noise": rng.integers(0, 256, shape)}
-        images = [np.full(shape, fill.get(kind, (150, 84, 148)), np.uint8)] * 3
-        if kind == "flooded":
-            images = [np.clip(i + rng.normal(0, 4, shape), 0, 255).astype(np.uint8) for i in images]
-    observation = trackers["cube_v2"].detect(images)
-    assert observation.object_pose is None
-    assert observation.status is not tracker.Status.FOUND
-
-
 GOOD = np.zeros((270, 270, 3), np.uint8)
 NAMED = dict.fromkeys(("camera60", "camera180", "camera300"), GOOD)
 

@@ -18,13 +18,6 @@ def truth():
     return bare(MODEL, RIG.cameras, 31)
 
 
-@pytest.fixture(scope="module")
-def upper(truth):
-    """Masks down to the middle of the object."""
-    rows = [int(np.nonzero(labels)[0].mean()) for labels in truth.labels]
-    return [np.tile(np.arange(270)[:, None] < row, (1, 270)) for row in rows]
-
-
 @pytest.mark.parametrize("hidden", [[None] * 3, [np.zeros(SHAPE, bool)] * 3, dict.fromkeys(RIG.names)])
 def test_masks_of_nothing_change_no_bit(truth, hidden):
     seen = []
@@ -33,21 +26,6 @@ def test_masks_of_nothing_change_no_bit(truth, hidden):
         answers = [TRACKER.update(truth.images, 0.1 * k, masks) for k in range(3)]
         seen.append(bits(*answers, TRACKER.detect(truth.images, masks)))
     assert seen[0] == seen[1]
-
-
-def painted(truth):
-    """A finger in a face's colour before half of the object in each camera, and where it is."""
-    images, masks = [], []
-    for image, labels in zip(truth.images, truth.labels, strict=True):
-        rows, columns = np.nonzero(labels)
-        mask = np.zeros(SHAPE, bool)
-        mask[:, : int(np.median(columns)) + 1] = True
-        mask &= np.abs(np.arange(270)[:, None] - np.median(rows)) < 12
-        shown = image.copy()
-        shown[mask] = image[labels == labels[labels > 0][0]].mean(axis=0)
-        images.append(shown)
-        masks.append(mask)
-    return images, masks
 
 
 def labelled(images, hidden):
@@ -63,7 +41,13 @@ def counted(truth, images, hidden):
 
 
 def test_colours_of_hidden_pixels_do_not_count_against(truth):
-    images, masks = painted(truth)
+    # A finger in a face's colour is before half of the object in each camera.
+    images, masks = [image.copy() for image in truth.images], []
+    for image, labels in zip(images, truth.labels, strict=True):
+        rows, columns = np.nonzero(labels)
+        mask = np.abs(np.arange(270)[:, None] - np.median(rows)) < 12
+        masks.append(mask & (np.arange(270) <= int(np.median(columns))))
+        image[masks[-1]] = image[labels == labels[labels > 0][0]].mean(axis=0)
     shown = ((images, None), (images, masks), (truth.images, None))
     counts = [counted(truth, *one) for one in shown]
     without, known, clean = ((one["wrong"] + one["extra"] + one["elsewhere"]).sum() for one in counts)
@@ -73,7 +57,11 @@ def test_colours_of_hidden_pixels_do_not_count_against(truth):
     assert np.linalg.norm(pose.position - truth.position) < 1e-3
 
 
-def test_hidden_pixels_are_left_out_of_the_counts(truth, upper):
+def test_hidden_pixels_are_left_out_of_the_counts_and_edges_below_a_mask_or_beside_it_not_expected(truth):
+    # Down to the middle of the object, and all but the object and the pixels beside it.
+    rows = [int(np.nonzero(labels)[0].mean()) for labels in truth.labels]
+    upper = [np.tile(np.arange(270)[:, None] < row, (1, 270)) for row in rows]
+    around = [cv2.dilate((labels > 0).astype(np.uint8), np.ones((3, 3))) == 0 for labels in truth.labels]
     all_seen, half_seen = (counted(truth, truth.images, one) for one in (None, upper))
     for name in ("predicted", "agree", "missing"):
         assert (half_seen[name] <= all_seen[name]).all()
@@ -81,35 +69,22 @@ def test_hidden_pixels_are_left_out_of_the_counts(truth, upper):
     assert ((share > 0.2) & (share < 0.8)).all()
     assert (half_seen["agree"] > 0.85 * half_seen["predicted"]).all()
     assert (half_seen["missing"] + half_seen["wrong"] + half_seen["agree"] == half_seen["predicted"]).all()
+    sights = (labelled(truth.images, hidden) for hidden in (None, upper, around))
+    whole, *parts = (TRACKER._estimator.refiner(one, truth.rotation, truth.position) for one in sights)
+    for part in parts:
+        share = part.cameras["expected"] / whole.cameras["expected"]
+        assert ((share > 0.1) & (share < 0.8)).all()
+        assert np.linalg.norm(part.position - truth.position) < 1e-3
 
 
-@pytest.fixture(scope="module")
-def around(truth):
-    """Masks of all but the object and the pixels beside it."""
-    return [cv2.dilate((labels > 0).astype(np.uint8), np.ones((3, 3))) == 0 for labels in truth.labels]
-
-
-@pytest.mark.parametrize("masks", ["upper", "around"])
-def test_edges_below_a_mask_or_beside_it_are_not_expected(truth, masks, request):
-    sights = (labelled(truth.images, hidden) for hidden in (None, request.getfixturevalue(masks)))
-    fits = [TRACKER._estimator.refiner(sight, truth.rotation, truth.position) for sight in sights]
-    all_seen, half_seen = (fit.cameras for fit in fits)
-    share = half_seen["expected"] / all_seen["expected"]
-    assert ((share > 0.1) & (share < 0.8)).all()
-    assert np.linalg.norm(fits[1].position - truth.position) < 1e-3
-
-
-def test_a_mask_of_one_moment_is_forgotten_with_it(truth):
+def test_a_mask_of_all_hides_the_object_from_its_camera_and_at_its_moment_only(truth):
     for masks in (None, [np.ones(SHAPE, bool)] * 3):
         TRACKER.reset()
         TRACKER.update(truth.images, 0.0)
         TRACKER.update(truth.images, 0.1, masks)
         after = TRACKER.update(truth.images, 0.2)
-        assert after.object_pose is not None
         assert np.linalg.norm(after.object_pose.position - truth.position) < 1e-3
-
-
-def test_what_is_hidden_altogether_is_not_found(truth):
+    # What is hidden altogether is not found.
     answer = TRACKER.detect(truth.images, [np.ones(SHAPE, bool)] * 3)
     assert answer.object_pose is None
     assert answer.status == "no_object_colors"

@@ -55,21 +55,14 @@ def test_what_does_not_rest_stays_where_three_cameras_see_it(rig, name, lift, ti
         assert within(known, unknown, 3e-4, 0.5)
 
 
-def test_an_arena_without_a_table_supports_nothing(rig):
-    truth = pictures("cube_v2", rig, 0)
-    nowhere = dataclasses.replace(rig, arena=tracker.Arena(table=None))
-    one = tracker.ObjectTracker(drawn("cube_v2"), nowhere).detect(truth.images).object_pose
-    other = trackers("cube_v2", rig, tracker.Arena())[1].detect(truth.images).object_pose
-    np.testing.assert_allclose(one.position, other.position, atol=3e-5)
-    np.testing.assert_allclose(np.diag(one.covariance), np.diag(other.covariance), rtol=0.2)
-
-
-def test_a_table_elsewhere_is_not_forced_on_what_three_cameras_see(rig):
-    """A calibration whose z = 0 lies beside the table by as much as it states."""
-    truth = pictures("cube_v2", rig, 1)
-    shifted = tracker.Arena(table=0.006)
-    known, unknown = (one.detect(truth.images).object_pose for one in trackers("cube_v2", rig, shifted))
-    assert np.linalg.norm(known.position - unknown.position) < 2e-5
+@pytest.mark.parametrize(("table", "seed"), [(None, 0), (0.006, 1)])
+def test_no_table_and_one_elsewhere_by_as_much_as_is_stated_force_nothing_on_three_cameras(rig, table, seed):
+    truth, arena = pictures("cube_v2", rig, seed), tracker.Arena(table=table)
+    one = trackers("cube_v2", rig, arena)[0].detect(truth.images).object_pose
+    other = trackers("cube_v2", rig, arena if table else tracker.Arena())[1].detect(truth.images).object_pose
+    assert np.linalg.norm(one.position - other.position) < 2e-5
+    if table is None:
+        np.testing.assert_allclose(np.diag(one.covariance), np.diag(other.covariance), rtol=0.2)
 
 
 SUPPOSED = 6e-4
@@ -87,10 +80,13 @@ def supposing(name, rig):
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_several_cameras_find_the_rim(rig, name):
+def test_several_cameras_find_the_rim_and_pictures_make_none_less_certain(rig, name):
     for k in range(3):
         found = supposing(name, rig).fit(at_rest(name, rig, k).images).end
         assert abs(found.rim) < 3 * found.rim_std < SUPPOSED
+    for std in (1e-6, 3e-5, 4e-4):
+        model = dataclasses.replace(drawn(name), rim=0.0, rim_std=std)
+        assert tracker.ObjectTracker(model, rig).fit(at_rest(name, rig, 0).images).end.rim_std <= std
 
 
 def test_one_camera_uses_the_rim_that_several_have_shown(rig):
@@ -106,10 +102,3 @@ def test_one_camera_uses_the_rim_that_several_have_shown(rig):
         off.append([np.linalg.norm(pose.position - truth.position) for pose in poses])
     taught, untaught = np.median(off, axis=0)
     assert taught < 0.5 * untaught
-
-
-@pytest.mark.parametrize("std", [1e-6, 3e-5, 4e-4])
-def test_pictures_make_no_rim_less_certain(rig, std):
-    model = dataclasses.replace(drawn("cube_v2"), rim=0.0, rim_std=std)
-    found = tracker.ObjectTracker(model, rig).fit(at_rest("cube_v2", rig, 0).images)
-    assert found.end.rim_std <= std
