@@ -48,7 +48,10 @@ def colour_of_blocks(image):
 
 
 @pytest.mark.parametrize("level", [12, 16, 60, 120])
-def test_a_veil_is_taken_off(level):
+def test_a_veil_is_taken_off_and_dark_images_and_those_that_are_bright_everywhere_have_none(level):
+    for low, high in ((0, 255), (0, 90), (7, 120), (150, 255), (255, 255)):
+        image = exposed(np.linspace(low, high, 90)[:, None, None] * np.ones((90, 90, 3)))
+        assert unveiled(image) is image
     image = exposed(grey_scene(4))
     image[100:130, 40:60] = 0
     back = unveiled(veiled(image, level)).astype(float)
@@ -57,12 +60,6 @@ def test_a_veil_is_taken_off(level):
     for segment in (lambda one: tracker.segment(one, colors), segment_dice):
         labels = segment(image)
         assert np.mean(segment(veiled(image, level))[labels > 0] == labels[labels > 0]) > 0.97
-
-
-@pytest.mark.parametrize(("low", "high"), [(0, 255), (0, 90), (7, 120), (150, 255), (255, 255)])
-def test_dark_images_and_those_that_are_bright_everywhere_have_no_veil(low, high):
-    image = exposed(np.linspace(low, high, 90)[:, None, None] * np.ones((90, 90, 3)))
-    assert unveiled(image) is image
 
 
 @pytest.mark.parametrize("slopes", [(0.35, 0.0, 0.0, 0.0), (0.0, -0.3, 0.25, 0.1), (-0.2, 0.2, 0.3, -0.2)])
@@ -87,9 +84,7 @@ def test_even_light_leaves_the_image_as_it_is_and_a_slight_slope_counts_as_even(
         light = find_light(image)
         assert not light.tilt.any()
         assert evened(image, light) is image
-
-
-def test_clipped_values_stay_clipped_and_others_below():
+    # Clipped values stay clipped, and others below.
     values = grey_scene(4, SIZE)
     values[..., 0] *= ramp(0.4, 0.0)
     values[20:30, 20:30] = 255
@@ -99,25 +94,20 @@ def test_clipped_values_stay_clipped_and_others_below():
     assert (even[..., 0][image[..., 0] < CLIPPED] < CLIPPED).all()
 
 
-def labels_of(image, name, gains=(1.0, 1.0, 1.0)):
-    colors, gains = tracker.load_colors(name), np.asarray(gains)
-    labels = np.empty(image.shape[:2], np.uint8)
-    look_up(image, colors.channel_tables(gains), colors.label_table, gains, labels)
-    return labels
-
-
 @pytest.mark.parametrize("gains", [(1.0, 1.0, 1.0), (1.6, 0.9, 0.7), (0.6, 1.2, 1.5)])
-def test_clipped_greys_are_background_under_any_gains(gains):
+def test_clipped_greys_are_background_under_any_gains_and_a_face_with_a_clipped_channel_is_not(gains):
+    def labels_of(image, name, gains):
+        colors, labels = tracker.load_colors(name), np.empty(image.shape[:2], np.uint8)
+        look_up(image, colors.channel_tables(gains), colors.label_table, gains, labels)
+        return labels
+
     # A bright grey as this camera shows it, of which some channels have reached their limit.
     image = np.array([[np.minimum(255, level / np.array(gains)) for level in range(200, 420, 10)]] * 4)
     clipped = (image >= CLIPPED).any(axis=2)
     assert clipped.any()
-    assert (labels_of(exposed(image), "cube_v2", gains)[clipped] == 0).all()
-
-
-def test_a_face_with_a_clipped_channel_keeps_its_colour():
-    image = np.array([[[108, 235, 255], [112, 245, 255], [0, 52, 255]]], dtype=np.uint8)
-    assert labels_of(image, "simulation").tolist() == [[6, 6, 1]]
+    assert (labels_of(exposed(image), "cube_v2", np.array(gains))[clipped] == 0).all()
+    faces = np.array([[[108, 235, 255], [112, 245, 255], [0, 52, 255]]], dtype=np.uint8)
+    assert labels_of(faces, "simulation", np.ones(3)).tolist() == [[6, 6, 1]]
 
 
 factors = st.tuples(*[st.floats(0.75, 1.3)] * 3)
@@ -125,42 +115,32 @@ factors = st.tuples(*[st.floats(0.75, 1.3)] * 3)
 
 @settings(max_examples=25)
 @given(gains=factors, size=st.sampled_from([60, 135, 270, 540]))
-def test_neutral_gains_invert_the_lights_gains_whatever_the_resolution(gains, size):
+def test_gains_of_the_light_are_inverted_whatever_the_resolution_and_the_scenes_grey_becomes_grey(
+    gains, size
+):
     reference, found = find_light(exposed(grey_scene(1))), find_light(exposed(grey_scene(1, size), gains))
     assert found.share > 0.5
     np.testing.assert_allclose(found.gains * gains / reference.gains, 1, atol=0.02 if size == 270 else 0.035)
-
-
-@settings(max_examples=25)
-@given(gains=factors)
-def test_normalising_makes_the_scenes_grey_grey(gains):
     scene = grey_scene(2)
     image = exposed(scene, gains)
     greys = apply_gains(image, find_light(image).gains)[np.ptp(scene, axis=2) < 20]
     np.testing.assert_allclose(greys.mean(axis=0) / greys[:, 1].mean(), 1, atol=0.02)
     np.testing.assert_allclose(np.quantile(greys, BRIGHTNESS_RANK, axis=0), TARGET_GREY, atol=3)
+    levels = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
+    np.testing.assert_array_equal(apply_gains(levels, np.array(gains)), exposed(levels.astype(float), gains))
 
 
-@pytest.mark.parametrize("color", [(0, 0, 0), (3, 3, 3), (255, 255, 255), (0, 0, 255), (255, 255, 0)])
-def test_without_any_grey_the_image_is_left_as_it_is(color):
-    light = find_light(np.full((100, 100, 3), color, np.uint8))
-    np.testing.assert_array_equal(light.gains, 1)
-    assert light.share == 0
-
-
-def test_clipped_greys_do_not_pull_the_colour_of_grey():
+def test_clipped_greys_do_not_pull_the_colour_of_grey_and_without_any_the_image_is_left():
+    for color in ((0, 0, 0), (3, 3, 3), (255, 255, 255), (0, 0, 255), (255, 255, 0)):
+        light = find_light(np.full((100, 100, 3), color, np.uint8))
+        np.testing.assert_array_equal(light.gains, 1)
+        assert light.share == 0
     scene = grey_scene(3)
     reference = find_light(exposed(scene)).gains
     scene[:60] = 400  # a wall that is white whatever the gains
     found = find_light(exposed(scene, (1.2, 1.0, 0.9))).gains
     ratio = found * (1.2, 1.0, 0.9) / reference
     np.testing.assert_allclose(ratio / ratio[1], 1, atol=0.02)
-
-
-@given(gains=factors)
-def test_gains_are_applied_by_rounding_and_clipping(gains):
-    image = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
-    np.testing.assert_array_equal(apply_gains(image, np.array(gains)), exposed(image.astype(float), gains))
 
 
 ROWS, COLUMNS = np.mgrid[0:270, 0:270]
@@ -186,35 +166,26 @@ def test_noise_of_a_picture_is_found_whatever_it_shows(rng, picture, sigma):
     assert noise_level(noisy(rng, sigma, picture)) == pytest.approx(expected, rel=0.05)
 
 
-def test_brightness_and_contrast_behave(rng):
+def test_noise_goes_with_contrast_not_with_brightness_and_the_loudest_image_has_a_level(rng):
     image = SMOOTH + rng.normal(0, 4.0, SMOOTH.shape)
     level = noise_level(exposed(image))
     assert noise_level(exposed(image + 30)) == pytest.approx(level, rel=0.02)
     assert noise_level(exposed(0.5 * image)) == pytest.approx(0.5 * level, rel=0.03)
     assert noise_level(255 - exposed(image)) == level
-
-
-def test_the_loudest_image_has_a_level(rng):
     stripes = np.zeros((270, 270, 3), np.uint8)
     stripes[:, ::2] = 255
     assert noise_level(stripes) > 100
     assert noise_level(rng.integers(0, 256, (270, 270, 3), dtype=np.uint8)) > 50
-
-
-@pytest.mark.parametrize("shape", [(270, 1, 3), (1, 1, 3), (2, 2, 3), (1, 270, 3), (270, 270, 3)])
-def test_even_images_and_those_too_small_to_tell_have_no_noise(shape):
-    assert noise_level(np.full(shape, 93, np.uint8)) == 0.0
+    # Even images have no noise, nor those that are too small to tell.
+    for shape in ((270, 1, 3), (1, 1, 3), (2, 2, 3), (1, 270, 3), (270, 270, 3)):
+        assert noise_level(np.full(shape, 93, np.uint8)) == 0.0
     assert noise_level(exposed(SMOOTH)) < 0.5
 
 
-@pytest.mark.parametrize("sigma", [0.0, 1.5, 0.9 * LOUD])
-def test_quiet_images_stay_as_they_are(rng, sigma):
-    image = noisy(rng, sigma)
-    np.testing.assert_array_equal(calmed(image), image)
-
-
 @pytest.mark.parametrize("sigma", [1.1 * LOUD, 2 * LOUD])
-def test_loud_images_become_quieter_and_keep_their_edges(rng, sigma):
+def test_loud_images_become_quieter_and_keep_their_edges_and_quiet_ones_stay(rng, sigma):
+    for quiet in (noisy(rng, quiet) for quiet in (0.0, 1.5, 0.9 * LOUD)):
+        np.testing.assert_array_equal(calmed(quiet), quiet)
     picture, image = EDGED, noisy(rng, sigma, EDGED)
     before = image.copy()
     after = calmed(image)
@@ -242,30 +213,24 @@ def test_every_pattern_is_distinguished_from_its_interpolation_and_changes_where
     assert find_mosaic(np.ascontiguousarray(image[:, 1:])) == red ^ 1
 
 
-def with_one_value_changed(image):
-    image[12, 22, 1] ^= 64
-    return image
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        with_one_value_changed,
-        lambda image: cv2.resize(image, (60, 45), interpolation=cv2.INTER_AREA),
-        lambda image: cv2.imdecode(cv2.imencode(".jpg", image)[1], cv2.IMREAD_COLOR),
-        lambda image: cv2.medianBlur(image, 3),
-        lambda image: cv2.convertScaleAbs(image, alpha=1.3),
-    ],
-    ids=["one value", "halved", "jpeg", "blurred", "brighter"],
-)
-def test_changed_images_are_none(raw, change):
-    assert find_mosaic(change(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR))) == NO_MOSAIC
-
-
-def test_flat_noisy_and_tiny_images_are_none():
-    noise = np.random.default_rng(0).integers(0, 256, (90, 90, 3), dtype=np.uint8)
-    for image in (np.zeros((90, 90, 3), np.uint8), np.full((90, 90, 3), 130, np.uint8), noise, noise[:4, :4]):
-        assert find_mosaic(np.ascontiguousarray(image)) == NO_MOSAIC
+def test_changed_flat_noisy_and_tiny_images_are_none(raw):
+    image, noise = (
+        cv2.cvtColor(raw, BAYER[0]),
+        np.random.default_rng(0).integers(0, 256, (90, 90, 3), np.uint8),
+    )
+    one_value = image.copy()
+    one_value[12, 22, 1] ^= 64
+    changed = {
+        "one value": one_value,
+        "halved": cv2.resize(image, (60, 45), interpolation=cv2.INTER_AREA),
+        "jpeg": cv2.imdecode(cv2.imencode(".jpg", image)[1], cv2.IMREAD_COLOR),
+        "blurred": cv2.medianBlur(image, 3),
+        "brighter": cv2.convertScaleAbs(image, alpha=1.3),
+        **{f"all of {level}": np.full((90, 90, 3), level, np.uint8) for level in (0, 130)},
+        "noise": noise,
+        "tiny": np.ascontiguousarray(noise[:4, :4]),
+    }
+    assert {kind: find_mosaic(one) for kind, one in changed.items()} == dict.fromkeys(changed, NO_MOSAIC)
 
 
 def test_images_in_any_memory_give_the_same_labels_and_nothing_is_compiled_again():
