@@ -36,18 +36,15 @@ def test_fingers_that_know_the_cube_bring_it_to_the_goal(pushing):
     assert pushing.truth[0][2] == pytest.approx(0.0325, abs=0.001)
 
 
-def test_fingers_that_know_nothing_wait(pushing):
-    for _ in range(round(0.5 / STEP)):
-        pushing.step(None, np.array([0.04, 0.03]))
-    assert np.linalg.norm(pushing.truth[0][:2]) < 0.001
-
-
-def test_poses_from_late_pictures_are_those_of_the_moment_of_acting(platform, pushing):
+def test_fingers_that_know_nothing_wait_and_late_pictures_give_poses_of_the_moment_of_acting(
+    platform, pushing
+):
     poses = []
     with contextlib.closing(late_poses.Predicted(platform, 3)) as known:
-        for number in range(round(0.3 / STEP)):
+        for number in range(round(0.5 / STEP)):
             poses.append(known.pose(number * STEP, pushing))
-            pushing.step(None, np.zeros(2))
+            pushing.step(None, np.array([0.04, 0.03]))
     late, true = round(late_poses.DELAY / STEP), pushing.truth[0]
+    assert np.linalg.norm(true[:2]) < 0.001
     assert all(pose is None for pose in poses[: late - 1])
     assert all(np.linalg.norm(pose[0] - true) < 1e-3 for pose in poses[late + 1 :])

@@ -40,16 +40,6 @@ HOLDERS = {number: set(named(where)) for number, where in WHERE}
 """Of each equation what holds it: the files and names in the line "Where" below it."""
 
 
-def references() -> set[tuple[str, tuple[str, str]]]:
-    """(equation, (file, name)) of all docstrings in the tracker that refer to one."""
-    return {
-        (number, (path, name))
-        for path in (file.relative_to(ROOT).as_posix() for file in ROOT.glob("tracker/**/*.py"))
-        for name, docstring in docstrings(path).items()
-        for number in REFERENCE.findall(docstring)
-    }
-
-
 def test_the_text_refers_to_equations_that_exist_and_every_equation_says_what_holds_it():
     words = re.sub(r"(?s)```.*?```|\$[^$\n]+\$", "", TEXT)
     assert set(re.findall(r"\((\d+)\)", words)) <= set(HOLDERS)
@@ -68,12 +58,15 @@ def test_every_file_and_function_that_the_document_names_exists():
 
 
 def test_code_and_document_name_each_other_at_every_equation():
-    assert {number for number, _ in references()} == set(HOLDERS)
-    for number, holder in references():
-        assert holder in HOLDERS[number], f"equation ({number}) in {holder}"
+    referred = set()
     for path in ROOT.glob("tracker/**/*.py"):
-        text = " ".join(path.read_text(encoding="utf-8").split())
+        file, text = path.relative_to(ROOT).as_posix(), " ".join(path.read_text(encoding="utf-8").split())
+        for name, docstring in docstrings(file).items():
+            for number in REFERENCE.findall(docstring):
+                assert (file, name) in HOLDERS[number], f"equation ({number}) in {file}: {name}"
+                referred.add(number)
         assert set(re.findall(r"(?i:equation) \((\d+)\)", text)) <= set(HOLDERS), path
+    assert referred == set(HOLDERS)
 
 
 def test_the_script_draws_every_picture(tmp_path, run_script):

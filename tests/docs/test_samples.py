@@ -80,29 +80,19 @@ def beginning(command: str) -> str | None:
     return next((start for start in NOT_RUN if command.startswith(start)), None)
 
 
-def is_run(command: str) -> bool:
-    return beginning(command) is None
-
-
-def test_every_block_says_in_which_language_it_is():
+def test_every_block_says_in_which_language_it_is_and_that_of_python_is_an_example_or_run_here():
     known = ("python", "sh", "toml", "json", "text", "math", "c", "bibtex")
     found = [(page, language) for page, text in PAGES.items() for language, _ in FENCED.findall(text)]
     assert [(page, language) for page, language in found if language not in known] == []
-
-
-def test_every_python_sample_is_an_example_or_run_here():
     examples = {path.read_text(encoding="utf-8") for path in (ROOT / "examples").glob("*.py")}
     here = [block for page in RUN_HERE for block in blocks("python", page)]
     assert len(here) == len(RUN_HERE)
     assert [block for block in blocks("python") if block not in examples and block not in here] == []
 
 
-def test_every_command_is_run_or_says_why_not():
+def test_every_command_is_run_or_says_why_not_and_below_each_block_is_what_they_print():
     assert {beginning(command) for command in COMMANDS} - {None} == set(NOT_RUN)
-    assert [one for one in COMMANDS if is_run(one) and not one.startswith(tuple(PROGRAMS))] == []
-
-
-def test_every_block_of_commands_has_below_it_what_they_print():
+    assert [one for one in COMMANDS if not (beginning(one) or one.startswith(tuple(PROGRAMS)))] == []
     assert [sample for sample in SAMPLES if not sample.shown] == []
     assert len(SAMPLES) > 25
 
@@ -197,7 +187,7 @@ def test_a_pages_commands_run_and_print_what_is_shown(page, working, tmp_path, r
     prepare(page, working)
     for sample in (one for one in SAMPLES if one.page == page):
         printed = {}
-        for command in filter(is_run, sample.commands):
+        for command in itertools.filterfalse(beginning, sample.commands):
             if "build/after" in command:  # a change that changed nothing
                 shutil.copytree(working / "build" / "before", working / "build" / "after")
             # What the demo leaves is there already.
@@ -207,7 +197,7 @@ def test_a_pages_commands_run_and_print_what_is_shown(page, working, tmp_path, r
         assert [command for command in before if printed.get(command)] == []
         if sample.language == "json":
             assert keys(json.loads(printed[last])) == keys(json.loads(sample.shown)), last
-        elif is_run(last):
+        elif not beginning(last):
             assert re.fullmatch(pattern(sample.shown), printed[last]), f"{last}: {printed[last]}"
         if last in TODAYS:
             assert_same_numbers(sample.shown, printed[last])
@@ -259,12 +249,6 @@ def run_block(block: str) -> dict[str, object]:
     return names
 
 
-def test_the_pages_object_loads_with_its_colours(working):
-    model = tracker.load_object(working / "my_object.toml")
-    assert model.name == "my_object"
-    assert model.colors == "my_object.npz" or Path(model.colors).parent == working
-
-
 def test_the_sample_of_poses_gives_what_its_remarks_say(tmp_path, monkeypatch, rng):
     monkeypatch.chdir(tmp_path)
     write_poses(tmp_path / "poses.h5", random_poses(rng, 6))
@@ -278,23 +262,15 @@ def test_the_sample_of_poses_gives_what_its_remarks_say(tmp_path, monkeypatch, r
         assert eval(expression, names).shape == tuple(sizes[size] for size in shape.split(", ")), expression
 
 
-def test_the_sample_of_recordings_reads_one(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("page", ["docs/recordings", "docs/learning"])
+def test_the_samples_of_recordings_read_one_and_pair_images_with_states(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_native(tmp_path / "camera_data.dat", make_content(3), poses=1)
-    (block,) = blocks("python", "docs/recordings")
-    run_block(block)
-    first, *frames = capsys.readouterr().out.splitlines()
-    assert "3" in first.split()
-    assert [line.split()[0] for line in frames] == ["0", "1", "2"]
-
-
-def test_the_sample_of_robot_states_pairs_images_with_them(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    write_native(tmp_path / "camera_data.dat", make_content(3))
+    write_native(tmp_path / "camera_data.dat", make_content(3), poses=int(page == "docs/recordings"))
     (tmp_path / "robot_data.dat").write_bytes(text())
-    run_block(*blocks("python", "docs/learning"))
-    printed = capsys.readouterr().out
-    assert [line.split()[0] for line in printed.splitlines() if line[0].isdigit()] == ["0", "1", "2"]
+    run_block(*blocks("python", page))
+    lines = capsys.readouterr().out.splitlines()
+    assert page == "docs/learning" or "3" in lines.pop(0).split()
+    assert [line.split()[0] for line in lines if line[0].isdigit()] == ["0", "1", "2"]
 
 
 def test_the_sample_of_a_folder_with_names_of_its_own_is_read(tmp_path, rng):
@@ -313,9 +289,12 @@ def test_the_sample_of_a_folder_with_names_of_its_own_is_read(tmp_path, rng):
         np.testing.assert_array_equal(log[1].images[0], images[1])
 
 
-def test_the_sample_of_an_arena_is_that_of_the_sample_in_python(tmp_path, working, monkeypatch):
+def test_the_samples_of_an_arena_are_the_same_and_that_of_an_object_loads(tmp_path, working, monkeypatch):
     monkeypatch.chdir(working)
     (stated,) = blocks("toml", "docs/own-rig")
     (tmp_path / "arena.toml").write_text(stated, encoding="utf-8")
     (same,) = blocks("python", "docs/own-rig")
     assert read_arena(tmp_path) == run_block(same)["arena"]
+    model = tracker.load_object(working / "my_object.toml")
+    assert model.name == "my_object"
+    assert model.colors == "my_object.npz" or Path(model.colors).parent == working

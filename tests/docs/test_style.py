@@ -1,14 +1,10 @@
 import re
 import subprocess
 
-import pytest
-
 import tracker
 from scripts.check_phrases import PHRASES, found, main, read_phrases
 from tests.docs.samples import PAGES
 from tests.helpers import ROOT
-
-WORDS = (ROOT / "docs" / "style" / "words.txt").read_text(encoding="utf-8")
 
 
 def test_a_phrase_is_found_across_lines_with_its_line_and_plainer_words(tmp_path, capsys):
@@ -18,15 +14,12 @@ def test_a_phrase_is_found_across_lines_with_its_line_and_plainer_words(tmp_path
     assert capsys.readouterr().out == f"{page}:2: broken off ==> interrupted\n"
     page.write_text("A run that was interrupted.\n", encoding="utf-8")
     assert main([str(page)]) == 0
-
-
-@pytest.mark.parametrize("text", ["It tells of cameras", "nobody knows", "lets expect", "did not teach"])
-def test_phrases_that_read_as_translated_are_listed(text):
-    assert list(found(text, read_phrases(PHRASES.read_text(encoding="utf-8"))))
-
-
-def test_words_have_plainer_ones():
-    assert all(re.fullmatch(r"[a-z']+->[a-z', ]+", line) for line in WORDS.splitlines())
+    # Phrases that read as translated are listed, and words have plainer ones.
+    phrases = read_phrases(PHRASES.read_text(encoding="utf-8"))
+    for text in ("It tells of cameras", "nobody knows", "lets expect", "did not teach"):
+        assert list(found(text, phrases)), text
+    words = (ROOT / "docs" / "style" / "words.txt").read_text(encoding="utf-8")
+    assert all(re.fullmatch(r"[a-z']+->[a-z', ]+", line) for line in words.splitlines())
 
 
 def test_the_changelog_is_of_what_is_unreleased_and_of_tags_and_each_begins_with_what_users_get():
@@ -44,28 +37,24 @@ def test_the_changelog_is_of_what_is_unreleased_and_of_tags_and_each_begins_with
     assert not tags or {f"v{version}" for version in versions} <= tags
 
 
-@pytest.mark.parametrize("page", sorted(set(PAGES) - {"README", "docs/index"}))
-def test_each_page_states_its_question_at_its_top(page):
-    first = next(line for line in PAGES[page].splitlines()[1:] if line.strip())
-    assert "?" in first
-
-
-def test_the_pages_explain_every_status():
+def test_each_page_states_its_question_at_its_top_and_the_one_of_answers_explains_every_status():
+    for page in set(PAGES) - {"README", "docs/index"}:
+        assert "?" in next(line for line in PAGES[page].splitlines()[1:] if line.strip()), page
     explained = re.findall(r"^\| `([a-z_]+)` \|", PAGES["docs/answers"], flags=re.MULTILINE)
     assert explained == [status.value for status in tracker.Status]
 
 
-@pytest.mark.parametrize(
-    "symptom",
-    [
-        "no pose", "colours", "red blue swapped", "swapped cameras", "camera moved", "blurred images",
-        "float table", "12-bit png", "lags", "first run slow", "images late", "black frozen", "pose jumps",
-        "extra missing",
-    ],
+SYMPTOMS = (
+    "no pose", "colours", "red blue swapped", "swapped cameras", "camera moved", "blurred images",
+    "float table", "12-bit png", "lags", "first run slow", "images late", "black frozen", "pose jumps",
+    "extra missing",
 )  # fmt: skip
-def test_a_section_on_troubleshooting_has_all_words_of_a_symptom(symptom):
-    sections = re.split("^##+ ", PAGES["docs/troubleshooting"], flags=re.MULTILINE)
-    assert any(all(word in section.lower() for word in symptom.split()) for section in sections)
+
+
+def test_a_section_on_troubleshooting_has_all_words_of_a_symptom():
+    sections = re.split("^##+ ", PAGES["docs/troubleshooting"].lower(), flags=re.MULTILINE)
+    for symptom in SYMPTOMS:
+        assert any(all(word in section for word in symptom.split()) for section in sections), symptom
 
 
 def test_every_link_of_what_is_no_page_leads_somewhere():
@@ -74,11 +63,10 @@ def test_every_link_of_what_is_no_page_leads_somewhere():
             assert "://" in target or (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-def words(text: str) -> int:
-    """How many there are, rules of tables left out."""
-    return sum(not re.fullmatch(r"[|:-]+", word) for word in text.split())
-
-
 def test_readme_and_pages_are_short():
-    assert words(PAGES["README"]) <= 500
-    assert sum(words(text) for name, text in PAGES.items() if name != "README") <= 16_000
+    words = {
+        name: sum(not re.fullmatch(r"[|:-]+", word) for word in text.split())  # but for rules of tables
+        for name, text in PAGES.items()
+    }
+    assert words.pop("README") <= 500
+    assert sum(words.values()) <= 16_000
