@@ -19,8 +19,6 @@ from tracker import ObjectTracker, open_log
 from tracker.cli.demo import DATA
 from tracker.compiled import _place, compiled, fingerprint
 
-PACKAGE = ROOT / "tracker"
-
 
 @compiled
 def halves(values):
@@ -58,9 +56,7 @@ def test_what_kernels_call_has_no_machine_code_and_is_compiled_once_for_all_writ
     assert not times.signatures
     assert times(1.5, 3) == 4.5
     assert len(times.signatures) == 1
-
-
-def test_a_compiled_function_gives_what_python_and_numpy_give_and_lets_other_threads_run():
+    # A compiled function gives what Python and NumPy give, and lets other threads run.
     values = np.arange(5.0)
     assert halves(values) == halves.py_func(values) == 5.0
     assert [ratios(a, b) for a, b in ((1.0, 4.0), (1.0, 0.0), (-1.0, 0.0))] == [0.25, np.inf, -np.inf]
@@ -109,21 +105,6 @@ def test_kernels_free_all_arrays_that_they_create():
     assert kept[-1][1] <= kept[-2][1]
 
 
-@pytest.fixture
-def nowhere(tmp_path, monkeypatch):
-    """Folder of a copy of the package, beside which, as anywhere else, no kernel can be kept."""
-    leave_out = shutil.ignore_patterns("__pycache__", "*.nb[ci]")
-    shutil.copytree(PACKAGE, tmp_path / "tracker", ignore=leave_out)
-    # A file where a folder is needed stops every user; a folder's permissions do not stop root.
-    for folder in {path.parent for path in tmp_path.rglob("*.py")}:
-        (folder / "__pycache__").touch()
-    (tmp_path / "file").touch()
-    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "IPYTHONDIR", "LOCALAPPDATA"):
-        monkeypatch.setenv(name, str(tmp_path / "file" / "below"))
-    monkeypatch.setenv("HOME", str(tmp_path / "file"))
-    return tmp_path
-
-
 SCRIPT = """
 import json
 import numpy as np
@@ -139,14 +120,21 @@ print(json.dumps([tracker.__file__, unkept, position.tolist(), rotation.round(9)
 """
 
 
-def test_kernels_are_compiled_where_none_can_be_kept(nowhere):
-    (nowhere / "script.py").write_text(SCRIPT, encoding="utf-8")
-    printed = run_python(["-W", "error", "script.py"], nowhere, check=True).stdout
-    file, unkept, position, rotation = json.loads(printed)
-    assert file == str(nowhere / "tracker" / "__init__.py")
-    assert unkept
-    assert position == [1.0, 2.0, 3.0]
-    assert rotation == [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+def test_kernels_are_compiled_where_none_can_be_kept(tmp_path, monkeypatch):
+    # A copy of the package, beside which, as anywhere else, a file is where a folder is needed: that stops
+    # every user; a folder's permissions do not stop root.
+    leave_out = shutil.ignore_patterns("__pycache__", "*.nb[ci]")
+    shutil.copytree(ROOT / "tracker", tmp_path / "tracker", ignore=leave_out)
+    for folder in {path.parent for path in tmp_path.rglob("*.py")}:
+        (folder / "__pycache__").touch()
+    (tmp_path / "file").touch()
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "IPYTHONDIR", "LOCALAPPDATA"):
+        monkeypatch.setenv(name, str(tmp_path / "file" / "below"))
+    monkeypatch.setenv("HOME", str(tmp_path / "file"))
+    printed = run_python(["-W", "error", "-c", SCRIPT], tmp_path, check=True).stdout
+    rotation = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    file = str(tmp_path / "tracker" / "__init__.py")
+    assert json.loads(printed) == [file, True, [1.0, 2.0, 3.0], rotation]
 
 
 ALL = {
@@ -223,8 +211,13 @@ def edit(toy, name, old, new):
     os.utime(path, (stamp, stamp))
 
 
-def test_a_change_in_what_a_kernel_calls_or_imports_leads_to_new_machine_code(toy):
+def test_a_change_in_what_a_kernel_calls_or_imports_and_damage_lead_to_new_machine_code(toy):
     assert in_new_process(toy, TOY) == [7.0, 0]
+    for pattern in ("*.nbi", "*.nbc"):
+        (folder,) = kept(toy)
+        for file in folder.glob(pattern):
+            file.write_bytes(b"none")
+        assert in_new_process(toy, TOY) == [7.0, 0]
     assert in_new_process(toy, TOY) == [7.0, 1]
     edit(toy, "inner.py", "1.0", "2.0")
     assert in_new_process(toy, TOY) == [8.0, 0]
@@ -244,7 +237,7 @@ def test_what_a_script_compiles_is_as_new_as_the_package_whose_kernels_it_may_ca
     assert fingerprint("tracker") in twice._cache._impl.locator.get_source_stamp()
 
 
-def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
+def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy, monkeypatch):
     folders = []
     for k in range(2, 5):
         edit(toy, "constants.py", f"{k}.0", f"{k + 1}.0")
@@ -253,13 +246,12 @@ def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
         folders += kept(toy) - before
     assert len(folders) == 3
     assert kept(toy) == set(folders[-2:])
-
-
-def test_where_copies_share_a_folder_machine_code_of_eight_other_sources_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    # Where copies share a folder, that of eight other sources stays.
+    shared = toy / "shared"
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(shared))
     for number in range(12):
-        os.utime(_place(tmp_path, f"kernels-{number:02}"), (number, number))
-    assert sorted(os.listdir(tmp_path)) == [f"kernels-{number:02}" for number in range(3, 12)]
+        os.utime(_place(shared, f"kernels-{number:02}"), (number, number))
+    assert sorted(os.listdir(shared)) == [f"kernels-{number:02}" for number in range(3, 12)]
 
 
 def test_copies_of_a_package_share_machine_code_where_a_folder_is_named(toy):
@@ -273,17 +265,7 @@ def test_copies_of_a_package_share_machine_code_where_a_folder_is_named(toy):
     assert kept(toy) == kept(toy / "elsewhere") == set()
 
 
-def test_kept_machine_code_that_is_damaged_is_made_again(toy):
-    in_new_process(toy, TOY)
-    for pattern in ("*.nbi", "*.nbc"):
-        (folder,) = kept(toy)
-        for file in folder.glob(pattern):
-            file.write_bytes(b"none")
-        assert in_new_process(toy, TOY) == [7.0, 0]
-    assert in_new_process(toy, TOY) == [7.0, 1]
-
-
-def test_machine_code_of_others_is_read_where_none_can_be_kept(toy):
+def test_machine_code_of_others_is_read_where_none_can_be_kept_or_not_any_more(toy):
     read_only = """
 from numba.core import caching
 
@@ -299,9 +281,6 @@ caching._CacheLocator.ensure_cache_path = refuse
     edit(toy, "inner.py", "1.0", "2.0")
     assert in_new_process(toy, read_only + TOY) == [8.0, 0]
     assert len(kept(toy)) == 1
-
-
-def test_machine_code_that_cannot_be_kept_any_more_stops_nobody(toy):
     gone = """
 import pathlib, shutil
 from toy.outer import outer
@@ -310,4 +289,4 @@ folder = pathlib.Path(outer.stats.cache_path)
 shutil.rmtree(folder)
 folder.touch()
 """
-    assert in_new_process(toy, gone + TOY) == [7.0, 0]
+    assert in_new_process(toy, gone + TOY) == [8.0, 0]

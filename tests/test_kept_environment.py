@@ -46,12 +46,10 @@ def test_those_that_nobody_used_for_long_are_forgotten(tmp_path, monkeypatch):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "new.installed"]
 
 
-EXTRAS = ("synthetic", "bench", "datasets", "rerun", "video")
-
-
 @pytest.mark.process
 def test_every_requirement_of_those_who_use_it_states_a_lowest_version():
-    printed = run_python(["scripts/lowest_versions.py", *EXTRAS], check=True).stdout
+    extras = ("synthetic", "bench", "datasets", "rerun", "video")
+    printed = run_python(["scripts/lowest_versions.py", *extras], check=True).stdout
     versions = dict(line.split("==") for line in printed.splitlines())
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8").lower()
     for name, version in versions.items():

@@ -42,11 +42,8 @@ def test_a_need_that_is_asked_for_is_a_failure_where_it_is_missing(outcomes, bod
 @pytest.mark.parametrize("reason", ["", "no reason", "reruns: none", "rerun"])
 def test_a_skip_without_a_kind_is_a_failure(outcomes, reason):
     counts, printed = outcomes(f"def test_a(): pytest.skip({reason!r})", "")
-    if reason == "rerun":
-        assert counts == {"skipped": 1}
-    else:
-        assert counts == {"failed": 1}
-        assert "needs a reason of a kind" in printed
+    assert counts == {"skipped" if reason == "rerun" else "failed": 1}
+    assert ("needs a reason of a kind" in printed) == (reason != "rerun")
 
 
 def test_what_passes_fails_or_is_expected_to_fail_stays_so(outcomes):

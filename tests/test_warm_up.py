@@ -70,44 +70,32 @@ def test_compiled_quickly_a_kernel_gives_the_same_and_numba_is_left_as_it_was():
 
 
 @pytest.mark.parametrize("packages", ["tracker/{}/__pycache__", "cache/tracker.{}"])
-def test_kernels_on_disk_are_counted(packages, tmp_path):
+def test_a_terminal_shows_how_many_kernels_there_are_on_disk(packages, tmp_path, monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
     for package, count in (("pose", 3), ("segmentation", 2)):
         for name in ("kernels-1", "kernels-2"):
             folder = tmp_path / packages.format(package) / name
             folder.mkdir(parents=True)
             for number in range(count):
                 (folder / f"{number}.nbc").touch()
-    assert warm_up._kept(tmp_path / packages.format("pose") / "kernels-1") == 5
-
-
-def test_a_terminal_shows_how_many_kernels_there_are(tmp_path, monkeypatch):
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    folder = tmp_path / "tracker" / "pose" / "__pycache__" / "kernels-1"
-    folder.mkdir(parents=True)
-    (folder / "a.nbc").touch()
-    monkeypatch.setattr(warm_up, "_folder", lambda: str(folder))
+    monkeypatch.setattr(warm_up, "_folder", lambda: str(tmp_path / packages.format("pose") / "kernels-1"))
     monkeypatch.setattr(warm_up.sys, "stderr", Terminal())
     with warm_up._counted():
-        until(lambda: f"compiled 1 of {warm_up.KERNELS} kernels" in warm_up.sys.stderr.getvalue())
+        until(lambda: f"compiled 5 of {warm_up.KERNELS} kernels" in warm_up.sys.stderr.getvalue())
 
 
 def test_what_compiles_beside_runs_nothing_of_the_present_folder(tmp_path, monkeypatch):
     (tmp_path / "tracker.py").write_text("open('ran', 'w').close()")
+    (tmp_path / "json.py").write_text("raise SystemExit('of the present folder')")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(warm_up.sys, "path", [str(ROOT), *filter(None, warm_up.sys.path)])
+    monkeypatch.setattr(sys, "path", [str(ROOT), *filter(None, sys.path)])
     process = warm_up._begin()
     assert process is not None
     assert process.wait() == 0
     assert not (tmp_path / "ran").exists()
-
-
-def test_modules_of_the_present_folder_are_not_imported(tmp_path, monkeypatch):
-    (tmp_path / "json.py").write_text("raise SystemExit('of the present folder')")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
     command = python_command("import json; print(json.dumps(sys.argv[1:]))", "a b", "--c")
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ('["a b", "--c"]\n', "")
