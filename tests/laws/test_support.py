@@ -63,6 +63,9 @@ def test_no_table_and_one_elsewhere_by_as_much_as_is_stated_force_nothing_on_thr
     assert np.linalg.norm(one.position - other.position) < 2e-5
     if table is None:
         np.testing.assert_allclose(np.diag(one.covariance), np.diag(other.covariance), rtol=0.2)
+        alone, nowhere = [truth.images[0], None, None], dataclasses.replace(KNOWN, table=None)
+        known, free = (trackers("cube_v2", rig, it)[0].detect(alone).object_pose for it in (KNOWN, nowhere))
+        assert known.covariance[2, 2] < 0.25 * free.covariance[2, 2]
 
 
 SUPPOSED = 6e-4
