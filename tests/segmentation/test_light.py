@@ -199,23 +199,21 @@ def test_loud_images_become_quieter_and_keep_their_edges_and_quiet_ones_stay(rng
         assert (np.abs(seen - own) < 0.25 * np.abs(left - right)).all()
 
 
-@pytest.fixture
-def raw():
-    smooth = cv2.GaussianBlur(np.random.default_rng(3).random((90, 120)), (0, 0), 2.0)
-    return (2000 * (smooth - smooth.min())).clip(0, 255).astype(np.uint8)
+BLOBS = cv2.GaussianBlur(np.random.default_rng(3).random((90, 120)), (0, 0), 2.0)
+RAW = (2000 * (BLOBS - BLOBS.min())).clip(0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize("red", range(4))
-def test_every_pattern_is_distinguished_from_its_interpolation_and_changes_where_rows_are_cut_off(raw, red):
-    image = cv2.cvtColor(raw, BAYER[red])
+def test_every_pattern_is_distinguished_from_its_interpolation_and_changes_where_rows_are_cut_off(red):
+    image = cv2.cvtColor(RAW, BAYER[red])
     assert find_mosaic(image) == red
     assert find_mosaic(np.ascontiguousarray(image[1:])) == red ^ 2
     assert find_mosaic(np.ascontiguousarray(image[:, 1:])) == red ^ 1
 
 
-def test_changed_flat_noisy_and_tiny_images_are_none(raw):
+def test_changed_flat_noisy_and_tiny_images_are_none():
     image, noise = (
-        cv2.cvtColor(raw, BAYER[0]),
+        cv2.cvtColor(RAW, BAYER[0]),
         np.random.default_rng(0).integers(0, 256, (90, 90, 3), np.uint8),
     )
     one_value = image.copy()
