@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -207,13 +209,18 @@ def test_what_is_no_model_or_start_is_refused_with_the_reason(tmp_path):
     assert load(path).numbers == load("platform").numbers
     for old, new, message in (
         ('unit = "m"', 'unit = "mm"', "position.bias: found"),
-        ("[delay]", "[delays]", "'delay' is missing|'delays' is unknown"),
+        (r"\[delay\]", "[delays]", "'delay' is missing|'delays' is unknown"),
         ("bias =", "bias", "not a TOML file"),
         ("value = ", "value = -", "found value -"),
-        ("{value = 0.995", "{value = 1.5", "confidence.clear: found value 1.5, expected 0 to 1"),
-        ("{value = 0.461", "{value = 31", "position.visible: found value 31, expected 0 to 30"),
-        ("{value = 1.4", "{value = 999", "position.fast_spread: found value 999, expected 0 to 10"),
+        *(
+            (rf"\b{name} = \{{value = [\d.]+", f"{name} = {{value = {value}", message)
+            for name, value, message in (
+                ("clear", 1.5, "confidence.clear: found value 1.5, expected 0 to 1"),
+                ("visible", 31, "position.visible: found value 31, expected 0 to 30"),
+                ("fast_spread", 999, "position.fast_spread: found value 999, expected 0 to 10"),
+            )
+        ),
     ):
-        path.write_text(preset.replace(old, new, 1), encoding="utf-8")
+        path.write_text(re.sub(old, new, preset, count=1), encoding="utf-8")
         with pytest.raises(tracker.TrackerError, match=message):
             load(path)
