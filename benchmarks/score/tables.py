@@ -135,8 +135,8 @@ TABLES: tuple[Table, ...] = (
     Table(
         "detect",
         "Time of `detect`",
-        "Processor time with one thread, and the multiple of reference work (`cv2.medianBlur` 5 and "
-        "conversion to HSV of the same images) right after it.",
+        "One thread's processor time (stages: wall clock), and the multiple of reference work "
+        "(`cv2.medianBlur` 5 and HSV of the same images) right after it.",
         (*TIMES, *map(_stage, STAGES)),
         heads=("object", "workload", ""),
         page=_BRIEFLY,
