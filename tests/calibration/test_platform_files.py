@@ -177,8 +177,8 @@ DISTORTION_STD = np.array([0.01, 0.05, 4e-4, 3e-4, 0.1])
 
 
 @pytest.fixture
-def calibrated(camera):
-    return Calibrated(camera, MATRIX_STD, DISTORTION_STD)
+def calibrated():
+    return Calibrated(make_camera(), MATRIX_STD, DISTORTION_STD)
 
 
 def test_deviations_are_read_as_written_and_a_lens_alone_is_no_camera_yet(calibrated, tmp_path):
