@@ -1,11 +1,10 @@
 """Files damaged at random from a seed, read in a process with limits of memory and time.
 
-A crash of a compiled library, a loop without end and a memory that fills are seen as answers; the process
-starts again after each.
+A crash of a compiled library, a loop without end and a memory that fills are seen as answers; another
+process goes on after each.
 """
 
 import contextlib
-import multiprocessing
 import resource
 import signal
 import zlib
@@ -13,10 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
 import tracker
+from tracker.batch import workers
 from tracker.calibration.rig import read_arena
 from tracker.color_learning.labelled import read_image
 from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
@@ -52,17 +53,6 @@ class Sample:
     """Where it is read from; there may be other files beside it that are not damaged."""
     heads: tuple[tuple[int, int], ...] = ()
     """Parts [start, end) in which lengths and kinds stand."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What became of a damaged file."""
-
-    seed: int
-    kind: str
-    """`read`, whether or not with an error of the tracker; `raised` another one; `died`."""
-    outcome: Any
-    """What the reader returned, or what was raised, or the signal."""
 
 
 def damaged(sample: Sample, seed: int) -> bytes:
@@ -138,49 +128,29 @@ READERS = {
 """What reads a sample; a TrackerError is an answer, too."""
 
 
-def answers_to(samples: Sequence[Sample], variants: int) -> dict[str, list[Answer]]:
-    """What became of each sample in each of its variants."""
-    found: dict[str, list[Answer]] = {sample.name: [] for sample in samples}
-    todo = [(k, seed) for k in range(len(samples)) for seed in range(variants)]
-    context = multiprocessing.get_context("spawn")
-    while todo:
-        receiver, sender = context.Pipe(duplex=False)
-        process = context.Process(target=_read_all, args=(samples, todo, sender))
-        process.start()
-        sender.close()
-        with contextlib.suppress(EOFError):
-            while todo:
-                answer = receiver.recv()
-                found[samples[todo.pop(0)[0]].name].append(answer)
-        process.join()
-        if todo:
-            k, seed = todo.pop(0)
-            found[samples[k].name].append(Answer(seed, "died", process.exitcode))
+def answers_to(samples: Sequence[Sample], variants: int) -> dict[str, list[Any]]:
+    """Of each sample, seed by seed, what its reader gave; or an Exception, a WorkerError of a crash."""
+    found: dict[str, list[Any]] = {sample.name: [] for sample in samples}
+    tasks = [(sample, seed) for sample in samples for seed in range(variants)]
+    with mock.patch.object(workers, "ATTEMPTS", 1), workers.processes(1) as each:
+        for (sample, _), answer in each(_answer, tasks):
+            found[sample.name].append(answer)
     return found
 
 
-def _read_all(samples: Sequence[Sample], todo: Sequence[tuple[int, int]], answers: Any) -> None:
+def _answer(task: tuple[Sample, int]) -> Any:
+    sample, seed = task
     resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+    sample.path.write_bytes(damaged(sample, seed))
     signal.signal(signal.SIGPROF, signal.SIG_DFL)  # ends the process
-    for k, seed in todo:
-        sample = samples[k]
-        sample.path.write_bytes(damaged(sample, seed))
-        signal.setitimer(signal.ITIMER_PROF, SECONDS)
-        try:
-            answer = Answer(seed, "read", _read(sample))
-        except BaseException as error:
-            answer = Answer(seed, "raised", repr(error))
-        answers.send(answer)
-    signal.setitimer(signal.ITIMER_PROF, 0)
-    answers.close()
-
-
-def _read(sample: Sample) -> Any:
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
         found = READERS[sample.reader](sample.path)
         return found if "log" in sample.reader else None
     except tracker.TrackerError as error:
         return _one_line(error)
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
 
 
 def _one_line(error: Exception) -> str:
