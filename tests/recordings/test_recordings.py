@@ -16,9 +16,6 @@ from tests.helpers.log_writers import make_content, native_bytes, write_native
 from tests.helpers.pose_logs import assert_same, random_poses
 from tests.helpers.reading import frames_of, peak_memory
 from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, write_log
-from tracker.batch.run import Batch, run_batch
-from tracker.batch.tables import state
-from tracker.batch.workers import engine
 from tracker.calibration.files import Calibrated, calibration_text
 from tracker.errors import CalibrationError, LogError, TrackerError
 from tracker.files import told_as, write_together
@@ -335,25 +332,6 @@ def read_only(tmp_path) -> Path:
     folder.mkdir(mode=0o555)
     # Who may do everything needs a folder of the kernel's own.
     return Path("/sys") if os.access(folder, os.W_OK) else folder
-
-
-def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
-    for name, frames in (("a", 5), ("b", 150), ("c", 6)):
-        write_log(tmp_path / "in" / name, frames)
-    options = Options("cube_v2", make_tracker=NoiseTracker)
-    one, results = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
-    with no_file_longer_than(20_000):
-        run_batch(one.work(), engine(1), results.append)
-    reasons = [result["failure"] and result["failure"].split(": ", 1)[1] for result in results]
-    assert reasons == [None, "cannot be written: File too large", None]
-    found = state(one)
-    assert (len(found.lines), len(found.failures)) == (2, 1)
-    assert len(read_poses(one.folder / one.pairs[2][1])) == 6
-    assert not list((tmp_path / "out").rglob("*.tmp"))
-    results.clear()
-    run_batch(one.work(), engine(1), results.append)
-    assert [result and result["failure"] for result in results] == [None] * 3
-    assert len(state(one).lines) == 3
 
 
 def write_calibration(path, camera):
