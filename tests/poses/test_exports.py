@@ -1,4 +1,5 @@
 import csv
+import dataclasses
 import os
 
 import numpy as np
@@ -52,6 +53,8 @@ def numbers(rows, prefix, names) -> np.ndarray:
 def test_a_table_has_a_row_a_frame_with_the_same_bits(tmp_path_factory, count, share, recorded, seed):
     path = tmp_path_factory.mktemp("csv") / "trajectory.csv"
     poses = random_poses(np.random.default_rng(seed), count, share=share, recorded=recorded)
+    status = np.where(poses.status == "lost", 'far, far "away"', poses.status)
+    poses = dataclasses.replace(poses, status=status)
     write_csv(path, poses)
     rows = read_csv(path)
     of_others = random_poses(np.random.default_rng(0), 0, recorded=True).table()
@@ -79,13 +82,6 @@ def test_a_table_has_a_row_a_frame_with_the_same_bits(tmp_path_factory, count, s
             std = numbers(rows, kind, names)
             variance = np.diagonal(columns.covariance, axis1=1, axis2=2)
             assert np.array_equal(std, np.sqrt(variance), equal_nan=True)
-
-
-def test_a_status_with_a_comma_stays_one_cell(tmp_path):
-    builder = PosesBuilder(make_about())
-    builder.append(0, 0.0, answer(None, None, 'far, far "away"'))
-    write_csv(tmp_path / "a.csv", builder.build())
-    assert read_csv(tmp_path / "a.csv")[0]["status"] == 'far, far "away"'
 
 
 @pytest.mark.parametrize("write", [write_csv, write_parquet])

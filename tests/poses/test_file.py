@@ -41,14 +41,18 @@ def written(path, rng):
     recorded=st.booleans(),
     cameras=st.booleans(),
     first=st.integers(0, 2**39),
+    source=st.sampled_from(["", "ä 物体", "x" * 5000]),
+    statuses=st.sampled_from([("", "größer"), ("tracking", "lost")]),
     seed=st.integers(0, 2**32 - 1),
 )
 def test_a_file_gives_back_what_was_written_to_the_bit(
-    tmp_path_factory, count, share, recorded, cameras, first, seed
+    tmp_path_factory, count, share, recorded, cameras, first, source, statuses, seed
 ):
     path = tmp_path_factory.mktemp("poses") / "poses.h5"
     rng = np.random.default_rng(seed)
     poses = random_poses(rng, count, share=share, recorded=recorded, first=first, cameras=cameras)
+    status = np.array(statuses)[rng.integers(2, size=count)]
+    poses = dataclasses.replace(poses, status=status, about=make_about(source=source))
     write_poses(path, poses)
     assert_same(read_poses(path), poses)
 
@@ -71,14 +75,6 @@ def test_cameras_and_arena_come_back_with_and_without_deviations(path, rng):
     assert rig[1].camera_from_world_std is None
     np.testing.assert_array_equal(rig[1].distortion, LENSES[14])
     assert poses.about.agrees_with(read_poses(path).about)
-
-
-@pytest.mark.parametrize("source", ["", "ä 物体", "x" * 5000])
-def test_texts_come_back(path, rng, source):
-    poses = dataclasses.replace(random_poses(rng, 2), about=make_about(source=source))
-    write_poses(path, dataclasses.replace(poses, status=np.array(["", "größer"])))
-    assert read_poses(path).about.source == source
-    assert read_poses(path).status.tolist() == ["", "größer"]
 
 
 def test_the_names_are_those_of_the_platforms_logs_and_texts_have_codes(written):
@@ -287,19 +283,10 @@ def test_a_damaged_byte_is_refused_or_changes_nothing(written, tmp_path):
         broken[place] ^= 1 << rng.integers(8)
         damaged.write_bytes(bytes(broken))
         try:
-            after = arrays_of(read_poses(damaged))
+            np.testing.assert_equal(arrays_of(read_poses(damaged)), before, err_msg=str(place))
         except TrackerError:
             refused += 1
-        else:
-            for name, array in before.items():
-                assert np.array_equal(array, after[name], equal_nan=array.dtype.kind == "f"), (place, name)
     assert refused > 20
-
-
-def good(rng) -> dict[str, np.ndarray]:
-    """Valid columns of three filtered poses, the last frame without one."""
-    columns = FilteredColumns.joined([random_poses(rng, 2, share=1).filtered, FilteredColumns.nothing(1)])
-    return {name: array.copy() for name, array in columns.arrays().items()}
 
 
 INDEFINITE, ASYMMETRIC = np.eye(6), np.eye(6)
@@ -331,7 +318,8 @@ ASYMMETRIC[0, 1] = 0.01
     ],
 )
 def test_impossible_rows_and_columns_of_another_shape_or_type_are_refused(rng, name, rows, value, message):
-    arrays = good(rng)
+    columns = FilteredColumns.joined([random_poses(rng, 2, share=1).filtered, FilteredColumns.nothing(1)])
+    arrays = {name: array.copy() for name, array in columns.arrays().items()}
     for scale in (1e-12, 1.0, 1e12):
         FilteredColumns(**{**arrays, "covariance": scale * arrays["covariance"]})
     if rows is None:
