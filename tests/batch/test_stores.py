@@ -4,7 +4,6 @@ import os
 import re
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -105,29 +104,17 @@ def test_images_that_no_step_saw_have_no_state_of_the_robot(robots, tmp_path):
     assert images["robot_position_0_rad"].to_pylist()[2:6] == [10, 15, None, 25]
 
 
-def test_predictions_do_not_count_for_the_delay(tmp_path, robots, monkeypatch):
-    update = KnowingTracker.update
-
-    def coasting(self, images, timestamp):
-        if not 1.5 < timestamp < 1.85:
-            return update(self, images, timestamp)
-        stays = vars(update(self, images, 1.5))
-        return SimpleNamespace(**stays | {"object_pose": None, "status": "coasting"})
-
-    monkeypatch.setattr(KnowingTracker, "update", coasting)
-    _, report = do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)
-    assert report["robots"]["r1"]["delay_s"] == pytest.approx(robot_stores.LATE, abs=0.005)
-
-
-def test_what_moves_while_it_is_not_found_does_not_count_for_the_delay(rng):
+@pytest.mark.parametrize("predicted", [False, True])
+def test_what_moves_while_it_is_not_found_does_not_count_for_the_delay(predicted, rng):
     builder = PosesBuilder(make_about())
     for number, time in enumerate(np.arange(300) / 10):
         found, pose = time % 4 < 2.6, random_pose(rng, moving=True)
-        pose.position = position(time)
-        # The platform's own tracker repeats its last pose of an object that it does not see.
         last = time if found else time // 4 * 4 + 2.5
-        stored = moved(np.eye(3), position(last - robot_stores.LATE))
-        builder.append(number, time, answer(None, pose if found else None, "tracking"), stored)
+        pose.position = position(last)
+        # The platform's own tracker repeats its last pose of an object that it does not see.
+        stored = moved(np.eye(3), position((time if predicted else last) - robot_stores.LATE))
+        ours = pose if found or predicted else None
+        builder.append(number, time, answer(None, ours, "tracking" if found else "coasting"), stored)
     assert delay([builder.build()]) == pytest.approx(robot_stores.LATE, abs=0.005)
 
 
