@@ -326,14 +326,6 @@ def test_memory_does_not_grow_with_the_recording(tmp_path):
     assert peak(200) < peak(50) + 150 * 4000
 
 
-@pytest.fixture
-def read_only(tmp_path) -> Path:
-    folder = tmp_path / "read_only"
-    folder.mkdir(mode=0o555)
-    # Who may do everything needs a folder of the kernel's own.
-    return Path("/sys") if os.access(folder, os.W_OK) else folder
-
-
 def write_calibration(path, camera):
     with told_as(CalibrationError, path):
         write_together([(path, calibration_text(Calibrated(camera)))])
@@ -362,7 +354,11 @@ def whole(tmp_path, name) -> tuple:
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_place_that_cannot_be_written_is_reported_in_one_line(name, read_only, whole, tmp_path):
+def test_a_place_that_cannot_be_written_is_reported_in_one_line(name, whole, tmp_path):
+    read_only = tmp_path / "read_only"
+    read_only.mkdir(mode=0o555)
+    if os.access(read_only, os.W_OK):  # who may do everything needs a folder of the kernel's own
+        read_only = Path("/sys")
     for folder in (read_only, tmp_path / "none", tmp_path / "nul\0"):
         with pytest.raises(TrackerError) as raised:
             WRITERS[name](folder / name, *whole)
