@@ -76,7 +76,11 @@ def test_a_camera_none_of_whose_pictures_can_be_read_is_no_fault_of_the_calibrat
 def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
     rig_of(*CAMERAS).save(folder)
     assert fitted(folder).names == CAMERAS
-    (folder / "camera180.yml").unlink()
+    file = folder / "camera180.yml"
+    file.write_text(file.read_text().replace("camera180", "camera181"))
+    with pytest.raises(tracker.TrackerError, match="expected camera180"):
+        fitted(folder)
+    file.unlink()
     with pytest.raises(LogError, match="no calibration of camera180; expe"):
         fitted(folder)
     for name in ("camera60", "camera300"):

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_rig
 from tests.helpers.log_writers import (
-    CAMERAS,
     POSE,
     START,
     Content,
@@ -126,18 +124,6 @@ def test_a_log_may_be_empty(tmp_path, data):
     with tracker.open_log(tmp_path / "log") as log:
         assert list(log) == []
         assert len(log) == 0
-
-
-def test_the_calibration_beside_is_found(tmp_path):
-    write_native(tmp_path / "camera_data.dat", make_content(1))
-    with tracker.open_log(tmp_path) as log:  # a job's folder
-        assert log.rig is None
-        make_rig().save(tmp_path)
-        assert log.rig.names == CAMERAS
-        file = tmp_path / "camera60.yml"
-        file.write_text(file.read_text().replace("camera60", "camera61"))
-        with pytest.raises(tracker.TrackerError, match="expected camera60"):
-            _ = log.rig
 
 
 SECOND = 12 + 8 + 3 * (13 + 24 * 28 + 8)  # offset of record 1, of a log without poses
