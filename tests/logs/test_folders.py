@@ -92,29 +92,22 @@ def test_pictures_with_stamps_of_their_own_are_put_together(tmp_path):
     np.testing.assert_array_equal(frames[4].images[2], picture(4, 2))
 
 
-def test_one_triplet_is_one_frame_and_brings_its_calibration(tmp_path):
-    for c, camera in enumerate(CAMERAS):
-        write_picture(tmp_path / f"{camera}.png", picture(0, c))
-    make_rig().save(tmp_path)
-    with tracker.open_log(tmp_path) as log:
-        assert len(log) == 1
-        assert log.rig.names == CAMERAS
-        np.testing.assert_array_equal(log[0].images[2], picture(0, 2))
-
-
 @pytest.mark.parametrize(
-    ("inside", "path"), [("rec", "."), ("rec/000000", ".."), ("a.zarr", "data.mdb"), ("", "a.zarr/data.mdb")]
+    ("inside", "path"),
+    [("rec", "."), ("rec/000000", ".."), ("one", "."), ("a.zarr", "data.mdb"), ("", "a.zarr/data.mdb")],
 )
 def test_the_calibration_beside_is_found_from_anywhere(tmp_path, inside, path, monkeypatch):
     write_triplets(tmp_path / "rec", ["000000"])
+    write_triplets(tmp_path, ["one"])  # a triplet is a frame, and a recording
     (tmp_path / "a.zarr").mkdir()
     (tmp_path / "a.zarr" / "data.mdb").touch()
     make_rig().save(tmp_path)
     monkeypatch.chdir(tmp_path / inside)
     assert calibration_files(Path(path)) == [tmp_path / f"{camera}.yml" for camera in sorted(CAMERAS)]
-    if inside.startswith("rec"):
+    if "zarr" not in inside + path:
         with tracker.open_log(path) as log:
-            assert log.rig.names == CAMERAS
+            assert (len(log), log.rig.names) == (1, CAMERAS)
+            np.testing.assert_array_equal(log[0].images, [picture(0, c) for c in range(3)])
 
 
 NO_TRUTHS = ("", "[]", '{"frames": 3}', '{"frames": [{"frame": 1}]}', "[" * 99999)

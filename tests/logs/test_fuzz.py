@@ -43,15 +43,6 @@ MADE = (
 )
 
 
-def recorded(real: Path, folder: Path) -> list[Sample]:
-    """The samples of the platform."""
-    samples = []
-    for name in (*NATIVE, *HDF5):
-        heads = ((0, 33 if name in NATIVE else 6000),)
-        samples.append(Sample(name, (real / "logs" / name).read_bytes(), "log", folder / name, heads))
-    return samples
-
-
 def made(folder: Path) -> list[Sample]:
     """A small file of each kind."""
     content, rng = make_content(4), np.random.default_rng(0)
@@ -127,7 +118,11 @@ def of_made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Any]]:
 
 @pytest.fixture(scope="module")
 def of_recorded(real: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Any]]:
-    return answers_to(recorded(real, tmp_path_factory.mktemp("recorded")), VARIANTS)
+    folder, samples = tmp_path_factory.mktemp("recorded"), []
+    for name in (*NATIVE, *HDF5):
+        heads = ((0, 33 if name in NATIVE else 6000),)
+        samples.append(Sample(name, (real / "logs" / name).read_bytes(), "log", folder / name, heads))
+    return answers_to(samples, VARIANTS)
 
 
 def all_read(answers: list[Any]) -> list[Any]:

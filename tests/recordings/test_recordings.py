@@ -1,6 +1,7 @@
 import dataclasses
 import gzip
 import os
+import shutil
 import struct
 import sys
 from pathlib import Path
@@ -150,9 +151,7 @@ def test_the_poses_can_be_had_without_a_file(tmp_path):
 )
 def test_other_code_for_poses_or_their_sums_is_in_the_fingerprint(changed, tmp_path, monkeypatch):
     root = Path(tracker.__file__).parent
-    for path in root.rglob("*.py"):
-        (tmp_path / path.relative_to(root)).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / path.relative_to(root)).write_bytes(path.read_bytes())
+    shutil.copytree(root, tmp_path, dirs_exist_ok=True)
     monkeypatch.setattr(
         sys.modules[fingerprint.__module__], "__file__", str(tmp_path / "recordings/track.py")
     )
