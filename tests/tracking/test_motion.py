@@ -95,25 +95,11 @@ def test_a_measurement_moves_each_kind_as_kalmans_equations_say(rng):
     np.testing.assert_allclose(after.modes["weight"], weights / weights.sum(), rtol=1e-9)
 
 
-def test_two_half_steps_predict_what_one_step_does():
-    for seed in range(5):
-        settled = settled_at_rest(np.random.default_rng(seed), 5)
-        first, second = settled.predicted(DT).state, settled.predicted(DT / 2).predicted(DT / 2).state
-        np.testing.assert_allclose(first.position, second.position, atol=2e-5)
-        assert so3.angle_between(first.rotation, second.rotation) < np.radians(0.02)
-        assert first.at_rest == pytest.approx(second.at_rest, abs=0.02)
-        # A change of the kind of motion counts from the beginning of a step: one long step is more careful.
-        ratio = np.sqrt(np.diag(second.covariance) / np.diag(first.covariance))
-        assert (ratio < 1.02).all()
-        assert (ratio > 0.7).all()
-
-
 def test_no_time_changes_nothing(rng):
-    filtered = settled_at_rest(rng)
-    before, after = filtered.state, filtered.predicted(0.0).state
-    np.testing.assert_allclose(after.position, before.position, atol=1e-15)
-    np.testing.assert_allclose(after.covariance, before.covariance, rtol=1e-5, atol=1e-12)
-    assert after.at_rest == pytest.approx(before.at_rest)
+    before = settled_at_rest(rng)
+    after = before.predicted(0.0)
+    for name in MODE.names:
+        np.testing.assert_allclose(after.modes[name], before.modes[name], rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -377,13 +363,6 @@ def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
     mean = after[0] + np.concatenate([np.zeros(3), so3.log(found["rotation"][0] @ first.T), np.zeros(6)])
     np.testing.assert_allclose(mean, before[0], atol=2e-6)
     np.testing.assert_allclose(after[1], before[1], atol=1e-6)
-
-
-def test_kinds_that_keep_to_themselves_are_not_changed_by_mixing(rng):
-    modes = drawn_modes(rng)
-    found = mixed(modes, np.full(3, np.inf))
-    for name in MODE.names:
-        np.testing.assert_allclose(found[name], modes[name], rtol=1e-12, atol=1e-9)
 
 
 def test_forecasts_of_a_carried_object_are_as_uncertain_as_they_are_wrong(rng):

@@ -200,15 +200,6 @@ def test_a_jump_that_is_not_believed_yet_gives_no_pose(rig, film, away):
     assert within(answers[1].object_pose, FAR)
 
 
-def test_an_unseen_motion_fades(rig, film):
-    one = new(rig)
-    answers = play(one, film[:11])[-1:] + play(one, [[None] * 3] * 4, first=11)
-    speeds = [np.linalg.norm(answer.filtered_object_pose.velocity[:3]) for answer in answers]
-    # From the second: in the first it is not known yet.
-    assert (np.diff(speeds[1:]) < 0).all()
-    assert speeds[-1] < 0.6 * speeds[0]
-
-
 def test_dropped_images_and_uneven_stamps_do_no_harm(rig, film):
     rng = np.random.default_rng(5)
     one = new(rig)
