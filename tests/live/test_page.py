@@ -17,6 +17,7 @@ import pytest
 
 import tracker
 from tests.helpers import RIG
+from tests.helpers.command import until
 from tests.helpers.filmed import shots
 from tests.helpers.moments import estimate, moment
 from tracker.errors import LiveError
@@ -153,11 +154,12 @@ def test_a_connection_that_is_reset_is_no_word_on_stderr(page, capsys):
             asked.sendall(request)
             time.sleep(0.05)
             asked.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-    deadline = time.monotonic() + 60
-    while any(thread.name.startswith("Thread-") for thread in threading.enumerate()):
-        assert time.monotonic() < deadline
+
+    def none_is_answered():
         page(moment(0, IMAGES))
-        time.sleep(0.05)
+        return not any(thread.name.startswith("Thread-") for thread in threading.enumerate())
+
+    until(none_is_answered)
     assert capsys.readouterr().err == ""
 
 
@@ -168,12 +170,12 @@ def test_connections_beyond_a_few_are_closed_and_free_again_once_others_are(page
         for one in many[20:]:
             one.settimeout(5)
             assert one.recv(1) == b""
-    deadline = time.monotonic() + 60
-    while True:
+
+    def let_in():
         with contextlib.suppress(OSError, http.client.HTTPException):
-            assert got(page, "/")[0] == 200
-            break
-        assert time.monotonic() < deadline
+            return got(page, "/")[0] == 200
+
+    until(let_in)
 
 
 def test_a_browser_that_reads_nothing_holds_up_nobody(page):
