@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tests.helpers import exposed
+from tests.helpers import exposed, opencv_pixels
 from tests.helpers.log_writers import write_picture
 from tracker import Camera, CameraRig
 from tracker.calibration.board.board import Board, Page, page_image
@@ -23,25 +23,14 @@ OFTEN = 3
 _DOTS = 254.0
 _MARGIN = 10.0
 
-
-@dataclasses.dataclass(frozen=True)
-class TrueLens:
-    """A camera's lens, as numbers."""
-
-    width: int = 360
-    height: int = 270
-    matrix: tuple[float, ...] = (294.8, 295.6, 181.3, 137.1)
-    """fx, fy, cx, cy [px]."""
-    distortion: tuple[float, ...] = (-0.24, 0.12, 0.0008, -0.0005, -0.03)
-
-    @property
-    def arrays(self) -> tuple[FloatArray, FloatArray]:
-        fx, fy, cx, cy = self.matrix
-        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=np.float64)
-        return matrix, np.array(self.distortion)
-
-
-LENS = TrueLens()
+LENS = Camera(
+    name="lens",
+    width=360,
+    height=270,
+    matrix=np.array([[294.8, 0, 181.3], [0, 295.6, 137.1], [0, 0, 1]]),
+    distortion=np.array([-0.24, 0.12, 0.0008, -0.0005, -0.03]),
+    camera_from_world=np.eye(4),
+)
 
 
 def pose_towards(rng: np.random.Generator, tilt: float = 0.7) -> FloatArray:
@@ -53,17 +42,11 @@ def pose_towards(rng: np.random.Generator, tilt: float = 0.7) -> FloatArray:
     return so3.transform(facing, (*rng.uniform(-0.08, 0.08, 2), 0.5 * rng.uniform(0.85, 1.2)))
 
 
-def seen_pixels(points: FloatArray, pose: FloatArray, lens: TrueLens) -> FloatArray:
-    """(N, 2) where points (N, 3) of the board are in the image [px]."""
-    pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3], *lens.arrays)
-    return pixels.reshape(-1, 2)
-
-
 def sighting(
-    name: str, pose: FloatArray, rng: np.random.Generator, *, noise: float = 0.1, lens: TrueLens = LENS
+    name: str, pose: FloatArray, rng: np.random.Generator, *, noise: float = 0.1, lens: Camera = LENS
 ) -> BoardView:
     """The corners inside of the image, each off by noise [px] along both axes."""
-    pixels = seen_pixels(BOARD.corners, pose, lens)
+    pixels = opencv_pixels(lens, BOARD.corners, pose)
     inside = ((pixels > 3) & (pixels < np.array([lens.width, lens.height]) - 4)).all(axis=1)
     numbers = np.flatnonzero(inside)
     seen = pixels[inside] + rng.normal(0, noise, (len(numbers), 2))
@@ -91,9 +74,7 @@ def write_photos(
     root: Path, cameras: Mapping[str, FloatArray], places: Mapping[str, FloatArray], rng: np.random.Generator
 ) -> None:
     """The lenses of cameras (name: camera_from_world), and their photos of each place of the board."""
-    matrix, distortion = LENS.arrays
-    lenses = [Camera(name, LENS.width, LENS.height, matrix, distortion, np.eye(4)) for name in cameras]
-    CameraRig(tuple(lenses)).save(root / "lenses")
+    CameraRig(tuple(dataclasses.replace(LENS, name=name) for name in cameras)).save(root / "lenses")
     for folder, place in places.items():
         for name, true in cameras.items():
             write_picture(root / folder / f"{name}.png", photo(true @ place, rng))
@@ -103,8 +84,8 @@ def write_photos(
 def _rays() -> FloatArray:
     """(H · OFTEN, W · OFTEN, 3) rays through parts of pixels, z = 1; between pixels they are linear."""
     rows, columns = np.mgrid[: LENS.height, : LENS.width]
-    matrix, distortion = LENS.arrays
-    target = (np.stack([columns, rows], axis=-1).reshape(-1, 2) - matrix[:2, 2]) / matrix[(0, 1), (0, 1)]
+    target = np.stack([columns, rows], axis=-1).reshape(-1, 2) - LENS.matrix[:2, 2]
+    target, distortion = target / LENS.matrix[(0, 1), (0, 1)], np.array(LENS.distortion)
     flat = target.copy()
     for _ in range(8):  # a fixed point, whatever the version's own inverse does
         ahead = np.insert(flat, 2, 1.0, axis=1)

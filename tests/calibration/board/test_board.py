@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from tests.helpers.boards import BOARD, LENS, photo, pose_towards, seen_pixels
+from tests.helpers import opencv_pixels
+from tests.helpers.boards import BOARD, LENS, photo, pose_towards
 from tracker.calibration.board.board import Board, page_image, page_of, printed
 from tracker.calibration.board.sighting import (
     find_board,
@@ -118,7 +119,7 @@ def test_corners_are_found_where_they_are(photos):
         assert found is not None
         assert len(found) >= 20
         assert found.points == pytest.approx(BOARD.corners[found.corners])
-        errors.append(found.pixels - seen_pixels(found.points, pose, LENS))
+        errors.append(found.pixels - opencv_pixels(LENS, found.points, pose))
     together = np.concatenate(errors)
     assert np.abs(together.mean(axis=0)).max() < 0.03  # pixel centres are at whole numbers
     assert np.median(np.linalg.norm(together, axis=1)) < 0.12
