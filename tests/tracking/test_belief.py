@@ -11,8 +11,8 @@ from tests.helpers.fits import COVARIANCE, HOME, made_fit
 from tracker import Status, TrackerError
 from tracker.geometry import so3
 from tracker.objects.model import Box
-from tracker.pose.judge import confidence, fits
-from tracker.tracking.belief import Belief, TrackingOptions, measured
+from tracker.pose.judge import confidence
+from tracker.tracking.belief import Belief, TrackingOptions
 
 DT = 0.1
 ELSEWHERE = np.array([-0.1, 0.05, 0.0325])
@@ -269,15 +269,6 @@ def test_estimates_are_read_only_and_do_not_change_later(track):
     copy = estimate.position.copy()
     track.see(made_fit(HOME + 0.01 * X), 1.1)
     np.testing.assert_array_equal(estimate.position, copy)
-
-
-def test_measured_pose_is_that_of_the_fit():
-    fit = made_fit(rotation=random_rotations(np.random.default_rng(2), 1)[0])
-    pose = measured(fit, fits(fit), 0.0, 2 * BOX.half)
-    np.testing.assert_array_equal(pose.position, fit.position)
-    np.testing.assert_allclose(pose.rotation, fit.rotation, atol=1e-12)
-    np.testing.assert_array_equal(pose.covariance, fit.covariance)
-    assert pose.confidence == confidence(fit)
 
 
 @pytest.mark.parametrize(

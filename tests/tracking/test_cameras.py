@@ -12,6 +12,7 @@ from tests.helpers.stills import bare_scene
 from tests.pose.test_agreement import moved
 from tracker import CameraUse, Status
 from tracker.pose.agreement import SCALES, size, spread
+from tracker.pose.judge import confidence
 from tracker.tracking.cameras import BLACK, EVERY, LOOKS, Agreement, CameraMemory, after, looked_at, usable
 from tracker.tracking.motion import MotionState
 
@@ -232,7 +233,7 @@ def test_over_time_a_wrong_calibration_is_named_and_a_right_one_is_not(rig, rest
         assert {one.detect(images).reason for images in resting} == {None if sure else lasting}
 
 
-def test_covariances_contain_what_cameras_disagree_about_if_their_files_state_errors(rig, resting):
+def test_poses_are_those_of_fits_and_covariances_contain_stated_errors_that_cameras_show(rig, resting):
     images, stated = resting[0], moved(rig, 0, (1e-3, 0.0, 0.0))
     exact = tuple(dataclasses.replace(one, camera_from_world_std=None) for one in stated)
     for given, counts in ((stated, True), (tracker.CameraRig(exact), False)):
@@ -241,7 +242,11 @@ def test_covariances_contain_what_cameras_disagree_about_if_their_files_state_er
         wide = spread(size(fit.disagreement), 3)
         known[:3, :3] = np.eye(3) * (wide if counts else 0.0)
         assert wide > (2e-4) ** 2
-        np.testing.assert_allclose(one.detect(images).object_pose.covariance, fit.covariance + known)
+        pose = one.detect(images).object_pose
+        np.testing.assert_array_equal(pose.position, fit.position)
+        np.testing.assert_allclose(pose.rotation, fit.rotation, atol=1e-12)
+        assert pose.confidence == confidence(fit)
+        np.testing.assert_allclose(pose.covariance, fit.covariance + known)
         answer = one.update(images, 0.0)
         np.testing.assert_allclose(answer.object_pose.covariance, fit.covariance + known)
         filtered = one._memory.belief.motion.state.covariance[:6, :6]

@@ -239,12 +239,6 @@ def test_an_object_that_lies_still_is_known_to_and_one_that_moves_at_once():
         assert filtered.state.at_rest < 0.05
 
 
-def test_only_the_white_share_of_the_covariance_averages_away():
-    filtered = MotionFilter.start(*AT_HOME, NOISE).predicted(1e-9).updated(*AT_HOME, NOISE)
-    left = np.diag(filtered.state.covariance[:6, :6]) / np.diag(NOISE)
-    np.testing.assert_allclose(left, CONSTANT + (1 - CONSTANT) / 2, rtol=1e-3)
-
-
 def test_an_unseen_object_is_ever_less_surely_at_rest(rng):
     unseen = [settled_at_rest(rng)]
     for _ in range(20):

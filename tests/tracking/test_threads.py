@@ -42,7 +42,7 @@ def detections(one, sets, k):
     return [bits(one.detect(sets[(k + call) % len(sets)])) for call in range(CALLS)]
 
 
-def test_detections_from_many_threads_give_the_bits_of_one_though_others_are_refused(rig, sets):
+def test_calls_from_many_threads_give_the_bits_of_one_though_others_are_refused(rig, short, sets, reference):
     # The first ones of the tracker, too.
     one, other = new(rig), new(rig)
     alone = [detections(other, sets, k) for k in range(THREADS)]
@@ -50,22 +50,14 @@ def test_detections_from_many_threads_give_the_bits_of_one_though_others_are_ref
     def work(k):
         if k < THREADS:
             return detections(one, sets, k)
+        if k == THREADS:
+            return bits(*play(one, short))
         for _ in range(CALLS):
             with pytest.raises(ImageError):
                 one.detect([None] * 3)
         return None
 
-    assert together(work, THREADS + 1) == [*alone, None]
-
-
-def test_detections_beside_updates_change_neither(rig, short, sets, reference):
-    one = new(rig)
-    updates, alone = bits(*reference[:8]), detections(one, sets, 0)
-
-    def work(k):
-        return detections(one, sets, 0) if k else bits(*play(one, short))
-
-    assert together(work, THREADS) == [updates, *[alone] * (THREADS - 1)]
+    assert together(work, THREADS + 2) == [*alone, bits(*reference[:8]), None]
 
 
 @contextlib.contextmanager
