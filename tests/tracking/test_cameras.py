@@ -23,12 +23,9 @@ class Watch:
     def __init__(self, cameras):
         self.memories = [CameraMemory()] * cameras
 
-    def usable(self, images):
-        self.memories, result, _ = usable(self.memories, images)
-        return result
-
     def given(self, images):
-        return [image is not None for image in self.usable(images)]
+        self.memories, result, _ = usable(self.memories, images)
+        return [image is not None for image in result]
 
 
 def noise(rng, low=0, high=256):
@@ -40,7 +37,7 @@ FLAT = [np.full((90, 90, 3), 100 + 10 * c, np.uint8) for c in range(3)]
 
 def test_watch_sees_change_in_buffers_that_are_used_again(rng):
     watch, buffers, frozen = Watch(2), [noise(rng), noise(rng)], noise(rng)
-    watch.usable([frozen, *buffers[1:]])
+    watch.given([frozen, *buffers[1:]])
     for _ in range(3):
         buffers[1][:] = noise(rng)
         assert watch.given([frozen, buffers[1]]) == [False, True]
@@ -51,14 +48,14 @@ def test_an_image_that_repeats_blocks_of_the_last_is_not_frozen(rng):
     for row in range(0, 262, 7):
         image, watch = first.copy(), Watch(2)
         image[row : row + 8, 30:38] = 255 - image[row : row + 8, 30:38]
-        watch.usable([first, noise(rng)])
+        watch.given([first, noise(rng)])
         assert watch.given([image, noise(rng)]) == [True, True]
 
 
 def test_watch_remembers_a_camera_beyond_images_it_did_not_give(rng):
     watch, frozen = Watch(2), noise(rng)
-    watch.usable([frozen, noise(rng)])
-    watch.usable([None, noise(rng)])
+    watch.given([frozen, noise(rng)])
+    watch.given([None, noise(rng)])
     assert watch.given([frozen, noise(rng)]) == [False, True]
 
 

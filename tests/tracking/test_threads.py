@@ -142,8 +142,9 @@ def test_a_copy_answers_as_the_tracker_would_and_does_not_change_it(rig, short, 
 def test_arrays_of_a_copy_are_read_only_as_those_that_it_copies(rig, short, copied):
     model, colors = tracker.load_object("cube_v2"), tracker.load_colors("cube_v2")
     placed = tracker.tasks.rearrange_dice.assign([[0, 0, 0]], [])
-    for one in (rig[0], model, colors, placed, new(rig).detect(short[0]).object_pose):
-        values = [getattr(copied(one), field.name) for field in dataclasses.fields(one)]
+    for one in (rig[0], model, colors, placed, new(rig).update(short[0], 0.0).filtered_object_pose):
+        names = [field.name for field in dataclasses.fields(one)]
+        values = [getattr(each, name) for each in (one, copied(one)) for name in names]
         assert not any(value.flags.writeable for value in values if isinstance(value, np.ndarray))
 
 
