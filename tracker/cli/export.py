@@ -26,7 +26,7 @@ from tracker.objects.model import object_names
 from tracker.poses.columns import MeasuredColumns
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import is_poses_file
-from tracker.recordings.track import chosen
+from tracker.recordings.track import answers
 from tracker.summaries.summary import best_kind, refuse_others
 from tracker.viz.image_files import film_rate, write_log_film
 from tracker.viz.rerun_viewer import open_scene, require_rerun
@@ -213,8 +213,8 @@ def convert(
     if output.exists():
         raise click.UsageError(f"-o {output}: exists, expected a new name")
     with tracker.open_log(source, recover=part.recover) as log:
-        numbers = chosen(source, len(log), part.start, part.stop)
-        frames = log[numbers.start : numbers.stop]
+        chosen = part.of(source, len(log))
+        frames = log[chosen.start : chosen.stop]
         with bar(source.name, len(frames), quiet) as progress:
             if suffix == ".mp4":
                 write_log_film(output, frames, progress)
@@ -225,7 +225,7 @@ def convert(
                 elif (written := write_folder(output, frames, rig, progress)) != len(frames):
                     why = "those without readable images are left out"
                     say(f"warning: {output}: {len(frames)} frames become {written}: {why}")
-                if count := sum(numbers.start < first < numbers.stop for first in log.episode_starts):
+                if count := sum(chosen.start < first < chosen.stop for first in log.episode_starts):
                     say(f"warning: {source}: its {count + 1} episodes become one recording without a break")
     if log.fault is not None:
         say(f"warning: {log.fault}")
@@ -259,45 +259,53 @@ def view(
     The viewer is Rerun: python3 -m pip install -e '.[rerun]'. `rerun FILE.rrd` opens a file.
     """
     require_rerun()
-    target, colors = _target(source, output), None
-    if is_poses_file(source):
-        if any(astuple(cameras)):
-            raise click.UsageError(f"{source}: the calibration is in this file of poses, expected none")
-        if colors_name is not None:
-            raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
-        poses, model = poses_of(source, object_name)
-    elif log is not None:
-        raise click.UsageError(f"--log {log}: {source} is no file of poses, expected those of it")
-    elif object_name is None:
-        raise click.UsageError(f"{source}: expected --object, to track this recording")
-    else:
-        log, (model, colors) = source, options.Subject(object_name, colors_name).load()
-        with tracker.open_log(log, recover=part.recover) as opened:
-            rig, total = cameras.rig_of(log, opened), len(opened[part.start : part.stop])
-        with bar("frames", total, quiet) as progress:
-            how = {"colors": colors, "progress": progress, **vars(part)}
-            poses = tracker.track(log, model, rig=rig, **how).poses
-    numbers, rig = poses.index.tolist(), poses.about.rig
-    shown = chosen(source, numbers[-1] + 1 if numbers else 0, part.start, part.stop)[::every]
-    rows = {index: row for row, index in enumerate(numbers) if index in shown}
+    target = _target(source, output)
     with ExitStack() as stack:
-        if log is None:
-            stamps = poses.timestamp.tolist()
-            frames: _Frames = ((k, stamps[row], observation(poses, row), (), None) for k, row in rows.items())
+        if is_poses_file(source):
+            if any(astuple(cameras)):
+                raise click.UsageError(f"{source}: the calibration is in this file of poses, expected none")
+            if colors_name is not None:
+                raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
+            model, rig, total, frames = _of_poses(stack, source, log, object_name, part, every)
         else:
-            opened = stack.enter_context(tracker.open_log(log, recover=part.recover))
-            rig = fitted_to(log, opened, rig)
-            refuse_others(source, poses, log, opened)
-            given = opened[min(rows) : max(rows) + 1 : every] if rows else ()
-            answered = ((one, observation(poses, rows[one.index])) for one in given if one.index in rows)
-            frames = _looked_at(tracker.ObjectTracker(model, rig, colors), answered)
+            if log is not None:
+                raise click.UsageError(f"--log {log}: {source} is no file of poses, expected those of it")
+            opened = stack.enter_context(tracker.open_log(source, recover=part.recover))
+            if object_name is None:
+                raise click.UsageError(f"{source}: expected --object, to track this recording")
+            model, colors = options.Subject(object_name, colors_name).load()
+            rig = cameras.rig_of(source, opened)
+            chosen = part.of(source, len(opened))[::every]
+            finder, total = tracker.ObjectTracker(model, rig, colors), len(chosen)
+            every_frame = answers(source, opened[part.start : part.stop], finder)
+            frames = _looked_at(finder, (one for one in every_frame if one[0].index in chosen))
         scene = stack.enter_context(open_scene(target, rig, model))
-        progress = stack.enter_context(bar(source.name, len(rows), quiet))
+        progress = stack.enter_context(bar(source.name, total, quiet))
         for frame in frames:
             scene.show(*frame)
             progress(1)
     if target is not None and not quiet:
         click.echo(f"wrote {target}; rerun {target} shows it")
+
+
+def _of_poses(
+    stack: ExitStack, source: Path, log: Path | None, object_name: str | None, part: options.Part, every: int
+) -> tuple[tracker.CuboidModel, tracker.CameraRig, int, _Frames]:
+    """Return object, cameras, number of frames, and frames with images of `log`, which `stack` closes."""
+    poses, model = poses_of(source, object_name)
+    numbers = poses.index.tolist()
+    chosen = part.of(source, numbers[-1] + 1 if numbers else 0)[::every]
+    rows = {index: row for row, index in enumerate(numbers) if index in chosen}
+    if log is None:
+        stamps = poses.timestamp.tolist()
+        bare = ((index, stamps[row], observation(poses, row), (), None) for index, row in rows.items())
+        return model, poses.about.rig, len(rows), bare
+    opened = stack.enter_context(tracker.open_log(log, recover=part.recover))
+    rig = fitted_to(log, opened, poses.about.rig)
+    refuse_others(source, poses, log, opened)
+    frames = opened[min(rows) : max(rows) + 1 : every] if rows else ()
+    answered = ((one, observation(poses, rows[one.index])) for one in frames if one.index in rows)
+    return model, rig, len(rows), _looked_at(tracker.ObjectTracker(model, rig), answered)
 
 
 def _looked_at(

@@ -15,6 +15,7 @@ import tracker
 from tracker.cli.outputs import Command, InFile, OutFile
 from tracker.logs.opening import fitted_to
 from tracker.objects.model import object_names
+from tracker.recordings.track import chosen
 from tracker.segmentation.color_model import color_model_names
 
 _SHORT = {"output": ["-o"], "quiet": ["-q"]}
@@ -206,6 +207,10 @@ class Part:
     def __post_init__(self) -> None:
         if self.stop is not None and self.stop <= self.start:
             raise click.UsageError(f"--from {self.start} --to {self.stop}: expected --to beyond --from")
+
+    def of(self, path: Path, count: int) -> range:
+        """Return the part's frame numbers in a recording of `count` frames, see `chosen`."""
+        return chosen(path, count, self.start, self.stop)
 
 
 @dataclass(frozen=True)
