@@ -150,8 +150,12 @@ class EdgeReader:
     def fitted(self, frame: Frame) -> tuple[Fit, list[Contour | None]]:
         """Return the pose near the given one that fits the edges best, and each camera's edges there."""
         sight, seen = frame
-        fit = self._refiner(sight, seen.rotation, seen.position, FOLLOWING, ask=False)
+        fit = self.refine(sight, seen.rotation, seen.position)
         return fit, self.contours(sight, fit.rotation, fit.position, fit.end)
+
+    def refine(self, sight: Sight, rotation: FloatArray, position: FloatArray) -> Fit:
+        """Refine a pose (3, 3), (3,) [m] to the edges of the images."""
+        return self._refiner(sight, rotation, position, FOLLOWING, ask=False)
 
     def contours(
         self, sight: Sight, rotation: FloatArray, position: FloatArray, start: Start

@@ -243,7 +243,7 @@ def adjust(
     The reader's cameras must state deviations wide enough to move (see `_wider`).
     """
     now = Unknowns.of(edges.rig.cameras, rim, focal=focal)
-    fits = [edges.fitted(frame)[0] for frame in frames]
+    fits = [edges.refine(sight, seen.rotation, seen.position) for sight, seen in frames]
     poses = [(fit.rotation, fit.position) for fit in fits]
     for _ in range(ITERATIONS):
         reader = edges.of(dataclasses.replace(edges.rig, cameras=now.cameras))
