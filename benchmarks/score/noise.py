@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares, lsq_linear, minimize
 
 from tracker.conventions import Array, FloatArray
-from tracker.noise.model import UNITS, NoiseState
+from tracker.noise.model import UNITS, NoiseState, largest
 
 GROSS = 5e-3, np.radians(5.0)
 """Sizes above which an error is gross [m, rad]."""
@@ -41,9 +41,6 @@ DRAWS = 50
 
 SLOPE = 6.0
 """Decrease of the log rate of gross errors with the visible fraction; too rare to fit it."""
-
-MOST_RATE, MOST_SLOPE = 1e6, 30.0
-"""Largest rate of misses [1/s], and its largest slope over the visible fraction, that a model may have."""
 
 PULL = 0.5
 """Strength of the prior that pulls the logarithm of a number towards the start of the fit."""
@@ -186,7 +183,8 @@ def _missed(whole: Array) -> dict[str, float]:
         return float(-np.sum(np.where(after, np.log(p), np.log(1 - p))))
 
     # Without a single miss, or a single pose, the likelihood has no maximum, but a model's numbers have.
-    start, bounds = np.log([30.0, 15.0, 0.02, 25.0]), np.log([MOST_RATE, MOST_SLOPE] * 2)
+    names = "lost", "lost_visible", "found", "found_visible"
+    start, bounds = np.log([30.0, 15.0, 0.02, 25.0]), np.log([largest(name) for name in names])
     best = minimize(
         surprise,
         start,
@@ -194,7 +192,6 @@ def _missed(whole: Array) -> dict[str, float]:
         bounds=[*zip(-bounds, bounds, strict=True)],
         options={"maxiter": 2000},
     )
-    names = "lost", "lost_visible", "found", "found_visible"
     return dict(zip(names, np.exp(best.x).tolist(), strict=True))
 
 

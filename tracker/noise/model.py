@@ -128,12 +128,17 @@ def _same_keys(found: Any, expected: Mapping[str, Any], source: str) -> None:
         raise TrackerError(f"noise model {source}: {key!r} {what}; expected are {', '.join(expected)}")
 
 
+def largest(name: str) -> float:
+    """Return the largest value that a model's number of this name may have."""
+    return _LARGEST.get(name.replace("_", ".").rpartition(".")[2], 1e6)
+
+
 def _number(entry: Any, unit: str, what: str) -> Number:
     valid = f"{{value, unit = '{unit}', interval}}"
     if not isinstance(entry, dict) or set(entry) != {"value", "unit", "interval"} or entry["unit"] != unit:
         raise TrackerError(f"{what}: found {shown(entry)}, expected {valid}")
     value, interval = entry["value"], entry["interval"]
-    most = _LARGEST.get(what.replace("_", ".").rpartition(".")[2], 1e6)
+    most = largest(what)
     if not is_number(value) or not 0.0 <= value <= most:
         raise TrackerError(f"{what}: found value {shown(value)}, expected 0 to {most:g}")
     if interval == []:
