@@ -116,14 +116,12 @@ def test_a_folder_that_may_not_be_read_is_named(tmp_path, monkeypatch):
         CameraRig.load(tmp_path)
 
 
-def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_the_error_names(tmp_path):
+def test_files_that_are_not_named_after_cameras_are_taken_if_none_is(tmp_path):
     for name in ("left", "right"):
         (tmp_path / f"{name}.yml").write_text(calibration_text(Calibrated(make_camera(60, name))))
-    with pytest.raises(CalibrationError) as caught:
-        CameraRig.load(tmp_path)
-    assert "found left.yml, right.yml, expected a file like camera60.yml" in str(caught.value)
-    assert "--pattern '*.yml'" in str(caught.value)
-    assert CameraRig.load(tmp_path, pattern="*.yml").names == ("left", "right")
+    assert CameraRig.load(tmp_path).names == ("left", "right")
+    (tmp_path / "camera60.yml").write_text(calibration_text(Calibrated(make_camera(60))))
+    assert CameraRig.load(tmp_path).names == ("camera60",)
 
 
 @pytest.mark.parametrize(

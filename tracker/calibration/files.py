@@ -248,18 +248,17 @@ def _entry(matrix: FloatArray) -> dict[str, Any]:
 
 
 def calibration_files(root: Path, pattern: str | None) -> list[Path]:
-    """Return a folder's files that match `pattern`; None: .yml and .yaml files with `camera` in their names.
+    """Return a folder's files that match `pattern`.
 
-    CalibrationError: there is no such file.
+    None: .yml and .yaml files with `camera` in their names, or all if none has it. CalibrationError: there is
+    no such file.
     """
     with told_of(root, CalibrationError):
         names = sorted(file.name for file in root.iterdir() if file.is_file())
-    readable = [name for name in names if re.fullmatch(r"[^.].*\.ya?ml|[^.]\.ya?ml", name)]
     if pattern is None:
-        files, expected = [name for name in readable if "camera" in name], "a file like camera60.yml"
-        if readable:
-            star = f"*{Path(readable[0]).suffix}"
-            expected += f", or --pattern '{star}' (in Python pattern='{star}') for other names"
+        readable = [name for name in names if re.fullmatch(r"[^.].*\.ya?ml", name)]
+        files = [name for name in readable if "camera" in name] or readable
+        expected = "a file like camera60.yml"
     else:
         files = [name for name in names if fnmatchcase(name, pattern)]
         expected = f"a file that matches {pattern!r}"

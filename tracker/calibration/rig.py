@@ -152,7 +152,7 @@ class CameraRig:
                 a folder are ordered by the number in their name, then by name. Without `arena.toml`, or with
                 files of several folders, the arena is the default.
             pattern: the files of the folder to load, e.g. `*_cropped.yml`; by default every .yml and
-                .yaml file with `camera` in its name.
+                .yaml file with `camera` in its name, or all if none has it.
             correct_halved_principal_point: move the principal point back by a quarter of a pixel, left and
                 up, for files made by halving K[:2] (the platform's `*_cropped_and_downsampled.yml` and the
                 270×270 `camera*.yml` of a job's output).
