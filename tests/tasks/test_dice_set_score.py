@@ -8,7 +8,7 @@ from tests.helpers.dice_scenes import EDGE, dice_at, painted
 from tracker.geometry import so3
 from tracker.tasks.rearrange_dice import set_score
 from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence
-from tracker.tasks.rearrange_dice.finder import Search
+from tracker.tasks.rearrange_dice.finder import STEPS, Search
 
 DICE_POSES = dice_at([(0.0, 0.01), (-0.09, 0.05), (0.06, 0.08), (0.02, -0.09)], 0.37)
 
@@ -97,6 +97,17 @@ def test_what_a_die_gains_is_what_the_whole_loses_without_it(views):
         gain = set_score.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.0, CANVAS)
         lost = total(views, DICE_POSES) - total(views, np.delete(DICE_POSES, k, axis=0))
         assert gain == pytest.approx(lost, rel=1e-4)
+
+
+def test_a_die_that_settles_far_away_gains_there_what_it_does_if_it_begins_there(views):
+    away = DICE_POSES.copy()
+    away[:, 0] += 0.02
+    for k in range(len(DICE_POSES)):
+        dice = np.where(np.arange(len(away))[:, None] == k, away, DICE_POSES)
+        total(views, DICE_POSES)  # leaves all of them on the canvas, this one where it belongs
+        gain = set_score.settle(views, dice, k, STEPS, 0.0, CANVAS)
+        assert np.hypot(*(dice[k] - DICE_POSES[k])[:2]) < 2e-3
+        assert gain == pytest.approx(set_score.settle(views, dice, k, STEPS[:0], 0.0, CANVAS), rel=1e-6)
 
 
 def test_what_one_view_has_against_a_die_is_limited():

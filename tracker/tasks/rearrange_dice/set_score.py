@@ -64,7 +64,7 @@ TOUCH = 0.0005
 """Overlap of touching neighbours that is not penalised [m]."""
 
 MARGIN = 8
-"""Margin around a die's pixels that allows for its moves [px]."""
+"""Margin around a die's pixels that allows for one step along each axis [px]."""
 
 
 class Canvas(NamedTuple):
@@ -233,16 +233,22 @@ def _gain(views, dice, skip, die, table, canvas):  # type: ignore[no-untyped-def
 
 
 @compiled
+def _draw_around(views, dice, skip, die, canvas):  # type: ignore[no-untyped-def]
+    """Draw all dice except number `skip` around a die, so that it may make one step along each axis."""
+    window = np.empty(4, np.int64)
+    for c in range(len(views.lenses)):
+        bounds(views.lenses, c, die, MARGIN, window)
+        draw(views, c, dice, skip, window, canvas)
+
+
+@compiled
 def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def]
     """Move die k, in place, to where it gains most, by steps (S,) [m]; return its gain there.
 
     No step moves its centre farther than ARENA_RADIUS from the arena's centre.
     """
-    window = np.empty(4, np.int64)
-    for c in range(len(views.lenses)):
-        bounds(views.lenses, c, dice[k], MARGIN, window)
-        draw(views, c, dice, k, window, canvas)
     die, trial = dice[k].copy(), dice[k].copy()
+    _draw_around(views, dice, k, die, canvas)
     best = _gain(views, dice, k, die, table, canvas)
     for step in steps:
         for _ in range(6):
@@ -261,5 +267,6 @@ def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def
                         die[axis] = trial[axis]
             if best <= before:
                 break
+            _draw_around(views, dice, k, die, canvas)
     dice[k] = die
     return best
