@@ -10,6 +10,7 @@ from tracker.color_learning.hues import (
     LIGHT,
     NAMED_HUES,
     better_set,
+    bgr_of_hue,
     distance,
     distance_to_light,
     distances,
@@ -88,6 +89,15 @@ def test_a_better_set_is_no_worse_and_keeps_the_names():
     for label, color in better.items():
         if (color != means[label]).any():
             assert hue_distance(hue_of(color[None]), NAMED_HUES[label]) < 25
+
+
+def test_a_colour_moves_to_the_paint_that_is_farthest_from_the_others():
+    """Of one colour beside the light: to the farthest of all that its name allows."""
+    for label in range(1, 7):
+        grid = np.meshgrid(NAMED_HUES[label] + np.arange(-20.0, 21.0, 10.0), (0.6, 0.9), (70.0, 110.0, 210.0))
+        farthest = distance_to_light(bgr_of_hue(*(axis.ravel() for axis in grid))).max()
+        better = better_set({label: np.array([60.0, 65.0, 62.0])})
+        assert distance_to_light(better[label]) >= farthest
 
 
 def test_paints_are_those_of_neutral_light():

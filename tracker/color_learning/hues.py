@@ -145,9 +145,8 @@ def better_set(means: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
         for label in sorted(chosen, key=lambda one: _reach(chosen[one], one, chosen)):
             best = _reach(chosen[label], label, chosen)
             reaches = _reach(options[label], label, chosen)
-            for option, reach in zip(options[label], reaches, strict=True):
-                if reach > 1.05 * best:
-                    best, chosen[label] = reach, option
+            if reaches.max() > 1.05 * best:
+                chosen[label] = options[label][reaches.argmax()]
     return chosen
 
 
