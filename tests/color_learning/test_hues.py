@@ -52,6 +52,14 @@ def test_every_exchange_of_two_or_three_faces_is_noticed(name):
         assert set(misnamed(hues | {a: hues[b], b: hues[c], c: hues[a]})) >= {a, b, c}
 
 
+def test_a_hue_that_no_name_has_is_never_said_to_be_that_of_its_own():
+    for hue in range(360):
+        for label in range(1, 7):
+            wrong = misnamed({label: float(hue)})
+            assert (label in wrong) == (hue_distance(hue, NAMED_HUES[label]) > 45.0)
+            assert wrong.get(label) != label
+
+
 @pytest.mark.parametrize("name", color_model_names())
 def test_dense_tables_are_those_of_scipys_linear_interpolation(name):
     model = load_colors(name)

@@ -73,7 +73,7 @@ def hue_distance(a: Array | float, b: Array | float) -> FloatArray:
 
 
 def misnamed(hues: Mapping[int, float]) -> dict[int, int]:
-    """Return labels whose hue does not match their name, each with the label whose name would match.
+    """Return labels whose hue does not match their name, each with the other label whose name comes nearest.
 
     Either a hue is too far from that of its name, or a permutation of the names among the given labels
     would match much better. Hues by label are in degrees; NaN is grey, which matches no name: label 0.
@@ -90,7 +90,8 @@ def misnamed(hues: Mapping[int, float]) -> dict[int, int]:
         wrong |= {labels[k]: labels[j] for k, j in enumerate(dealt) if k != j}
     for label, hue, off in zip(labels, found, own, strict=True):
         if off > MAX_OFF and label not in wrong:
-            wrong[label] = 1 + int(np.argmin(hue_distance(hue, NAMED_HUES[1:])))
+            others = np.where(np.arange(CLASSES) == label, np.nan, NAMED_HUES)
+            wrong[label] = int(np.nanargmin(hue_distance(hue, others)))
     return wrong
 
 
