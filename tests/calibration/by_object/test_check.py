@@ -9,7 +9,7 @@ import pytest
 import tracker
 from tests.helpers import make_camera, misplaced
 from tracker.calibration.by_object.check import LIMIT, check, check_calibration
-from tracker.calibration.by_object.looks import OFTEN, Look
+from tracker.calibration.by_object.looks import ACROSS, ALONG, OFTEN, ROLL, TILT, CameraErrors, Look
 from tracker.calibration.by_object.sightings import Footage
 from tracker.calibration.deviations import element_std
 from tracker.errors import CalibrationError
@@ -255,6 +255,18 @@ def test_what_a_camera_has_nearer_along_its_line_of_sight_is_no_miss_wherever_th
     seen = np.zeros((3, 6))
     seen[0, :3] = 0.02 * (CAMERAS[0].position - one.position)
     assert check_calibration([one._replace(moved=seen)], CAMERAS).cameras[0].miss_px < 0.01
+
+
+def test_errors_of_a_view_are_along_and_across_the_line_of_sight_wherever_the_object_is():
+    one = looks(CAMERAS, CAMERAS, count=1)[0]._replace(position=np.array([0.12, -0.1, 0.03]))
+    for c, camera in enumerate(CAMERAS):
+        one.information[c] = 1e14 * np.eye(6)
+        noise = np.linalg.inv(CameraErrors([one], CAMERAS).known[0, c])
+        sight, away = one.position - camera.position, np.linalg.norm(camera.position - one.position)
+        for first, along, across in ((0, ALONG * away, ACROSS * away), (3, ROLL, TILT)):
+            part = noise[first : first + 3, first : first + 3]
+            np.testing.assert_allclose(part @ sight, along**2 * sight, rtol=1e-3, atol=1e-9)
+            assert np.trace(part) == pytest.approx(along**2 + 2 * across**2, rel=1e-3)
 
 
 def test_pixels_that_are_not_square_change_no_angle():

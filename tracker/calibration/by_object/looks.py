@@ -86,10 +86,11 @@ class CameraErrors:
                 slope = camera.project_with_jacobian(look.position[None])[1][0]
                 self.across[f, c] = slope / camera.matrix[(0, 1), (0, 1)][:, None]
                 if look.information[c, 0, 0] > 0.0:
-                    # The errors inherent in one view, along world axes.
-                    turn = np.kron(np.eye(2), camera.camera_from_world[:3, :3].T)
-                    place = self.distance[f, c] * np.array([ACROSS, ACROSS, ALONG])
-                    noise = turn @ np.diag(np.square([*place, TILT, TILT, ROLL])) @ turn.T
+                    # The errors inherent in one view: across the line of sight, and along it.
+                    away, sight = self.distance[f, c], look.position - camera.position
+                    along = np.outer(sight, sight) / away**2
+                    noise = np.kron(np.diag(np.square([ACROSS * away, TILT])), np.eye(3) - along)
+                    noise += np.kron(np.diag(np.square([ALONG * away, ROLL])), along)
                     known = look.information[c]
                     self.known[f, c] = known - known @ np.linalg.solve(known + np.linalg.inv(noise), known)
         # Unstated errors are those at the object: the world's origin may be far away.
