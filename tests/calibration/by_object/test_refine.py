@@ -9,9 +9,17 @@ from tests.helpers.filmed import shots
 from tests.helpers.moving_cube import PLACES, carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.check import check
 from tracker.calibration.by_object.edges import OWN, Contour, seen_motion
-from tracker.calibration.by_object.refine import Unknowns, refine_cameras, relative_covariance, solve
+from tracker.calibration.by_object.refine import (
+    LEAST_STD,
+    Unknowns,
+    refine_cameras,
+    relative_covariance,
+    solve,
+    wider,
+)
 from tracker.calibration.by_object.sightings import Footage, Shot, Sighting, different, observed, resting
 from tracker.calibration.by_object.table import find_table, moved
+from tracker.calibration.deviations import calibration_covariance
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
@@ -65,7 +73,8 @@ class World:
 
 def adjusted(world, start, *, focal=False, steps=6, rim=RIM):
     """Unknowns after some steps, and the last of these."""
-    now = Unknowns.of(start.cameras, rim, focal=focal)
+    cameras = [dataclasses.replace(camera, camera_from_world_std=wider(camera)) for camera in start]
+    now = Unknowns.of(cameras, rim, focal=focal)
     poses = list(zip(world.rotations, world.positions, strict=True))
     for _ in range(steps):
         step = solve([world.view(f, now.cameras, *pose) for f, pose in enumerate(poses)], now)
@@ -85,6 +94,15 @@ def test_without_noise_cameras_and_rim_are_found(rng):
     mean = now.errors[:, :6].mean(axis=0)  # what moves all cameras alike stays as it was
     assert np.abs(mean[:3]).max() < 0.05e-3
     assert np.degrees(np.abs(mean[3:]).max()) < 0.005
+
+
+def test_the_least_deviations_are_added_once_to_those_that_a_file_states():
+    for stated in (None, np.zeros((4, 4)), TRUE[0].camera_from_world_std):
+        given = dataclasses.replace(TRUE[0], camera_from_world_std=stated)
+        wide = dataclasses.replace(given, camera_from_world_std=wider(given))
+        prior = np.linalg.inv(Unknowns.of([wide], RIM, focal=False).information[0, :6, :6])
+        added = prior - calibration_covariance(given)
+        np.testing.assert_allclose(added, np.diag(np.repeat(np.square(LEAST_STD), 3)), atol=1e-12)
 
 
 def test_lenses_are_found_where_they_may_be_wrong(rng):

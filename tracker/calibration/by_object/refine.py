@@ -85,13 +85,12 @@ class Unknowns:
 
     @classmethod
     def of(cls, cameras: Sequence[Camera], rim: tuple[float, float], *, focal: bool) -> Unknowns:
-        """Return the prior from files, LEAST_STD and `likely_rim`; `focal`: whether lenses are unknown."""
+        """Return the prior from `rim` and what cameras state; `focal`: whether lenses are unknown."""
         errors = np.zeros((len(cameras), 10))
         errors[:, EXPONENT] = LIKELY_EXPONENT
         information = np.zeros((len(cameras), 10, 10))
-        least = np.diag(np.repeat(np.square(LEAST_STD), 3))
         for one, camera in zip(information, cameras, strict=True):
-            one[EXTRINSIC, EXTRINSIC] = np.linalg.inv(calibration_covariance(camera) + least)
+            one[EXTRINSIC, EXTRINSIC] = calibration_covariance(camera, -1)
             one[EXPONENT, EXPONENT] = EXPONENT_STD**-2
             center = CENTER_STD * camera.width
             stds = np.array([FOCAL_STD, center, center]) if focal else np.full(3, 1e-9)
@@ -240,7 +239,7 @@ def adjust(
 ) -> tuple[Unknowns, Step]:
     """Return the estimate that best fits the edges in the frames, and the last step; see `Unknowns.of`.
 
-    The reader's cameras must state deviations wide enough to move (see `_wider`).
+    The reader's cameras must state deviations wide enough to move (see `wider`).
     """
     now = Unknowns.of(edges.rig.cameras, rim, focal=focal)
     fits = [edges.refine(sight, seen.rotation, seen.position) for sight, seen in frames]
@@ -270,11 +269,11 @@ def _stating(rig: CameraRig, cameras: Sequence[Camera], stds: Iterable[FloatArra
     return dataclasses.replace(rig, cameras=stating)
 
 
-def _wider(camera: Camera) -> FloatArray:
-    """Return the stated deviations (4, 4) of a camera's pose, raised to at least LEAST_STD."""
+def wider(camera: Camera) -> FloatArray:
+    """Return the deviations (4, 4) of a camera's pose: LEAST_STD in addition to the stated ones."""
     least = element_std(camera.camera_from_world[:3, :3], np.diag(np.repeat(np.square(LEAST_STD), 3)))
     std = camera.camera_from_world_std
-    return least if std is None else np.maximum(std, least)
+    return least if std is None else np.hypot(std, least)
 
 
 SURE = 0.15
@@ -340,7 +339,7 @@ def refine_cameras(
     # The least deviations are those at the object: the world's origin may be far away.
     middle = np.array([*rig.arena.center, rig.arena.ground])
     rig = with_origin(rig, middle)
-    wide = _stating(broad(rig), rig.cameras, map(_wider, rig))
+    wide = _stating(broad(rig), rig.cameras, map(wider, rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
     frames = list(edges.sights(different(model.name, seen, most)))
