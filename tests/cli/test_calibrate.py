@@ -18,6 +18,7 @@ from tests.helpers.kept_stills import bare
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.files import Calibrated, calibration_text, file_name, read_calibrated
+from tracker.calibration.rig import save_rig
 from tracker.cli.board import Smaller
 from tracker.cli.calibrate import object_text
 from tracker.errors import CalibrationError
@@ -219,7 +220,8 @@ def moving(tmp_path_factory):
 @pytest.fixture(scope="module")
 def wrong(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wrong") / "calibration"
-    knocked(RIG, seed=4).save(folder)
+    rig = knocked(RIG, seed=4)
+    save_rig(rig, folder, {one.name: Calibrated(one, distortion_std=np.full(5, 2e-3)) for one in rig})
     return folder
 
 
@@ -239,6 +241,7 @@ def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_pa
         off[:2] = np.abs(lens.camera.matrix - camera.matrix)[:2]
         assert (off <= 4 * lens.matrix_std).all()
         assert 0.0 < lens.matrix_std[0, 0] < 0.01 * camera.matrix[0, 0]
+        assert (lens.distortion_std == 2e-3).all()  # it is not fitted
     rigs = (tracker.CameraRig.load(folder) for folder in (target, wrong))
     mended, before = (abs(relative_errors(rig, RIG)[:, :3]).max() for rig in rigs)
     assert mended < 0.5 * before

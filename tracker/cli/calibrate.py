@@ -259,10 +259,10 @@ def refine(
     with filmed.opened() as (model, footage, rig, colors, progress):
         found = refine_cameras(model, footage, rig, colors, focal=focal, most=frames, progress=progress)
     model = replace(model, colors=filmed.subject.colors or model.colors)
+    lenses = filmed.lenses(rig)
     if focal:
-        lenses = {one.name: Calibrated(one, std) for one, std in zip(found.rig, found.lens_std, strict=True)}
-    else:
-        lenses = filmed.lenses(rig)
+        for one, std in zip(found.rig, found.lens_std, strict=True):
+            lenses[one.name] = replace(lenses.get(one.name, Calibrated(one)), matrix_std=std)
     save_rig(found.rig, output, lenses, {"object.toml": object_text(model, found.rim)})
     if not filmed.quiet:
         click.echo(_refined(found, focal, output))
