@@ -129,17 +129,12 @@ def test_a_fault_of_photos_of_the_arena_is_named(files, folder, words, triplets,
 
 
 @pytest.fixture(scope="module")
-def pictures(rig, tmp_path_factory):
-    """Folder of two calibrations, the right one and one with camera180 knocked, and files of pictures."""
+def pictures(tmp_path_factory):
+    """Folder of a recording, `right`, and of a calibration with camera180 knocked; files of the pictures."""
     folder = tmp_path_factory.mktemp("check")
-    files = []
-    for k in range(6):
-        for camera, image in zip(rig, bare("cube_v2", rig.cameras, [71, k]).images, strict=True):
-            files.append(folder / f"{k}-{camera.name}.png")
-            cv2.imwrite(str(files[-1]), image)
-    rig.save(folder / "right")
-    nudged(rig, 1, [0.012, -0.009, 0.0]).save(folder / "wrong")
-    return folder, files
+    write_recording(folder / "right", [bare("cube_v2", RIG.cameras, [71, k]) for k in range(6)])
+    nudged(RIG, 1, [0.012, -0.009, 0.0]).save(folder / "wrong")
+    return folder, [folder / "right" / f"{k:06d}" / f"{name}.png" for k in range(6) for name in RIG.names]
 
 
 def test_a_right_calibration_fits(pictures, run_here):
@@ -151,19 +146,14 @@ def test_a_right_calibration_fits(pictures, run_here):
     assert re.search(r"warning +camera60: fy/fx is 1\.0058, expected 1", result.stdout)
 
 
-def test_files_that_are_not_used_are_not_judged(pictures, rig, tmp_path, run_here):
-    recording = tmp_path / "recording"
-    rig.save(recording)
-    for file in pictures[1]:
-        moment, name = file.name.split("-")
-        (recording / f"00000{moment}").mkdir(exist_ok=True)
-        shutil.copy(file, recording / f"00000{moment}" / name)
+def test_files_that_are_not_used_are_not_judged(pictures, tmp_path, run_here):
+    recording = shutil.copytree(pictures[0] / "right", tmp_path / "recording")
     shutil.copy(pictures[0] / "wrong" / "camera180.yml", tmp_path / "other_downsampled.yml")
     check = ("check", recording, "--stills", *CUBE)
     result = well(run_here(*check))
     assert "the calibration fits" in result.stdout
     assert "principal point was halved" not in result.stdout
-    for name in rig.names:
+    for name in RIG.names:
         (recording / f"{name}.yml").rename(recording / f"{name}_downsampled.yml")
     used = ("--calibration", recording, "--pattern", "*_downsampled.yml")
     assert well(run_here(*check, *used)).stdout.count("principal point was halved") == 3
@@ -181,16 +171,16 @@ def test_a_camera_that_never_sees_the_object_is_no_part_of_the_verdict(pictures,
     assert "does not fit: camera60 or camera180 has moved; only a third camera could tell" in result.stdout
 
 
-def test_inverted_transforms_are_pointed_out(pictures, rig, tmp_path, run_here):
-    back = (dataclasses.replace(one, camera_from_world=np.linalg.inv(one.camera_from_world)) for one in rig)
-    dataclasses.replace(rig, cameras=tuple(back)).save(tmp_path)
+def test_inverted_transforms_are_pointed_out(pictures, tmp_path, run_here):
+    back = (dataclasses.replace(one, camera_from_world=np.linalg.inv(one.camera_from_world)) for one in RIG)
+    tracker.CameraRig(tuple(back)).save(tmp_path)
     result = run_here("check", *pictures[1][:3], *CUBE, "--calibration", tmp_path)
     assert result.returncode == 2
     assert "warning: the calibration shows the arena in few or no images" in result.stderr
 
 
-def test_a_camera_without_a_first_image_is_scaled_by_its_next(pictures, rig, tmp_path, run_here):
-    rig.resized(540, 540).save(tmp_path)
+def test_a_camera_without_a_first_image_is_scaled_by_its_next(pictures, tmp_path, run_here):
+    RIG.resized(540, 540).save(tmp_path)
     given = ("none", *pictures[1][1:], *CUBE, "--calibration", tmp_path, "--resize-calibration")
     assert "the calibration fits" in well(run_here("check", *given)).stdout
 
@@ -217,16 +207,9 @@ def moving(tmp_path_factory):
     return write_recording(tmp_path_factory.mktemp("carried") / "recording", list(carried()))
 
 
-@pytest.fixture(scope="module")
-def wrong(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wrong") / "calibration"
-    rig = knocked(RIG, seed=4)
-    save_rig(rig, folder, {one.name: Calibrated(one, distortion_std=np.full(5, 2e-3)) for one in rig})
-    return folder
-
-
-def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_path, run_here):
-    target = tmp_path / "mended"
+def test_the_refined_calibration_is_written_and_summarised(moving, tmp_path, run_here):
+    target, wrong, rig = tmp_path / "mended", tmp_path / "wrong", knocked(RIG, seed=4)
+    save_rig(rig, wrong, {one.name: Calibrated(one, distortion_std=np.full(5, 2e-3)) for one in rig})
     tracker.load_colors("cube_v2").save(tmp_path / "own.npz")
     arguments = (moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target)
     result = well(run_here("refine", *arguments, "--colors", tmp_path / "own.npz"))
