@@ -4,8 +4,8 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -181,16 +181,12 @@ def test_what_nohup_has_ignored_stays_ignored():
 
 
 def test_threads_other_than_the_main_one_are_left_as_they_are():
-    hooks = []
-
-    def work() -> None:
+    def hook_within() -> object:
         with ended_by_signals():
-            hooks.append(sys.unraisablehook)
+            return sys.unraisablehook
 
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert hooks == [sys.unraisablehook]
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(hook_within).result() is sys.unraisablehook
 
 
 @pytest.mark.parametrize("number", CODES)
