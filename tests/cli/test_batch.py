@@ -70,17 +70,12 @@ def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, u
     assert {path: path.stat().st_mtime_ns for path in done} == done
 
 
-@pytest.fixture
-def scheduler():
-    """The address of a scheduler that others have begun, with one worker."""
+@pytest.mark.slow
+def test_workers_of_another_scheduler_give_the_same(recordings, undisturbed, tmp_path, run_here):
     distributed = pytest.importorskip("distributed", reason="cluster: no module distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
-        yield cluster.scheduler_address
-
-
-@pytest.mark.slow
-def test_workers_of_another_scheduler_give_the_same(recordings, undisturbed, scheduler, tmp_path, run_here):
-    result = run_here(*run_on(recordings, tmp_path / "results", "--scheduler", scheduler))
+        arguments = run_on(recordings, tmp_path / "results", "--scheduler", cluster.scheduler_address)
+        result = run_here(*arguments)
     assert (result.returncode, result.stderr) == (0, "")
     assert contents(tmp_path / "results") == undisturbed
 
@@ -164,9 +159,8 @@ def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_pa
 def test_a_scheduler_that_does_not_answer_is_named(address, recordings, tmp_path, run_here, monkeypatch):
     monkeypatch.setattr("tracker.batch.workers.CONNECT_SECONDS", 0.5)
     if not address.startswith("tcp"):  # what is begun with it would hold up this process's end
-        monkeypatch.delattr(
-            pytest.importorskip("distributed", reason="cluster: no module distributed"), "Client"
-        )
+        distributed = pytest.importorskip("distributed", reason="cluster: no module distributed")
+        monkeypatch.delattr(distributed, "Client")
     result = run_here(*run_on(recordings, tmp_path / "out", "--scheduler", address))
     assert_one_line_error(result, f"scheduler {address}: does not answer")
     assert not list(tmp_path.rglob("*.poses.h5"))
