@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import tracker
+from tests.cli.test_refused import FACES
+from tests.helpers import exposed
 from tests.helpers.command import assert_one_line_error, assert_refused, well
 from tests.helpers.log_writers import write_picture
 from tracker.cli.demo import DATA
@@ -26,21 +28,19 @@ def _few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tracker.cli.colors.FitOptions", partial(FitOptions, draws=5000))
 
 
-def test_adapted_colors_are_written_and_summarised(tmp_path, run_here):
+@pytest.mark.parametrize(
+    ("given", "held_out"),
+    [([DATA], 10), ([*sorted(DATA.glob("0*"))[::3][:6], "--calibration", DATA], 3)],
+    ids=["a recording", "recordings of one frame each, in turn"],
+)
+def test_colors_adapted_to_half_of_the_frames_are_written_and_summarised(given, held_out, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", target, *QUICK)
-    result = well(run_here("adapt", DATA, *arguments))
+    result = well(run_here("adapt", *given, *arguments))
     assert "round 1: " in result.stdout
-    assert "10 held-out frames" in result.stdout
+    assert f" {held_out} held-out frames" in result.stdout
     assert tracker.load_colors(target).normalise
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz"]
-
-
-def test_recordings_of_one_frame_each_are_learned_and_judged_in_turn(tmp_path, run_here):
-    frames = sorted(DATA.glob("0*"))[::3][:6]
-    arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", tmp_path / "mine.npz", *QUICK)
-    result = well(run_here("adapt", *frames, "--calibration", DATA, *arguments))
-    assert "3 held-out frames" in result.stdout
 
 
 def test_exchanged_faces_are_refused_and_nothing_is_written(tmp_path, run_here):
@@ -63,9 +63,6 @@ def test_colors_that_cannot_be_bettered_keep_the_old_file(tmp_path, run_here):
     assert_refused(run_here, tmp_path, given, "refused", "found 0 of 2 frames", code=1)
 
 
-FACES = "+x=red,-x=magenta,+y=green,-y=yellow,+z=blue,-z=cyan"
-
-
 def test_a_new_object_needs_size_and_names_alone(tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--size", "0.065,0.065,0.065", "--faces", FACES, "-o", target, *QUICK)
@@ -82,7 +79,6 @@ def test_a_new_object_needs_size_and_names_alone(tmp_path, run_here):
 def labelled(tmp_path: Path) -> Path:
     """A folder of three labelled images of red and blue squares on grey."""
     folder = tmp_path / "labelled"
-    folder.mkdir()
     for number in range(3):
         rng = np.random.default_rng(number)
         image = rng.normal(110, 4, (120, 120, 3))
@@ -91,8 +87,8 @@ def labelled(tmp_path: Path) -> Path:
             image[top : top + 40, left : left + 40] = rng.normal(bgr, 4, (40, 40, 3))
             mask = np.zeros((120, 120), np.uint8)
             mask[top : top + 40, left : left + 40] = 255
-            cv2.imwrite(str(folder / f"0{number}_mask_{color}.png"), mask)
-        cv2.imwrite(str(folder / f"0{number}_image.png"), np.clip(image, 0, 255).astype(np.uint8))
+            write_picture(folder / f"0{number}_mask_{color}.png", mask)
+        write_picture(folder / f"0{number}_image.png", exposed(image))
     return folder
 
 
