@@ -1,6 +1,5 @@
 import functools
 import json
-import os
 import shutil
 import signal
 import struct
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 
 import tracker
+from tests.cli.test_cli import CODES, ask_to_end
 from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.log_writers import write_picture
 from tests.helpers.moments import estimate, moment
@@ -78,21 +78,18 @@ def test_it_ends_on_request(live):
     assert "sets of images  1," in result.stdout
 
 
-@pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
-)
+@pytest.mark.parametrize("number", CODES)
 def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
-    number, code, tmp_path, live, monkeypatch
+    number, tmp_path, live, monkeypatch
 ):
     def ask(_: float) -> None:
         time.sleep(0.3)
-        os.kill(os.getpid(), number)
-        time.sleep(60)
+        ask_to_end(number)
 
     clock = SimpleNamespace(monotonic=time.monotonic, sleep=ask)
     monkeypatch.setattr("tracker.cli.live.time", clock)
     result = live(DATA, "--speed", "0.1", "--record", tmp_path / "log.h5")
-    assert result.returncode == code
+    assert result.returncode == CODES[number]
     assert ("sets of images" in result.stdout) == (number == signal.SIGINT)
     with tracker.open_log(tmp_path / "log.h5") as log:
         assert log.fault is None
@@ -208,28 +205,17 @@ def test_lines_end_after_ten_seconds_without_images(monkeypatch):
     assert "tracking" in statistics.due()
 
 
-@pytest.fixture(scope="module")
-def shown():
-    """A tracker and a set of images in which it is sure."""
+def test_swapped_cameras_are_reported_once_after_two_looks_and_never_after_the_object_is_found(monkeypatch):
+    monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     with tracker.open_log(DATA) as log:
-        return tracker.ObjectTracker("cube_v2", log.rig), log[7].images
-
-
-def test_cameras_in_the_wrong_order_are_reported_once_two_looks_agree(shown, monkeypatch):
-    follower, images = shown
-    monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
-    one = moment(0, (images[1], images[0], images[2]))
+        follower, images = tracker.ObjectTracker("cube_v2", log.rig), log[7].images
+    swapped = moment(1, (images[1], images[0], images[2]))
     lookout = Lookout(lambda: follower)
-    warnings = [lookout.look(one) for _ in range(3)]
+    warnings = [lookout.look(swapped) for _ in range(3)]
     assert warnings == [None, "the images of camera60 and camera180 look swapped", None]
-
-
-def test_once_the_object_is_surely_found_nobody_looks_any_more(shown, monkeypatch):
-    follower, images = shown
-    monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     found = follower.detect(images)
     assert found.object_pose.confidence > 0.9
     lookout = Lookout(lambda: pytest.fail("it looks"))
     assert lookout.look(None) is None
     assert lookout.look(replace(moment(0, tuple(images)), observation=found)) is None
-    assert lookout.look(moment(1, (images[1], images[0], images[2]))) is None
+    assert lookout.look(swapped) is None
