@@ -7,11 +7,11 @@ import pytest
 import tracker
 from tests.helpers import make_rig
 from tests.helpers.command import assert_one_line_error, well
-from tests.helpers.log_writers import CAMERAS, make_content, write_native, write_picture
+from tests.helpers.log_writers import CAMERAS, make_content, write_native
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
-from tests.logs.test_native import assert_same
-from tracker.cli.export import export
+from tests.logs.test_folders import write_triplets, write_truth
+from tests.logs.test_native import assert_same, with_errors
 from tracker.errors import LogError
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.objects.model import load_object, to_toml
@@ -150,8 +150,7 @@ def test_an_xarray_holds_whole_arrays_along_the_frames(poses):
 
 def test_a_log_becomes_a_film_also_with_its_poses(tmp_path, run_here):
     av = pytest.importorskip("av", reason="video: no module av")
-    write_log(tmp_path / "job", FRAMES)
-    run(make_job(tmp_path / "job", tmp_path / "own.h5"))
+    run(make_job(write_log(tmp_path / "job", FRAMES), tmp_path / "own.h5"))
     well(run_here("convert", "job", "-o", "new.mp4", folder=tmp_path))
     with av.open(str(tmp_path / "new.mp4")) as film:
         pictures = [frame.to_ndarray(format="bgr24") for frame in film.decode(video=0)]
@@ -164,18 +163,14 @@ def test_frames_that_a_folder_does_not_keep_are_counted(tmp_path, run_here):
     log = write_log(tmp_path / "job", FRAMES)
     result = run_here("convert", "job", "-o", "same", folder=tmp_path)
     assert "warning" not in well(result).stderr
-    content = make_content(FRAMES)
-    for values in (content.raw, content.stamps, content.camera_stamps):
-        values[3] = 0
-    write_native(log, content)
+    write_native(log, with_errors([3], FRAMES))
     result = well(run_here("convert", "job", "-o", "fewer", folder=tmp_path))
     assert f"{FRAMES} frames become {FRAMES - 1}" in result.stderr
 
 
-def test_a_film_draws_each_cameras_view_in_its_own_image_in_whatever_order(tmp_path, monkeypatch):
+def test_a_film_draws_each_cameras_view_in_its_own_image_in_whatever_order(tmp_path, run_here, monkeypatch):
     pytest.importorskip("av", reason="video: no module av")
-    write_log(tmp_path / "job", FRAMES)
-    run(make_job(tmp_path / "job", tmp_path / "own.h5"))
+    run(make_job(write_log(tmp_path / "job", FRAMES), tmp_path / "own.h5"))
     with tracker.open_log(tmp_path / "job") as log:
         names, turned = log.rig.names, replace(log.rig, cameras=log.rig.cameras[::-1])
         with Hdf5LogWriter(tmp_path / "turned.h5", turned) as writer:
@@ -188,8 +183,7 @@ def test_a_film_draws_each_cameras_view_in_its_own_image_in_whatever_order(tmp_p
         return overlay(images, rig, *rest, **options)
 
     monkeypatch.setattr(tracker.viz, "overlay", noted)
-    asked = ["own.h5", "--video", "film.mp4", "--log", "turned.h5"]
-    export.main([str(tmp_path / one) if "." in one else one for one in asked], standalone_mode=False)
+    well(run_here("export", "own.h5", "--video", "film.mp4", "--log", "turned.h5", folder=tmp_path))
     assert set(drawn) == {names[::-1]}
 
 
@@ -208,14 +202,10 @@ def test_a_log_becomes_hdf5_with_all_its_bits(tmp_path, run_here):
 
 @pytest.mark.parametrize(("part", "warned"), [((), True), (("--from", 1, "--to", 2), False)])
 def test_converting_unrelated_scenes_says_that_they_become_one_recording(part, warned, tmp_path, run_here):
-    for frame in ("000000", "000001"):
-        for camera in CAMERAS:
-            write_picture(tmp_path / "scenes" / frame / f"{camera}.png", np.zeros((24, 28, 3), np.uint8))
-    tiny_rig().save(tmp_path / "scenes")
-    frames = [{"frame": f"00000{k}", "timestamp": 0.1 * k} for k in range(2)]
-    truth = {"settings": {"sequence": False, "rate": 10.0}, "frames": frames}
-    (tmp_path / "scenes" / "ground_truth.json").write_text(json.dumps(truth))
-    result = well(run_here("convert", tmp_path / "scenes", "-o", tmp_path / "new.h5", *part))
+    scenes = write_triplets(tmp_path / "scenes", ["000000", "000001"])
+    make_rig(30, 20).save(scenes)
+    write_truth(scenes, {"000000": 0.0, "000001": 0.1}, sequence=False)
+    result = well(run_here("convert", scenes, "-o", tmp_path / "new.h5", *part))
     assert ("2 episodes become one recording" in result.stderr) == warned
 
 
