@@ -21,7 +21,7 @@ import tracker
 from tests.calibration.by_object.test_health import film  # noqa: F401
 from tests.helpers import ROOT, contents
 from tests.helpers.command import assert_one_line_error, assert_refused, begin, until, well
-from tests.helpers.log_writers import write_picture
+from tests.helpers.log_writers import make_content, write_native, write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
 from tracker.cli.demo import DATA
@@ -192,11 +192,9 @@ def test_workers_end_with_an_interrupted_or_killed_run(jobs, end, number, long, 
 
 
 def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):
-    log = write_log(tmp_path / "log", 5)
-    content = bytearray(log.read_bytes())
-    record = (len(content) - 12) // 5
-    content[12 + 3 * record : 20 + 3 * record] = b"\xff" * 8
-    log.write_bytes(content)
+    content = make_content(5)
+    content.stamps[3] = np.nan
+    log = write_native(write_log(tmp_path / "log", 5), content, poses=1)
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
     process = subprocess.Popen(

@@ -51,7 +51,6 @@ def test_every_frame_is_there_once_as_a_loop_of_ones_own_has_it(log, expected):
     poses, mine, frames = read_poses(expected), NoiseTracker(), frames_of(log)
     assert poses.index.tolist() == list(range(FRAMES))
     assert poses.timestamp.tolist() == [frame.newest for frame in frames]
-    assert poses.recorded is not None
     assert poses.recorded.has_pose.tolist() == [frame.recorded_pose is not None for frame in frames]
     assert poses.about.source == "camera_data.dat"
     loop = [mine.update(frame.images, frame.stamps).filtered_object_pose.position for frame in frames]
@@ -281,10 +280,9 @@ def test_what_holds_no_poses_of_the_object_is_never_replaced(name, tmp_path):
 
 
 def test_damage_is_named_and_what_is_whole_recovered(tmp_path):
-    log = write_log(tmp_path / "log", FRAMES)
-    content = bytearray(log.read_bytes())
-    struct.pack_into("<d", content, 12 + 7 * ((len(content) - 12) // FRAMES), -1.0)  # a stamp that cannot be
-    log.write_bytes(content)
+    content = make_content(FRAMES)
+    content.stamps[7] = -1e-3  # which cannot be
+    log = write_native(write_log(tmp_path / "log", FRAMES), content, poses=1)
     with pytest.raises(LogError, match="frame 7"):
         run(make_job(log, tmp_path / "poses.h5"))
     assert not (tmp_path / "poses.h5").exists()
