@@ -3,13 +3,11 @@ import numpy as np
 import pytest
 
 from tests.helpers import opencv_pixels
-from tests.viz.test_overlays import black
+from tests.viz.test_overlays import GAP, black
 from tracker.calibration.rig import CameraRig
 from tracker.tasks import rearrange_dice as dice
 from tracker.viz import dice_overlay, goal_picture
 from tracker.viz.dice import DIE, INSIDE, OUTSIDE
-
-GAP = 6
 
 
 def square(rig: CameraRig, left: int, right: int) -> list[np.ndarray]:
