@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.helpers import ROOT
+from tests.helpers import ROOT, contents
 from tests.helpers.moments import estimate, moment
 from tracker.errors import LiveError
 from tracker.live.publishers import ZmqPublisher, message_of
@@ -49,26 +49,19 @@ def publisher():
         yield one
 
 
-@pytest.fixture
-def listening(publisher):
-    """A subscriber."""
-    with zmq.Context.instance().socket(zmq.SUB) as made:
-        made.setsockopt(zmq.CONFLATE, 1)
-        made.setsockopt(zmq.LINGER, 0)
-        made.setsockopt_string(zmq.SUBSCRIBE, "")
-        made.connect(publisher.address)
-        yield made
-
-
-def test_a_subscriber_gets_the_newest_only(publisher, listening):
-    sequences = itertools.count()
-    while not listening.poll(20):  # until it is connected
-        publisher(moment(next(sequences)))
-    for sequence in range(1000, 1100):
-        publisher(moment(sequence))
-    received = []
-    while not received or received[-1] < 1099:
-        received.append(json.loads(listening.recv())["sequence"])
+def test_a_subscriber_gets_the_newest_only(publisher):
+    sequences, received = itertools.count(), []
+    with zmq.Context.instance().socket(zmq.SUB) as listening:
+        listening.setsockopt(zmq.CONFLATE, 1)
+        listening.setsockopt(zmq.LINGER, 0)
+        listening.setsockopt_string(zmq.SUBSCRIBE, "")
+        listening.connect(publisher.address)
+        while not listening.poll(20):  # until it is connected
+            publisher(moment(next(sequences)))
+        for sequence in range(1000, 1100):
+            publisher(moment(sequence))
+        while not received or received[-1] < 1099:
+            received.append(json.loads(listening.recv())["sequence"])
     assert received == sorted(received)
     assert len(received) < 100
 
@@ -100,20 +93,15 @@ def test_an_address_in_use_is_named(publisher):
         ZmqPublisher(publisher.address)
 
 
-@pytest.mark.parametrize("kind", ["file", "link", "folder"])
-def test_what_is_there_and_is_no_socket_is_left_as_it_is(tmp_path, kind):
-    path, file = tmp_path / "poses", tmp_path / "precious.txt"
-    file.write_text("years of work")
-    if kind == "file":
-        path = file
-    elif kind == "link":
-        path.symlink_to(file)
-    else:
-        path.mkdir()
-    with pytest.raises(LiveError, match="other than a socket"):
-        ZmqPublisher(f"ipc://{path}")
-    assert file.read_text() == "years of work"
-    assert path.exists()
+def test_what_is_there_and_is_no_socket_is_left_as_it_is(tmp_path):
+    (tmp_path / "file").write_text("years of work")
+    (tmp_path / "link").symlink_to("file")
+    (tmp_path / "folder").mkdir()
+    before = contents(tmp_path)
+    for name in ("file", "link", "folder"):
+        with pytest.raises(LiveError, match="other than a socket"):
+            ZmqPublisher(f"ipc://{tmp_path / name}")
+        assert contents(tmp_path) == before
 
 
 def test_a_socket_that_an_earlier_run_left_is_bound_again(tmp_path):
