@@ -17,7 +17,6 @@ from tracker.live.cameras import CameraLost, CameraSet, CameraUnfit, Grabbed
 from tracker.live.sources import open_cameras
 from tracker.logs.pictures import from_bayer
 
-SIZE = (6, 4)
 IMAGE = np.full((4, 6, 3), 9, np.uint8)
 
 
@@ -45,7 +44,7 @@ class Scripted:
         self.closed += 1
 
 
-def cameras_of(*openers, rate=10.0, size=SIZE):
+def cameras_of(*openers, rate=10.0, size=(6, 4)):
     """A source of these cameras, or of what opens them."""
     openers = [one.open if isinstance(one, Scripted) else one for one in openers]
     return CameraSet(openers, [size] * len(openers), rate=rate)

@@ -179,8 +179,7 @@ def test_a_picture_that_cannot_be_used_is_reported_with_its_camera():
 def test_what_a_tracker_saw_before_is_forgotten_at_the_first_set():
     mean = MeanTracker()
     mean.update(images(1), (1000.0,))
-    with Live(Given(shot(2, 0.0)), mean) as live:
-        drain(live)
+    live, *_ = received(shot(2, 0.0), finder=mean)
     assert live.error is None
     closed = weakref.ref(live)
     del live
@@ -386,43 +385,6 @@ def test_live_poses_are_those_of_the_tracker():
     ahead, other = live.at(0.35), alone.predict(0.35)
     assert np.array_equal(ahead.position, other.position)
     assert moments[0].latency > 0
-
-
-def test_what_waited_is_as_much_older():
-    pushed = Pushed()
-    pushed.push([None] * 3)
-    time.sleep(0.05)
-    assert 0.05 <= pushed.next(0.0).age < 5
-
-
-@pytest.mark.parametrize("kind", [list, tuple, np.array])
-def test_stamps_are_pushed_as_whatever_holds_them(kind):
-    pushed = Pushed()
-    pushed.push([None] * 3, kind([1.0, 2.0, 3.0]))
-    assert pushed.next(0.0).stamps == (1.0, 2.0, 3.0)
-    pushed.push([None] * 3, np.float64(4.0))
-    assert pushed.next(0.0).stamps == (4.0,) * 3
-    image = np.zeros((2, 2, 3), np.uint8)
-    for without in (None, np.nan):
-        pushed.push([None, image, image], kind([without, 5.0, 6.0]))
-        assert pushed.next(0.0).stamps == (6.0, 5.0, 6.0)
-        with pytest.raises(LiveError, match="expected finite numbers of seconds"):
-            pushed.push([None, image, image], [5.0, 6.0, without])
-        with pytest.raises(LiveError, match="found none for any camera, expected one number"):
-            pushed.push([None] * 3, [without] * 3)
-    with pytest.raises(LiveError, match="3 images, 2 stamps"):
-        pushed.push([None] * 3, kind([1.0, 2.0]))
-
-
-def test_what_is_pushed_in_another_number_or_too_late_is_refused_at_once():
-    pushed = Pushed()
-    pushed.push([None] * 3, 1.0)
-    with pytest.raises(LiveError, match="images: found 2, expected 3 as before"):
-        pushed.push([None] * 2, 2.0)
-    assert pushed.next(0.0).stamps == (1.0,) * 3
-    pushed.close()
-    with pytest.raises(LiveError, match="found the source closed"):
-        pushed.push([None] * 3, 3.0)
 
 
 def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):

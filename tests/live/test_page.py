@@ -30,9 +30,8 @@ IMAGES = tuple(np.full((270, 270, 3), 60 + c, np.uint8) for c in range(3))
 
 @pytest.fixture
 def page():
-    one = WebPage(0, FOLLOWER)
-    yield one
-    one.close()
+    with contextlib.closing(WebPage(0, FOLLOWER)) as one:
+        yield one
 
 
 @contextlib.contextmanager

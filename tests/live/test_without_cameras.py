@@ -9,17 +9,15 @@ import tracker
 from tests.helpers import RIG
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LiveError, LogError
-from tracker.live import Replay, SourceEnded
+from tracker.live import Pushed, Replay, SourceEnded
 from tracker.live.sources import Simulation, open_source
 from tracker.logs.frame import LogFrame
 from tracker.logs.log import Log
 
-IMAGE = np.zeros((2, 2, 3), np.uint8)
-
 
 def frame(index, stamp, camera_stamps=None, images=None):
     stamps = np.array([stamp, stamp] if camera_stamps is None else camera_stamps, float)
-    images = images or tuple(None if np.isnan(one) else IMAGE for one in stamps)
+    images = images or tuple(None if np.isnan(one) else np.zeros((2, 2, 3), np.uint8) for one in stamps)
     return LogFrame(index, stamp, stamps, images, None, None)
 
 
@@ -136,6 +134,43 @@ def test_damage_is_raised_after_the_frames_before_it(clock):
     assert [replay.next(0.5) is not None for _ in range(2)] == [True, True]
     with pytest.raises(LogError, match="torn"):
         replay.next(0.5)
+
+
+def test_what_waited_is_as_much_older():
+    pushed = Pushed()
+    pushed.push([None] * 3)
+    time.sleep(0.05)
+    assert 0.05 <= pushed.next(0.0).age < 5
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+def test_stamps_are_pushed_as_whatever_holds_them(kind):
+    pushed = Pushed()
+    pushed.push([None] * 3, kind([1.0, 2.0, 3.0]))
+    assert pushed.next(0.0).stamps == (1.0, 2.0, 3.0)
+    pushed.push([None] * 3, np.float64(4.0))
+    assert pushed.next(0.0).stamps == (4.0,) * 3
+    image = np.zeros((2, 2, 3), np.uint8)
+    for without in (None, np.nan):
+        pushed.push([None, image, image], kind([without, 5.0, 6.0]))
+        assert pushed.next(0.0).stamps == (6.0, 5.0, 6.0)
+        with pytest.raises(LiveError, match="expected finite numbers of seconds"):
+            pushed.push([None, image, image], [5.0, 6.0, without])
+        with pytest.raises(LiveError, match="found none for any camera, expected one number"):
+            pushed.push([None] * 3, [without] * 3)
+    with pytest.raises(LiveError, match="3 images, 2 stamps"):
+        pushed.push([None] * 3, kind([1.0, 2.0]))
+
+
+def test_what_is_pushed_in_another_number_or_too_late_is_refused_at_once():
+    pushed = Pushed()
+    pushed.push([None] * 3, 1.0)
+    with pytest.raises(LiveError, match="images: found 2, expected 3 as before"):
+        pushed.push([None] * 2, 2.0)
+    assert pushed.next(0.0).stamps == (1.0,) * 3
+    pushed.close()
+    with pytest.raises(LiveError, match="found the source closed"):
+        pushed.push([None] * 3, 3.0)
 
 
 @pytest.fixture
