@@ -42,23 +42,20 @@ def test_jpeg_is_read_about_right(tmp_path):
         assert np.abs(log[1].images[2].astype(int) - 90).max() <= 3
 
 
-def test_stamps_are_those_of_the_steps_that_saw_the_images(tmp_path):
-    # Frame 2 was seen by no step; frames 3 and 4 are of another episode.
-    shown = [0] * 5 + [3] * 6 + [9] * 5 + [12] * 4
-    folder = write_store(tmp_path / "x.zarr", make_content(5), shown=shown, ends=[10, 19])
-    with tracker.open_log(folder) as log:
-        stamps = [frame.timestamp for frame in log]
-        assert stamps == pytest.approx([0, 0.1, 0.16, 0.22, 0.32])
-        assert log.episode_starts == (0, 3)
-
-
-def test_images_before_the_first_step_change_neither_episodes_nor_the_clock(tmp_path):
-    # Ten sets in two episodes; no step saw the first two.
-    shown = 3 * np.repeat(np.arange(2, 10), 5)
-    folder = write_store(tmp_path / "x.zarr", make_content(10), shown=shown, ends=[19, 39])
-    with tracker.open_log(folder) as log:
-        assert [frame.timestamp for frame in log][:4] == pytest.approx([-0.2, -0.1, 0.0, 0.1])
-        assert log.episode_starts == (0, 6)
+@pytest.mark.parametrize(
+    ("shown", "ends", "stamps", "starts"),
+    [
+        # Frame 2 was seen by no step; frames 3 and 4 are of another episode.
+        ([0] * 5 + [3] * 6 + [9] * 5 + [12] * 4, [10, 19], [0, 0.1, 0.16, 0.22, 0.32], (0, 3)),
+        # No step saw the first two of ten, which change neither episodes nor the clock.
+        (3 * np.repeat(np.arange(2, 10), 5), [19, 39], np.arange(-2, 8) / 10, (0, 6)),
+    ],
+)
+def test_stamps_are_those_of_the_steps_that_saw_the_images(shown, ends, stamps, starts, tmp_path):
+    content = make_content(len(stamps))
+    with tracker.open_log(write_store(tmp_path / "x.zarr", content, shown=shown, ends=ends)) as log:
+        assert [frame.timestamp for frame in log] == pytest.approx(stamps)
+        assert log.episode_starts == starts
 
 
 @pytest.mark.parametrize("ends", [[], [19, 10], [-1, 19], [10, 10], [10, 20]])

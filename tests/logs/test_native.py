@@ -1,4 +1,5 @@
 import gzip
+import itertools
 import json
 import struct
 from pathlib import Path
@@ -27,10 +28,7 @@ from tracker.recordings import track
 SAMPLES = ("camera_data_images_only.dat", "camera_data_with_pose.dat", "camera_data_with_pose_gzipped.dat")
 VARIANTS = [
     {"poses": poses, "stamped": stamped, "timed": timed, "bgr": bgr}
-    for poses in (0, 1, 2)
-    for stamped in (True, False)
-    for timed in (True, False)
-    for bgr in (True, False)
+    for poses, stamped, timed, bgr in itertools.product((0, 1, 2), *[(True, False)] * 3)
     if poses or not timed
 ]
 
