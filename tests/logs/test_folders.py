@@ -146,15 +146,22 @@ def test_a_folder_that_is_no_recording_is_refused_with_the_reason(tmp_path, adde
         (".png", lambda data: of_size("png", 4097, 8), "4097×8 px, expected 8 to 4096"),
         (".png", lambda data: encoded("png", np.uint16(picture(1, 1)) << 4), "as from a 12-bit camera; exp"),
         (".png", lambda data: b"", "0 bytes"),
+        (".png", lambda data: data[:4], "found 4 bytes that start with b'.x89PNG', expected PNG or JPEG"),
         (".jpg", lambda data: data[: len(data) // 2], "without an end"),
         (".jpg", lambda data: b"GIF89a" + data[6:], "PNG or JPEG"),
     ],
 )
-def test_damaged_pictures_are_named(tmp_path, suffix, damage, message):
+def test_damaged_pictures_are_named_and_frames_that_are_picked_are_those_that_are_whole(
+    tmp_path, suffix, damage, message
+):
     write_triplets(tmp_path, ["0", "1", "2"], suffix=suffix)
-    file = tmp_path / "1" / f"camera180{suffix}"
+    file, place = tmp_path / "1" / f"camera180{suffix}", rf"1/camera180\{suffix}: .*{message}"
     file.write_bytes(damage(file.read_bytes()))
-    assert recovered(tmp_path, rf"1/camera180\{suffix}: .*{message}") == ([0], [0, 2])
+    assert recovered(tmp_path, place) == ([0], [0, 2])
+    with tracker.open_log(tmp_path, recover=True) as log:
+        assert [frame.index for frame in picked(log, range(3))] == [0, 2]
+    with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match=place):
+        list(picked(log, range(3)))
 
 
 def write_truth(folder: Path, stamps: dict[str, float], sequence: bool) -> None:
@@ -180,15 +187,6 @@ def test_stamps_of_synthetic_data_are_those_of_the_truth(tmp_path, sequence, sta
     del stamps["000001"]
     write_truth(tmp_path, stamps, sequence)
     assert recovered(tmp_path, "000001 is missing in ground_truth.json") == ([0], [0, 2, 3])
-
-
-def test_frames_picked_from_a_damaged_folder_are_those_that_are_whole(tmp_path):
-    write_triplets(tmp_path, ["000000", "000001", "000002"])
-    (tmp_path / "000001" / f"{CAMERAS[1]}.png").write_bytes(b"\x89PNG")
-    with tracker.open_log(tmp_path, recover=True) as log:
-        assert [frame.index for frame in picked(log, range(3))] == [0, 2]
-    with tracker.open_log(tmp_path) as log, pytest.raises(LogError, match="000001"):
-        list(picked(log, range(3)))
 
 
 @pytest.mark.parametrize(
