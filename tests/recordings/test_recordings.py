@@ -6,6 +6,7 @@ import struct
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -229,10 +230,6 @@ class Complaining(NoiseTracker):
         raise tracker.TrackerError("images: all are None")
 
 
-def interrupt(_: int) -> None:
-    raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize(
     ("changes", "while_it_runs", "raised", "message"),
     [
@@ -242,7 +239,7 @@ def interrupt(_: int) -> None:
         ({"stop": 1.5}, lambda log: None, LogError, "stop: found 1.5, expected"),
         ({"start": FRAMES}, lambda log: None, LogError, f"frames 0 to {FRAMES - 1}"),
         ({}, lambda log: log.write_bytes(log.read_bytes() + b"more"), LogError, "changed while it was read"),
-        ({}, interrupt, KeyboardInterrupt, None),
+        ({}, Mock(side_effect=KeyboardInterrupt), KeyboardInterrupt, None),
     ],
     ids=["complaining", "before 0", "a text", "half", "beyond the end", "the recording grows", "interrupted"],
 )
