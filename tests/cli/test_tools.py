@@ -47,7 +47,7 @@ def test_info_tells_what_is_in_a_recording(tmp_path, run_here):
     assert "28×24, 28×24, 28×24" in shown
 
 
-def test_info_tells_gaps_damage_and_a_calibration_that_does_not_fit(tmp_path, run_here):
+def test_info_tells_gaps_damage_and_what_is_wrong_with_a_calibration(tmp_path, run_here):
     content = make_content(FRAMES)
     content.stamps[5:] += 2.0
     content.camera_stamps[5:] += 2.0
@@ -60,15 +60,9 @@ def test_info_tells_gaps_damage_and_a_calibration_that_does_not_fit(tmp_path, ru
     assert found["readable"] == FRAMES - 1
     assert found["fault"]
     assert "56×48" in found["calibration_fault"]
-
-
-def test_info_tells_that_a_calibration_has_the_arena_out_of_view(tmp_path, run_here):
-    write_log(tmp_path / "log", FRAMES)
-    inverse = [
-        replace(camera, camera_from_world=np.linalg.inv(camera.camera_from_world)) for camera in tiny_rig()
-    ]
-    tracker.CameraRig(tuple(inverse)).save(tmp_path / "log")
-    found = json.loads(run_here("info", tmp_path / "log", "--json").stdout)
+    inverse = (replace(one, camera_from_world=np.linalg.inv(one.camera_from_world)) for one in tiny_rig())
+    tracker.CameraRig(tuple(inverse)).save(tmp_path)
+    found = json.loads(run_here("info", log, "--recover", "--json").stdout)
     assert found["calibration"] == ["camera60", "camera180", "camera300"]
     assert "the arena in few or no images" in found["calibration_fault"]
 
