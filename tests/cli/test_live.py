@@ -113,14 +113,11 @@ def test_cameras_that_never_give_an_image_are_an_error(tmp_path, live, monkeypat
     assert_one_line_error(live(*arguments, "--check"), *names)
 
 
-def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(live, monkeypatch):
+def test_a_check_tells_of_the_cameras_and_exits_with_1_where_one_is_dark(tmp_path, live, monkeypatch):
     monkeypatch.setattr("tracker.live.camera_check.MOST_AGE", 10.0)  # a busy machine takes its time
     result = well(live(DATA, "--check", "--speed", "5"))
     assert "nothing is wrong with the cameras" in result.stdout
     assert all(name in result.stdout for name in NAMES)
-
-
-def test_a_check_of_dark_cameras_exits_with_1(tmp_path, live):
     shutil.copytree(DATA, tmp_path / "dark")
     for path in (tmp_path / "dark").glob("*/camera180.jpg"):
         write_picture(path, cv2.imread(str(path)) // 10)
