@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import fcntl
 import functools
@@ -8,8 +9,6 @@ import re
 import shutil
 import signal
 import struct
-import subprocess
-import sys
 import termios
 from pathlib import Path
 
@@ -19,7 +18,7 @@ import pytest
 
 import tracker
 from tests.calibration.by_object.test_health import film  # noqa: F401
-from tests.helpers import ROOT, contents
+from tests.helpers import contents
 from tests.helpers.command import assert_one_line_error, assert_refused, begin, until, well
 from tests.helpers.log_writers import make_content, write_native, write_picture
 from tests.helpers.pose_logs import assert_same
@@ -191,26 +190,19 @@ def test_workers_end_with_an_interrupted_or_killed_run(jobs, end, number, long, 
     assert not list(tmp_path.rglob("*.h5"))
 
 
-def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):
+def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path, monkeypatch):
     content = make_content(5)
     content.stamps[3] = np.nan
     log = write_native(write_log(tmp_path / "log", 5), content, poses=1)
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tracker", "track", log, "--object", "cube_v2", "-o", tmp_path / "poses.h5"],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm"},
-        stderr=theirs,
-        stdout=subprocess.PIPE,
-    )
+    monkeypatch.setenv("TERM", "xterm")
+    process = begin("track", log, "--object", "cube_v2", "-o", tmp_path / "poses.h5", stderr=theirs)
     os.close(theirs)
     shown = b""
-    try:
+    with contextlib.suppress(OSError):  # the other end is closed
         while piece := os.read(ours, 4096):
             shown += piece
-    except OSError:  # the other end is closed
-        pass
     os.close(ours)
     out, _ = process.communicate(timeout=60)
     assert (process.returncode, out) == (2, b"")

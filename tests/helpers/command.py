@@ -34,13 +34,15 @@ def assert_refused(run: Run, folder: Path, arguments: Sequence[object], *words: 
     assert contents(folder) == before
 
 
-def begin(*arguments: object, program: str = "tracker") -> subprocess.Popen[bytes]:
+def begin(
+    *arguments: object, program: str = "tracker", stderr: int = subprocess.PIPE
+) -> subprocess.Popen[bytes]:
     """Begin a program with arguments, in a group of processes that can be ended together."""
     return subprocess.Popen(
         [sys.executable, "-m", program, *map(str, arguments)],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
+        stderr=stderr,
         stdout=subprocess.PIPE,
         start_new_session=True,
     )
