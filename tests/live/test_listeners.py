@@ -14,7 +14,7 @@ import tracker
 from tests.helpers import RIG, ROOT
 from tests.helpers.full_disk import no_file_longer_than
 from tests.helpers.moments import estimate, moment
-from tests.helpers.reading import change, put
+from tests.helpers.reading import change, frames_of, put
 from tests.viz.test_rerun_scene import entities
 from tracker.cli.live_outputs import Statistics
 from tracker.errors import LiveError, LogError
@@ -66,8 +66,7 @@ def test_a_lagging_camera_or_all_may_miss_an_image(path):
         moments.append(dataclasses.replace(one, taken=dataclasses.replace(one.taken, stamps=stamps)))
     recorder = record(path, *moments)
     assert (recorder.recorded, recorder.fault) == (7, None)
-    with tracker.open_log(path) as log:
-        frames = list(log)
+    frames = frames_of(path)
     for frame, one in zip(frames, moments, strict=True):
         assert [image is None for image in frame.images] == [image is None for image in one.taken.images]
     late = [frame.timestamp - frame.camera_timestamps[2] for frame in frames]
@@ -81,8 +80,7 @@ def test_a_clock_that_is_set_back_by_seconds_ends_no_recording(path):
     recorder = record(path, *(moment(n, images(1)) for n in (0, 3, 1, 2, 3, 4)))
     assert (recorder.recorded, recorder.went_back, recorder.fault) == (4, 2, None)
     assert "  2 lost, because their stamps are before" in Statistics().summary(0, (), recorder)
-    with tracker.open_log(path) as log:
-        assert [frame.timestamp for frame in log] == pytest.approx([1000.0, 1000.3, 1000.3, 1000.4])
+    assert [frame.timestamp for frame in frames_of(path)] == pytest.approx([1000.0, 1000.3, 1000.3, 1000.4])
     path.unlink()
     assert "goes back by 100 s" in record(path, *(moment(n, images(1)) for n in (1000, 0))).fault
 
@@ -97,8 +95,7 @@ def test_cameras_of_different_sizes_are_refused_before_there_is_a_file(path):
 def test_colours_are_kept_as_such_a_sensor_measures_them_and_poses_go_with_them(path):
     given = images(1)
     record(path, moment(0, given, pose=estimate(0.05)), moment(1, (None, *given[1:])))
-    with tracker.open_log(path) as log:
-        first, second = log
+    first, second = frames_of(path)
     assert np.array_equal(first.raw[0], to_bayer(given[0]))
     assert first.recorded_pose.position[0] == 0.05
     assert second.recorded_pose is None
@@ -186,8 +183,7 @@ def test_of_a_recording_that_a_full_disk_ended_as_many_sets_are_counted_as_can_b
     with no_file_longer_than(1_000_000):
         recorder = record(path, *(moment(n, images(n)) for n in range(9)))
     assert "cannot be written" in recorder.fault
-    with tracker.open_log(path) as log:
-        assert 0 < len(list(log)) == recorder.recorded < 9
+    assert 0 < len(frames_of(path)) == recorder.recorded < 9
 
 
 def test_images_and_poses_are_in_the_file_of_a_view(tmp_path):

@@ -57,12 +57,11 @@ def test_clocks_may_begin_before_their_zero(tmp_path, convert):
     if convert is not None:
         with tracker.open_log(path) as log:
             convert(path := tmp_path / "converted", log, tiny_rig(), lambda count: None)
-    with tracker.open_log(path) as log:
-        for k, frame in enumerate(log):
-            np.testing.assert_allclose(frame.camera_timestamps, content.camera_stamps[k], atol=1e-9)
-            assert frame.timestamp == pytest.approx(content.stamps[k], abs=2e-3)
-            np.testing.assert_array_equal(frame.images, content.images(k))
-        assert k == 3
+    for k, frame in enumerate(frames_of(path)):
+        np.testing.assert_allclose(frame.camera_timestamps, content.camera_stamps[k], atol=1e-9)
+        assert frame.timestamp == pytest.approx(content.stamps[k], abs=2e-3)
+        np.testing.assert_array_equal(frame.images, content.images(k))
+    assert k == 3
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -291,8 +290,8 @@ def test_after_the_last_image_time_goes_on(stamped, tmp_path):
     expected = content.stamps[4] + usual * np.arange(1, 4)
     if stamped:
         expected = content.stamps[5:] = expected + 0.01
-    with tracker.open_log(write_hdf5(tmp_path / "log", content)) as log:
-        assert [frame.timestamp for frame in log][5:] == pytest.approx(expected, abs=1e-6)
+    found = [frame.timestamp for frame in frames_of(write_hdf5(tmp_path / "log", content))]
+    assert found[5:] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_recording_with_an_empty_record_is_tracked_on(tmp_path, run_here):
