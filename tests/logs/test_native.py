@@ -115,14 +115,6 @@ def test_pixels_of_a_frame_are_its_own(tmp_path, bgr):
             np.testing.assert_array_equal(frame.raw or content.raw[k], content.raw[k])
 
 
-@pytest.mark.parametrize("data", [struct.pack("<IQ", 1, 0), bytes(8)])
-def test_a_log_may_be_empty(tmp_path, data):
-    (tmp_path / "log").write_bytes(data)
-    with tracker.open_log(tmp_path / "log") as log:
-        assert list(log) == []
-        assert len(log) == 0
-
-
 SECOND = 12 + 8 + 3 * (13 + 24 * 28 + 8)  # offset of record 1, of a log without poses
 
 

@@ -290,11 +290,13 @@ def test_damage_is_named_and_what_is_whole_recovered(tmp_path):
     assert run(make_job(log, tmp_path / "poses.h5", recover=True)).new == 0
 
 
-def test_a_log_without_frames_gives_no_poses(tmp_path):
+@pytest.mark.parametrize("data", [struct.pack("<IQ", 1, 0), bytes(8)])
+def test_a_log_may_be_empty_and_gives_no_poses(data, tmp_path):
     log = tmp_path / "camera_data.dat"
-    log.write_bytes(struct.pack("<IQ", 1, 0))
+    log.write_bytes(data)
+    assert frames_of(log) == []
     result = run(make_job(log, tmp_path / "poses.h5"))
-    assert len(result.poses) == len(read_poses(tmp_path / "poses.h5")) == 0
+    assert len(result.poses) == len(read_poses(tmp_path / "poses.h5")) == result.expected == 0
     assert summary(result)["position_std_median_mm"] is None
 
 
