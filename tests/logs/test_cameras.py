@@ -136,10 +136,3 @@ def test_recordings_keep_the_names_that_cameras_can_have_and_their_order(names, 
         assert [frame.camera_timestamps.tolist() for frame in log] == [[1.0] * len(names), [1.1] * len(names)]
     with tracker.open_log(write_described(tmp_path / "described", names[0])) as log:
         assert log.camera_names == names[:1]
-
-
-def test_the_folder_of_a_lone_camera_may_be_called_anything(tmp_path):
-    for name, called in (("run #5", "camera"), ("top", "top")):
-        write_picture(tmp_path / name / "000000.png", IMAGE)
-        with tracker.open_log(tmp_path / name) as log:
-            assert log.camera_names == (called,)

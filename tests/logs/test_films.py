@@ -131,6 +131,8 @@ def test_folders_of_cameras_may_have_any_name_where_pictures_are_numbers(tmp_pat
         write_numbers(tmp_path / name, camera, 3)
     assert shades(tmp_path) == (expected(3), [0.0, 0.1, 0.2], names)
     assert shades(tmp_path / names[0]) == (expected(3, 1), [0.0, 0.1, 0.2], names[:1])
+    lone = (tmp_path / names[0]).rename(tmp_path / "run #5")  # which no camera can be called
+    assert shades(lone) == (expected(3, 1), [0.0, 0.1, 0.2], ("camera",))
 
 
 PATTERNS = '[cameras]\nleft = "{}"\nright = "{}"\n'
