@@ -1,7 +1,6 @@
 import os
 import signal
 import sys
-import threading
 from concurrent.futures import Future
 from pathlib import Path
 from unittest.mock import MagicMock
@@ -15,10 +14,6 @@ from tracker.errors import TrackerError
 
 def held(_: object) -> bool:
     return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-
-
-def unsendable(_: object) -> object:
-    return threading.Lock()
 
 
 def environment(_: object) -> list[str | None]:
@@ -59,7 +54,7 @@ def test_a_worker_has_one_thread_never_sees_ctrl_c_and_goes_on_after_what_cannot
     monkeypatch.delenv("OPENBLAS_NUM_THREADS")
     before = environment(None)
     with processes(1) as each:
-        ((_, error),) = each(unsendable, ["a"])
+        ((_, error),) = each(memoryview, [b"a"])
         assert isinstance(error, WorkerError)
         assert list(each(held, [0])) == [(0, True)]
         assert list(each(environment, [0])) == [(0, ["1"] * len(ONE_THREAD))]
