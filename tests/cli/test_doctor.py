@@ -18,13 +18,11 @@ def line_of(text: str, what: str) -> str:
     return next(line for line in text.splitlines() if line[4:].startswith(f"{what} "))
 
 
-LIBRARIES = "numpy", "scipy", "OpenCV", "numba", "h5py", "Pillow"
-
-
 def test_a_machine_that_has_all_is_well():
     code, text = report()
     assert code == 0, text
-    for what in ("tracker", "Python", *LIBRARIES, "cache", "speed"):
+    libraries = ("numpy", "scipy", "OpenCV", "numba", "h5py", "Pillow")
+    for what in ("tracker", "Python", *libraries, "cache", "speed"):
         assert line_of(text, what).startswith("ok")
     assert "reference work" in line_of(text, "speed")
     for extra in ("plot", "synthetic", "rerun", "video"):

@@ -19,15 +19,13 @@ from tracker.live.publishers import DEFAULT, LcmPublisher, _url, body_of, lcm_me
 lcm = pytest.importorskip("lcm", reason="lcm: no module lcm")
 
 CUBE, CUBOID = tracker.load_object("cube_v2"), tracker.load_object("cuboid_2x2x8_v2")
-TYPE = re.search(r"package dairlib;.*?\n}\n", (ROOT / "docs" / "live.md").read_text(), re.DOTALL)[0]
-"""The type as the documentation has it."""
 
 
 @pytest.fixture(scope="module")
 def decoded(tmp_path_factory):
     """Reads a message by the code that LCM's own generator makes of the documented type."""
-    folder = tmp_path_factory.mktemp("type")
-    (folder / "state.lcm").write_text(TYPE)
+    folder, page = tmp_path_factory.mktemp("type"), (ROOT / "docs" / "live.md").read_text()
+    (folder / "state.lcm").write_text(re.search(r"package dairlib;.*?\n}\n", page, re.DOTALL)[0])
     generator = os.path.join(lcm.LCM_BIN_DIR, "lcm-gen")
     subprocess.run([generator, "--python", "--ppath", folder, folder / "state.lcm"], check=True)
     with pytest.MonkeyPatch.context() as patch:
