@@ -7,15 +7,7 @@ from scipy.stats import binomtest
 
 import tracker
 from benchmarks.score import errors, metrics
-from benchmarks.score.metrics import (
-    INSIDE,
-    Metric,
-    bootstrap_interval,
-    by_visibility,
-    median,
-    percent,
-    wilson_interval,
-)
+from benchmarks.score.metrics import Metric, wilson_interval
 from benchmarks.score.tables import TABLES, VISIBLE, by_confidence, figures
 from tests.benchmarks.made_up import OBJECTS, answer, answers, figures_of, results
 from tests.helpers import random_rotations
@@ -41,7 +33,7 @@ def test_nees_of_a_true_covariance_is_chi_squared(rng):
     assert values.mean() == pytest.approx(6, abs=0.2)
     assert np.median(values) == pytest.approx(5.348, abs=0.2)
     np.testing.assert_allclose(errors.nees(true, found, 4 * covariance), values / 4)
-    assert INSIDE.of(pd.DataFrame({"found": True, "nees": values})) == pytest.approx(95, abs=1)
+    assert metrics.INSIDE.of(pd.DataFrame({"found": True, "nees": values})) == pytest.approx(95, abs=1)
 
 
 def test_figures_count_right_wrong_and_missing():
@@ -58,7 +50,7 @@ def test_figures_count_right_wrong_and_missing():
     (trust,) = figures_of(rows, "trust")
     assert trust["brier"] == pytest.approx((6 * 0.01 + 0.64 + 0.04) / 8)
     assert trust["honesty"] == pytest.approx(abs(100 * (6 * 0.9 + 0.8 + 0.2) / 8 - 75))
-    visible = {label: len(own) for label, own in by_visibility(*VISIBLE)(pd.DataFrame(rows))}
+    visible = {label: len(own) for label, own in metrics.by_visibility(*VISIBLE)(pd.DataFrame(rows))}
     assert visible == {"0.7-0.9": 9, "0.3-0.5": 1}
     assert sum(len(own) for _, own in by_confidence(pd.DataFrame(rows))) == 8
 
@@ -119,7 +111,7 @@ def test_intervals_hold_their_figure_and_shrink_with_the_count():
     rows = pd.DataFrame(
         {"film": np.repeat([0, 1, 0], 8), "camera": np.repeat(["a", "a", "b"], 8), "right": True}
     )
-    share = Metric("x", "x", lambda own: percent(own.right), share=True)
+    share = Metric("x", "x", lambda own: metrics.percent(own.right), share=True)
     assert share.interval(rows) == wilson_interval(100.0, 3)
     assert share.interval(rows.drop(columns="film")) == wilson_interval(100.0, 24)
 
@@ -131,7 +123,8 @@ def test_the_bootstraps_interval_covers_as_often_as_it_says(frames):
         # The frames of a film show the same with other noise.
         rng, film = np.random.default_rng(seed), np.arange(80).repeat(frames)
         values = rng.normal(size=80)[film] + (0.1 * rng.normal(size=len(film)) if frames > 1 else 0.0)
-        low, high = bootstrap_interval(lambda own: median(own.x), pd.DataFrame({"x": values, "film": film}))
+        frame = pd.DataFrame({"x": values, "film": film})
+        low, high = metrics.bootstrap_interval(lambda own: metrics.median(own.x), frame)
         inside += low <= 0.0 <= high
     assert 51 <= inside <= 60
 

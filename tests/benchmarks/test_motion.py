@@ -6,20 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.data import motion as motion_films
-from benchmarks.data.motion import (
-    AHEAD,
-    BULGE,
-    HEIGHTS,
-    LEAST,
-    REACH,
-    SKEW,
-    SPEED,
-    MotionFrame,
-    delays,
-    film_motion,
-    random_motion,
-    rig,
-)
+from benchmarks.data.motion import AHEAD, HEIGHTS, LEAST, MotionFrame, film_motion
 from benchmarks.data.plan import Plan
 from benchmarks.measure import motion as measured_motion
 from benchmarks.measure.motion import GIVEN, measure_motion, play
@@ -45,9 +32,9 @@ def frame_of(number, moving=True) -> MotionFrame:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_motion_has_no_jumps_and_stays_in_view(seed):
-    film, motion = film_motion(seed, 0), random_motion(np.random.default_rng(seed), -0.2, 8.0)
+    film, motion = film_motion(seed, 0), motion_films.random_motion(np.random.default_rng(seed), -0.2, 8.0)
     # One of a film goes on until its last prediction.
-    assert film.legs[0].begin <= -SKEW
+    assert film.legs[0].begin <= -motion_films.SKEW
     assert film.legs[-1].end >= (motion_films.FRAMES - 1) / motion_films.RATE + AHEAD
     assert motion.legs[0].begin == -0.2
     assert motion.legs[-1].end >= 7.8
@@ -58,15 +45,15 @@ def test_a_motion_has_no_jumps_and_stays_in_view(seed):
     times = np.arange(0, 7.8, 0.01)
     speeds = [motion.speed(time) for time in times]
     assert min(speeds) == pytest.approx(0, abs=1e-9)
-    assert 0.5 * SPEED < np.median(speeds) < 1.5 * SPEED
+    assert 0.5 * motion_films.SPEED < np.median(speeds) < 1.5 * motion_films.SPEED
     for (x, y, z), rotation in map(motion.pose, times):
-        assert np.hypot(x, y) < REACH + BULGE * LEAST
+        assert np.hypot(x, y) < motion_films.REACH + motion_films.BULGE * LEAST
         assert HEIGHTS[0] <= z <= HEIGHTS[1]
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
 
 
 def test_there_is_a_next_turning_point_wherever_one_is(rng):
-    assert LEAST < REACH
+    assert LEAST < motion_films.REACH
     middle = np.array([0.0, 0.0, np.mean(HEIGHTS)])
     for _ in range(100):
         assert np.linalg.norm(motion_films._leg(rng, "straight", 0.0, middle, np.eye(3)).chord) >= LEAST
@@ -74,8 +61,8 @@ def test_there_is_a_next_turning_point_wherever_one_is(rng):
 
 def test_one_camera_is_the_latest_and_none_is_too_late_and_a_frame_survives_the_disk(rng):
     for cameras in (2, 3, 5):
-        found = delays(rng, cameras)
-        assert (found.min(), found.max(), len(set(found))) == (0, SKEW, cameras)
+        found = motion_films.delays(rng, cameras)
+        assert (found.min(), found.max(), len(set(found))) == (0, motion_films.SKEW, cameras)
     latest = pose(rng.normal(size=3), random_rotations(rng, 1)[0])
     assert_survives(dataclasses.replace(frame_of(3), latest=latest))
 
@@ -87,7 +74,7 @@ def test_each_camera_takes_its_picture_at_its_own_time():
     frame = make(number)
     assert frame.moving
     assert frame.timestamp == number / 10
-    for k, camera in enumerate(rig()):
+    for k, camera in enumerate(motion_films.rig()):
         if frame.stamps[k] == frame.timestamp:
             assert np.array_equal(frame.skewed[k], frame.together[k])
             continue

@@ -10,23 +10,8 @@ import tracker
 from tests.helpers import nudged, random_rotations, sight_of
 from tests.helpers.kept_stills import bare
 from tracker.geometry.lens import LENS
-from tracker.pose.agreement import (
-    ACROSS,
-    ALONG,
-    CONTRADICTION,
-    NEAR_DISTANCE,
-    OTHERS,
-    ROLL,
-    SCALES,
-    SCALES_PRIOR,
-    SHARED_SHARE,
-    TILT,
-    disagreement,
-    probabilities,
-    probably_fits,
-    size,
-    spread,
-)
+from tracker.pose import agreement
+from tracker.pose.agreement import CONTRADICTION, SCALES, SCALES_PRIOR, probably_fits, size, spread
 from tracker.pose.fit import OwnViews
 from tracker.pose.judge import apparent, confidence
 from tracker.pose.result import Status
@@ -49,7 +34,8 @@ def placed(seed=3):
 
 def likelihoods(moved, information=CLEAR, seed=3):
     """Of what each of the cameras sees of the object by itself."""
-    return disagreement(OwnViews(information, moved, np.full(3, 30.0)), placed(seed), CENTRE, RADIUS)
+    own = OwnViews(information, moved, np.full(3, 30.0))
+    return agreement.disagreement(own, placed(seed), CENTRE, RADIUS)
 
 
 def scattered(std, seed=5):
@@ -58,6 +44,8 @@ def scattered(std, seed=5):
 
 
 def test_likelihoods_are_those_of_one_gaussian_over_all_cameras():
+    places = agreement.ACROSS, agreement.ACROSS, agreement.ALONG
+    turns = agreement.TILT, agreement.TILT, agreement.ROLL
     for seed in range(5):
         # All directions are coupled.
         roots = np.random.default_rng(seed).normal(size=(3, 6, 6)) * np.sqrt(KNOWN)
@@ -70,8 +58,8 @@ def test_likelihoods_are_those_of_one_gaussian_over_all_cameras():
             whole = np.kron(np.ones((3, 3)), prior)
             for c in range(3):
                 distance = np.linalg.norm(sights[c])
-                own = [scale**2 + (e * distance) ** 2 for e in (ACROSS, ACROSS, ALONG)]
-                own += [(scale / distance) ** 2 + e**2 for e in (TILT, TILT, ROLL)]
+                own = [scale**2 + (e * distance) ** 2 for e in places]
+                own += [(scale / distance) ** 2 + e**2 for e in turns]
                 turned = np.kron(np.eye(2), np.linalg.svd(sights[c : c + 1])[2][[1, 2, 0]].T)
                 part = slice(6 * c, 6 * c + 6)
                 whole[part, part] += np.linalg.inv(information[c]) + turned @ np.diag(own) @ turned.T
@@ -89,7 +77,7 @@ def test_cameras_are_taken_to_be_off_by_what_they_disagree_and_so_little_is_the_
     assert near == sorted(near, reverse=True)
     assert near[0] > 0.99
     assert near[-1] < 0.05
-    assert sum(probabilities(likelihoods(scattered(1e-3)))) == pytest.approx(1.0)
+    assert sum(agreement.probabilities(likelihoods(scattered(1e-3)))) == pytest.approx(1.0)
 
 
 def test_a_camera_that_tells_little_is_no_evidence_and_no_cameras_view_leaves_what_was_believed():
@@ -100,17 +88,17 @@ def test_a_camera_that_tells_little_is_no_evidence_and_no_cameras_view_leaves_wh
         assert size(likelihoods(moved, CLEAR * np.reshape([1.0, 1.0, share], (3, 1, 1)))) < 5e-4
     nothing = likelihoods(STILL, np.zeros((3, 6, 6)))
     np.testing.assert_allclose(nothing, nothing[0])
-    np.testing.assert_allclose(probabilities(nothing), SCALES_PRIOR / SCALES_PRIOR.sum())
+    np.testing.assert_allclose(agreement.probabilities(nothing), SCALES_PRIOR / SCALES_PRIOR.sum())
     # Three normal deviates are near together as chi-square has it; all cameras' world may be displaced, too.
-    std = SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / OTHERS) ** 2)
-    expected = SCALES_PRIOR @ chi2.cdf((NEAR_DISTANCE / std) ** 2, 3) / SCALES_PRIOR.sum()
+    std = agreement.SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / agreement.OTHERS) ** 2)
+    expected = SCALES_PRIOR @ chi2.cdf((agreement.NEAR_DISTANCE / std) ** 2, 3) / SCALES_PRIOR.sum()
     assert probably_fits(nothing, 3) == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_spread_is_that_of_the_errors_which_average_out_where_cameras_are_more_than_three():
     assert spread(size(None), 3) == 0.0
     stds = [math.sqrt(spread(size(np.where(scale == SCALES, 0.0, -50.0)), 3)) for scale in SCALES]
-    np.testing.assert_allclose(stds, SHARED_SHARE * SCALES, rtol=1e-6)
+    np.testing.assert_allclose(stds, agreement.SHARED_SHARE * SCALES, rtol=1e-6)
     factors = [spread(1e-3, count) / spread(1e-3, 3) for count in (0, 1, 2, 6, 12)]
     assert factors == pytest.approx([1, 1, 1, 0.5, 0.25])
     known = np.where(np.isclose(SCALES, 3.5e-3), 0.0, -50.0)

@@ -1,18 +1,8 @@
 import numpy as np
 import pytest
 
-from tracker.pose.sizes import (
-    ALIKE,
-    FEET,
-    FEET_PRIOR,
-    MOVING_SHARE,
-    SHARES,
-    SHARES_PRIOR,
-    WEAR,
-    WEAR_PRIOR,
-    WORN,
-    sizes,
-)
+from tracker.pose import sizes
+from tracker.pose.sizes import ALIKE, FEET, MOVING_SHARE, SHARES, SHARES_PRIOR, WEAR, WEAR_PRIOR
 from tracker.pose.solution import CAMERA, EDGE, EXPONENT, KNOWN, OWN, PULL, RIM, ROW, SOLUTION, UNKNOWNS
 from tracker.pose.solve import DEVIATION_STD, with_edges
 
@@ -20,7 +10,7 @@ CAMERAS, EDGES, PIECES = 3, 9, 6
 NOISE = 0.05  # [px]
 FOCAL = 500.0  # offset of an edge per metre by which its colours end too early [px/m]
 SEEN_ALIKE = 2.5
-COUNTED = WEAR + ALIKE[0] * (1 - ALIKE[1] / CAMERAS) * (SEEN_ALIKE / ALIKE[2]) ** 2 * WORN
+COUNTED = WEAR + ALIKE[0] * (1 - ALIKE[1] / CAMERAS) * (SEEN_ALIKE / ALIKE[2]) ** 2 * sizes.WORN
 STANDING = np.array([1.0, 1.0] + 10 * [0.0])
 
 
@@ -60,7 +50,7 @@ class Problem:
         cameras["force"] = weight * np.einsum("cri,cr->ci", self.rows, self.residuals)
         cameras["edges"] = [sums(*one, weight) for one in zip(self.rows, self.residuals, strict=True)]
         cameras["weights"] = np.einsum("cki,ckj->cij", self.roots, self.roots)[:, :6, :6]
-        return *sizes(solution, cameras, True, own == 0.0), solution["own"], solution["foot"]
+        return *sizes.sizes(solution, cameras, True, own == 0.0), solution["own"], solution["foot"]
 
 
 def found(rng, *problem, count=60, **more):
@@ -152,7 +142,7 @@ def test_feet_are_found_where_colours_end_above_the_table_and_kept_where_they_do
 
 
 def test_probabilities_sum_to_one():
-    for values, prior in ((SHARES, SHARES_PRIOR), (WEAR, WEAR_PRIOR), (FEET, FEET_PRIOR)):
+    for values, prior in ((SHARES, SHARES_PRIOR), (WEAR, WEAR_PRIOR), (FEET, sizes.FEET_PRIOR)):
         assert prior.sum() == pytest.approx(1)
         assert len(values) == len(prior)
     assert (np.diff(SHARES) < 0).all()

@@ -4,17 +4,8 @@ import pytest
 from tests.helpers import make_camera
 from tracker.calibration.deviations import calibration_covariance, rotation_vector_variance
 from tracker.geometry import so3
+from tracker.pose import solve
 from tracker.pose.solution import CAMERA, EXPONENT, MOVING, OWN, SOLUTION, UNKNOWNS
-from tracker.pose.solve import (
-    DEVIATION_STD,
-    MODEL_STD,
-    add_model_errors,
-    finish,
-    marginal,
-    offset_weights,
-    own_changes,
-    solve,
-)
 
 CAMERAS = 3
 ROWS = 30
@@ -34,7 +25,7 @@ class Problem:
         # The share is one of the offsets' variance, not of that of the exponents' deviations.
         self.roots = np.zeros((cameras, OWN, OWN))
         self.roots[:, :6, :6] = 0.7 * rng.normal(size=(cameras, 6, 6)) + np.eye(6)
-        self.roots[:, EXPONENT, EXPONENT] = 1.0 / DEVIATION_STD
+        self.roots[:, EXPONENT, EXPONENT] = 1.0 / solve.DEVIATION_STD
         self.delays = np.zeros(cameras)
         self.prior = np.diag(rng.uniform(0.5, 2.0, self.size))
         if lagging:
@@ -62,9 +53,9 @@ class Problem:
         cameras["gradient"] = np.einsum("cri,cr->ci", self.rows, self.residuals)
         cameras["offset"], cameras["delay"] = self.offsets, self.delays
         cameras["weights"] = np.einsum("cki,ckj->cij", self.roots, self.roots)[:, :6, :6]
-        doubt = solve(solution, cameras, share)
-        finish(solution)
-        own_changes(solution, cameras)
+        doubt = solve.solve(solution, cameras, share)
+        solve.finish(solution)
+        solve.own_changes(solution, cameras)
         return doubt
 
     def held(self, c, share):
@@ -104,12 +95,12 @@ def test_step_is_that_of_the_dense_least_squares_and_doubt_the_likelihood_of_the
         covariance = np.linalg.inv(rows.T @ rows)[: problem.size, : problem.size]
         np.testing.assert_allclose(np.linalg.inv(problem.known), covariance, atol=1e-9)
         np.testing.assert_array_equal(problem.known, problem.known.T)
-        assert marginal(problem.solution)
+        assert solve.marginal(problem.solution)
         np.testing.assert_allclose(problem.solution["covariance"], covariance[:6, :6], atol=1e-9)
     np.testing.assert_allclose(off, off[0], rtol=0, atol=1e-8)
     # No covariance is given where there is none.
     problem.known[:] = -np.eye(problem.size)
-    assert not marginal(problem.solution)
+    assert not solve.marginal(problem.solution)
 
 
 def test_a_camera_that_sees_nothing_goes_back_to_its_calibration_and_moves_nothing(rng):
@@ -131,7 +122,7 @@ def test_camera_offset_is_what_samples_of_the_calibration_show(rng):
     camera, position = make_camera(), np.array([0.05, -0.08, 0.03])
     known = np.linalg.inv(calibration_covariance(camera))
     weights = np.empty((6, 6))
-    offset_weights(known, position, weights)
+    solve.offset_weights(known, position, weights)
     np.testing.assert_allclose(weights, weights.T, rtol=1e-9, atol=1e-9)
     stated, std = np.linalg.inv(weights), camera.camera_from_world_std
     rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
@@ -152,9 +143,9 @@ def test_a_covariance_is_never_less_than_the_models_errors(rng, radius):
     measured = root @ root.T
     stated, nothing, transposed = measured.copy(), np.zeros((6, 6)), np.asfortranarray(measured)
     for covariance in (stated, nothing, transposed):
-        add_model_errors(covariance, radius)
+        solve.add_model_errors(covariance, radius)
     np.testing.assert_array_equal(stated, stated.T)
-    errors = np.diag(np.repeat(np.square(np.multiply(MODEL_STD, (radius, 1.0))), 3))
+    errors = np.diag(np.repeat(np.square(np.multiply(solve.MODEL_STD, (radius, 1.0))), 3))
     np.testing.assert_allclose(stated - errors, measured, rtol=1e-6, atol=1e-18)
     np.testing.assert_allclose(nothing, errors, rtol=1e-12)
     # In memory as a solver may leave it.
