@@ -13,20 +13,8 @@ from tracker.errors import TaskError
 from tracker.geometry import cuboid, so3
 from tracker.objects.model import load_object, object_names
 from tracker.pose.result import PoseEstimate
-from tracker.tasks.move_object import (
-    LEVELS,
-    active_goal,
-    episode_reward,
-    keypoints,
-    long_axis,
-    long_axis_error,
-    pose_from_keypoints,
-    position_error,
-    reward,
-    rotation_error,
-    trajectory_reward,
-    weighted_total,
-)
+from tracker.tasks import move_object as task
+from tracker.tasks.move_object import episode_reward, keypoints, pose_from_keypoints, position_error, reward
 
 CUBE, CUBOID = load_object("cube_v2"), load_object("cuboid_2x2x8_v2")
 
@@ -40,7 +28,6 @@ ZERO, UNIT = [0.0, 0, 0], [0.0, 0, 0, 1]
 BOX = np.array([0.02, 0.08, 0.03])
 CORNERS = keypoints([0.1, 0.0, 0.03], UNIT, BOX)
 ONE_NUMBER = np.arange(24).reshape(8, 3) == 5
-TRAJECTORY = [(0, [0.0, 0.0, 0.05]), (30000, [0.1, 0.0, 0.08]), (40000, (-0.05, 0.1, 0.0325))]
 
 
 def random_quaternions(rng: np.random.Generator, count: int = 60) -> np.ndarray:
@@ -81,7 +68,7 @@ def test_rotation_error_is_the_angle_over_pi(angle, rng):
     goal = random_quaternions(rng)
     axis = rng.normal(size=goal[:, :3].shape)
     rotvec = angle * axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    error = rotation_error(goal, turned(goal, rotvec))
+    error = task.rotation_error(goal, turned(goal, rotvec))
     np.testing.assert_allclose(error, angle / np.pi, rtol=1e-9, atol=1e-15)
 
 
@@ -94,15 +81,15 @@ def test_long_axis_error_is_the_angle_of_the_axis_over_pi_and_a_turn_about_it_co
     across *= angle / np.linalg.norm(across, axis=1, keepdims=True)
     tilted = turned(turned(goal, across), rng.uniform(-np.pi, np.pi, (len(goal), 1)) * along)
     chosen = {} if axis == 1 else {"axis": axis}  # y by default
-    error = long_axis_error(goal, tilted, **chosen)
+    error = task.long_axis_error(goal, tilted, **chosen)
     np.testing.assert_allclose(error, angle / np.pi, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("error", [rotation_error, long_axis_error])
+@pytest.mark.parametrize("error", [task.rotation_error, task.long_axis_error])
 @given(quaternions, quaternions, quaternions)
 def test_orientation_errors_are_metrics_up_to_1_that_turning_the_world_does_not_change(error, a, b, world):
     assert error(a, a) == 0
-    assert 0 <= error(a, b) <= rotation_error(a, b) + 1e-15 <= 1 + 1e-15
+    assert 0 <= error(a, b) <= task.rotation_error(a, b) + 1e-15 <= 1 + 1e-15
     np.testing.assert_allclose(error(a, b), error(b, a), atol=1e-15)
     np.testing.assert_allclose(error(a, b), error(-a, b), atol=1e-15)
     np.testing.assert_allclose(error(a, b), error(0.5 * a, 2 * b), atol=1e-15)
@@ -113,13 +100,13 @@ def test_orientation_errors_are_metrics_up_to_1_that_turning_the_world_does_not_
 
 
 def test_an_object_has_a_long_axis_where_one_edge_is_twice_the_others():
-    found = {name: long_axis(load_object(name)) for name in object_names()}
+    found = {name: task.long_axis(load_object(name)) for name in object_names()}
     assert found == {name: 1 if "cuboid" in name else None for name in object_names()}
     for size in set(itertools.permutations([0.02, 0.02, 0.08])):
         model = dataclasses.replace(CUBOID, size=np.array(size))
-        assert long_axis(model) == size.index(0.08)
+        assert task.long_axis(model) == size.index(0.08)
     for size in ([0.065, 0.065, 0.0652], [0.02, 0.08, 0.08], [0.02, 0.03, 0.04]):
-        assert long_axis(dataclasses.replace(CUBOID, size=np.array(size))) is None
+        assert task.long_axis(dataclasses.replace(CUBOID, size=np.array(size))) is None
 
 
 @pytest.mark.parametrize("model", [None, CUBE, CUBOID])
@@ -129,12 +116,12 @@ def test_level_4_alone_looks_at_the_orientation_by_half(model, rng):
     error = position_error(goal, actual)
     for level, turns in itertools.product((1, 2, 3), ((), (goal_turn, turn))):
         np.testing.assert_array_equal(reward(level, goal, actual, *turns, model=model), -error)
-    turning = long_axis_error if model is CUBOID else rotation_error
+    turning = task.long_axis_error if model is CUBOID else task.rotation_error
     rewards = reward(4, goal, actual, goal_turn, turn, model=model)
     np.testing.assert_allclose(rewards, -(error + turning(goal_turn, turn)) / 2, rtol=1e-15)
 
 
-@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("level", task.LEVELS)
 @pytest.mark.parametrize("model", [CUBE, CUBOID])
 def test_nothing_is_better_than_the_goal_itself(level, model, rng):
     goal, turn = rng.uniform(-0.1, 0.1, (30, 3)), random_quaternions(rng, 30)
@@ -161,28 +148,25 @@ def test_where_the_object_was_not_seen_the_reward_is_unknown(rng):
     states[1], turns[3, 0] = np.nan, np.nan
     rewards = reward(4, states[0], states, turns[0], turns, model=CUBE)
     np.testing.assert_array_equal(np.isnan(rewards), [False, True, False, True, False])
-    axis = long_axis_error(turns[0], turns)
+    axis = task.long_axis_error(turns[0], turns)
     np.testing.assert_array_equal(np.isnan(axis), [False, False, False, True, False])
     assert np.isnan(episode_reward(rewards))
 
 
 @given(st.lists(st.integers(1, 20000), max_size=9), st.lists(st.floats(0, 120000), min_size=1, max_size=9))
-def test_the_active_goal_is_the_last_that_has_begun_in_whatever_unit_of_time(pauses, times):
+def test_the_active_goal_whose_reward_counts_is_the_last_that_has_begun_in_any_unit_of_time(pauses, times):
     starts = np.cumsum([0, *pauses])
     times = np.array([*times, *starts, *(starts[1:] - 0.5)])
     trajectory = [(int(start), [float(k), 0, 0]) for k, start in enumerate(starts)]
     expected = [[np.flatnonzero(starts <= time)[-1], 0, 0] for time in times]
-    np.testing.assert_array_equal(active_goal(trajectory, times), expected)
-    np.testing.assert_array_equal(active_goal(trajectory, times[0]), expected[0])
+    np.testing.assert_array_equal(task.active_goal(trajectory, times), expected)
+    np.testing.assert_array_equal(task.active_goal(trajectory, times[0]), expected[0])
     halves = [(start / 2, goal) for start, goal in trajectory]
-    np.testing.assert_array_equal(active_goal(halves, times[None] / 2), [expected])
-
-
-def test_rewards_along_a_trajectory_are_those_of_the_active_goals(rng):
-    times, states = np.arange(0, 120000, 100), rng.normal(0, 0.1, (1200, 3))
-    rewards = trajectory_reward(TRAJECTORY, times, states)
-    expected = reward(3, active_goal(TRAJECTORY, times), states)
-    np.testing.assert_array_equal(rewards, expected)
+    np.testing.assert_array_equal(task.active_goal(halves, times[None] / 2), [expected])
+    # Rewards along the trajectory are those of the active goals.
+    states = np.random.default_rng(1).normal(0, 0.1, (len(times), 3))
+    rewards = task.trajectory_reward(trajectory, times, states)
+    np.testing.assert_array_equal(rewards, reward(3, expected, states))
 
 
 def test_an_episodes_reward_sums_its_steps(rng):
@@ -195,8 +179,8 @@ def test_an_episodes_reward_sums_its_steps(rng):
 
 def test_the_total_weights_each_level_by_its_number():
     episodes = {1: [-1.0, -3.0], 2: [-10.0], 3: np.array([-5.0, -5.0, -20.0]), 4: [-100.0]}
-    assert weighted_total(episodes) == pytest.approx(-2 - 2 * 10 - 3 * 10 - 4 * 100)
-    assert weighted_total(episodes, median=True) == pytest.approx(-2 - 2 * 10 - 3 * 5 - 4 * 100)
+    assert task.weighted_total(episodes) == pytest.approx(-2 - 2 * 10 - 3 * 10 - 4 * 100)
+    assert task.weighted_total(episodes, median=True) == pytest.approx(-2 - 2 * 10 - 3 * 5 - 4 * 100)
 
 
 sizes = arrays(np.float64, 3, elements=st.floats(0.005, 0.5))
@@ -211,8 +195,10 @@ def test_a_corner_is_on_the_plus_side_where_its_bit_is_zero():
 
 
 @given(sizes, positions, quaternions, quaternions)
-def test_a_pose_comes_back_from_its_corners_which_turn_with_it(size, position, orientation, other):
+def test_a_poses_corners_turn_with_it_and_lead_back_to_it(size, position, orientation, other):
     corners = keypoints(position, orientation, size)
+    pose = PoseEstimate(position, orientation / np.linalg.norm(orientation), np.eye(6), 0.9, size=size)
+    np.testing.assert_allclose(pose.keypoints, corners, atol=1e-15)
     place, turn = pose_from_keypoints(corners, size)
     np.testing.assert_allclose(place, position, atol=1e-12)
     unit, rotation = (so3.matrix_from_quaternion(q / np.linalg.norm(q)) for q in (orientation, other))
@@ -245,13 +231,6 @@ def test_noise_on_corners_averages_out():
     assert np.std(place, axis=0) == pytest.approx(np.full(3, 1e-4 / np.sqrt(8)), rel=0.1)
 
 
-def test_a_poses_keypoints_are_those_of_the_task():
-    turn = np.array([0.1, 0.2, 0.3, 0.9])
-    turn /= np.linalg.norm(turn)
-    pose = PoseEstimate([0.1, 0.0, 0.03], turn, np.eye(6), 0.9, size=BOX)
-    np.testing.assert_allclose(pose.keypoints, keypoints(pose.position, turn, BOX), atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("function", "arguments", "message"),
     [
@@ -263,10 +242,10 @@ def test_a_poses_keypoints_are_those_of_the_task():
         (position_error, ([0, 0, np.nan], ZERO), "goal_position: found nan, expected finite"),
         (position_error, (ZERO, [0, 0, 1e300]), r"^position: found 1e\+300, expected finite"),
         (position_error, (np.ones((2, 3)), np.ones((5, 3))), r"found shapes \(2, 3\) and \(5, 3\)"),
-        (rotation_error, (UNIT, ZERO), r"^orientation: found shape \(3,\), expected \(\.\.\., 4\)"),
-        (rotation_error, (UNIT, [0, 0, 0, 0]), "^orientation: found a quaternion of length 0"),
-        (long_axis_error, ([0, 0, 0, 0], UNIT), "goal_orientation: found a quaternion of length 0"),
-        (partial(long_axis_error, axis=3), (UNIT, UNIT), "axis: found 3, expected 0, 1 or 2"),
+        (task.rotation_error, (UNIT, ZERO), r"^orientation: found shape \(3,\), expected \(\.\.\., 4\)"),
+        (task.rotation_error, (UNIT, [0, 0, 0, 0]), "^orientation: found a quaternion of length 0"),
+        (task.long_axis_error, ([0, 0, 0, 0], UNIT), "goal_orientation: found a quaternion of length 0"),
+        (partial(task.long_axis_error, axis=3), (UNIT, UNIT), "axis: found 3, expected 0, 1 or 2"),
         *[(reward, (n, ZERO, ZERO), f"level: found {n}, expected 1, 2, 3 or 4") for n in (5, 0, 2.0, True)],
         (reward, (4, ZERO, ZERO), "goal_orientation: found None, .* at level 4"),
         (reward, (4, ZERO, ZERO, UNIT), "^orientation: found None, .* at level 4"),
@@ -274,10 +253,14 @@ def test_a_poses_keypoints_are_those_of_the_task():
         (episode_reward, (1.0,), "rewards: found a single number"),
         (partial(episode_reward, steps=-1), ([1.0, 2.0],), "steps: found -1, expected no negative"),
         (partial(episode_reward, steps=[1, 2]), ([1.0],), r"steps: found shape \(2,\), expected one number"),
-        (weighted_total, ({1: [0.0]},), "levels of episode rewards: found 1, expected each of"),
-        (weighted_total, ({1: [0.0], 2: [0.0], 3: [], 4: [0.0]},), "episode rewards of level 3: found none"),
+        (task.weighted_total, ({1: [0.0]},), "levels of episode rewards: found 1, expected each of"),
+        (
+            task.weighted_total,
+            ({1: [0.0], 2: [0.0], 3: [], 4: [0.0]},),
+            "episode rewards of level 3: found none",
+        ),
         *[
-            (active_goal, (trajectory, 0), f"^trajectory: {message}")
+            (task.active_goal, (trajectory, 0), f"^trajectory: {message}")
             for trajectory, message in [
                 ([], "found no goals, expected at least one"),
                 ({"goal": [(0, ZERO)]}, "found a mapping of 1, expected a list of pairs"),
@@ -294,7 +277,7 @@ def test_a_poses_keypoints_are_those_of_the_task():
                 ([(0, ZERO), (5, ZERO), (4, ZERO)], "time 2: found 4, expected more than 5"),
             ]
         ],
-        *[(trajectory_reward, ([(0, ZERO)], t, ZERO), "^time: found") for t in (-1, [0, -0.5], np.nan)],
+        *[(task.trajectory_reward, ([(0, ZERO)], t, ZERO), "^time: found") for t in (-1, [0, -0.5], np.nan)],
         (pose_from_keypoints, (CORNERS[::-1], BOX), "found a corner .* mm from that of a box of 20×80×30 mm"),
         (pose_from_keypoints, (CORNERS * [1, 1, -1], BOX), "found a corner"),
         (pose_from_keypoints, (CORNERS, BOX[[1, 0, 2]]), "box of 80×20×30 mm"),
