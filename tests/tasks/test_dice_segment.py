@@ -9,6 +9,7 @@ from tests.helpers import RIG, exposed
 from tests.helpers.dice_scenes import EDGE, dice_at, painted
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import CameraRig
+from tracker.color_learning.labelled import intersection_over_union
 from tracker.errors import ImageError, TaskError
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
@@ -16,12 +17,6 @@ from tracker.tasks.rearrange_dice import locate, segment_dice
 
 FINE = RIG.resized(540, 540)
 DICE = dice_at([(-0.05, 0.03), (0.06, 0.08), (0.02, -0.09), (0.042, -0.09), (-0.11, -0.04)], turn=0.4)
-
-
-def overlap(first: np.ndarray, second: np.ndarray) -> float:
-    """Intersection over union."""
-    a, b = first > 0, second > 0
-    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +33,7 @@ def test_the_mask_covers_the_dice_with_their_pips_and_nothing_else(view):
     np.testing.assert_array_equal(image, before)
     assert mask.dtype == np.uint8
     assert set(np.unique(mask)) == {0, 255}
-    assert overlap(mask, truth) > 0.9
+    assert intersection_over_union(mask, truth)[255] > 0.9
     inside = cv2.erode(truth, np.ones((3, 3), np.uint8)) > 0
     assert mask[inside].all()
 
@@ -46,7 +41,8 @@ def test_the_mask_covers_the_dice_with_their_pips_and_nothing_else(view):
 @pytest.mark.parametrize("gains", [(1.2, 1.0, 0.8), (0.8, 0.9, 1.2), (0.6, 0.6, 0.6), (1.3, 1.3, 1.3)])
 def test_light_of_another_colour_or_brightness_hardly_changes_the_mask(view, gains):
     image, truth = view
-    assert overlap(segment_dice(exposed(image, gains)), truth) > 0.88
+    mask = segment_dice(exposed(image, gains))
+    assert intersection_over_union(mask, truth)[255] > 0.88
 
 
 def test_a_light_finger_before_a_die_is_no_die(view):
@@ -60,7 +56,7 @@ def test_a_light_finger_before_a_die_is_no_die(view):
     mask = segment_dice(cv2.GaussianBlur(image, (0, 0), 0.6))
     core = cv2.erode(finger, np.ones((3, 3), np.uint8)) > 0
     assert not mask[core].any()
-    assert overlap(mask, truth) > 0.88
+    assert intersection_over_union(mask, truth)[255] > 0.88
 
 
 def test_dark_blue_paint_on_the_table_is_no_die(view):
@@ -77,9 +73,9 @@ def test_dark_blue_paint_on_the_table_is_no_die(view):
 
 def test_both_resolutions_give_the_same_mask(view):
     (fine, _), (coarse, truth) = painted(FINE[0], DICE), view
-    reduced = cv2.resize(segment_dice(fine), (270, 270), interpolation=cv2.INTER_AREA) >= 128
-    assert overlap(reduced, truth) > 0.9
-    assert overlap(reduced, segment_dice(coarse)) > 0.88
+    reduced = 255 * (cv2.resize(segment_dice(fine), (270, 270), interpolation=cv2.INTER_AREA) >= 128)
+    assert intersection_over_union(reduced, truth)[255] > 0.9
+    assert intersection_over_union(reduced, segment_dice(coarse))[255] > 0.88
 
 
 @pytest.mark.parametrize("level", [0, 90, 255])
