@@ -1,3 +1,5 @@
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from numpy.random import default_rng
@@ -55,15 +57,7 @@ def depth(platform, scene):
 
 
 def assert_equal(first, second):
-    assert first.about == second.about
-    np.testing.assert_array_equal(first.robot_position, second.robot_position)
-    for a, b in zip(first.bodies, second.bodies, strict=True):
-        assert a.name == b.name
-        np.testing.assert_array_equal(a.world_from_body, b.world_from_body)
-        np.testing.assert_array_equal(a.colors, b.colors)
-    np.testing.assert_array_equal(first.lighting.ambient, second.lighting.ambient)
-    for c, d in zip(first.lighting.lamps, second.lighting.lamps, strict=True):
-        np.testing.assert_array_equal(c.direction, d.direction)
+    np.testing.assert_equal(asdict(first), asdict(second))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -4,22 +4,12 @@ import cv2
 import numpy as np
 import pytest
 from numpy.random import default_rng as rng
+from scipy.ndimage import center_of_mass
 
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, linear, mosaicked
 
 NEUTRAL = CameraSettings(np.ones(3), np.zeros(2))
 INNER = np.s_[2:-2, 2:-2]  # OpenCV copies values to the border
-
-
-def step_edge():
-    light = np.full((60, 60, 3), [0.02, 0.05, 0.5], np.float32)
-    light[:, 31:] = [0.5, 0.3, 0.02]
-    return light
-
-
-def middle(layer):
-    """Row and column of the light's centre."""
-    return np.array([(layer * index).sum() for index in np.indices(layer.shape)]) / layer.sum()
 
 
 def test_what_is_below_the_black_level_is_zero_and_bright_light_ends_at_the_ceiling():
@@ -46,7 +36,9 @@ def test_noise_of_a_mosaic_is_greatest_in_the_dark_as_in_recorded_pictures():
 @pytest.mark.parametrize(("path", "size", "own"), [("new", 60, True), ("old", 30, True), ("new", 30, False)])
 def test_a_picture_is_the_interpolation_of_its_own_mosaic_unless_halved_by_the_new_path(path, size, own):
     sensor = Sensor.sample(rng(3), path)
-    full, picture = (sensor.expose(step_edge(), rng(4), halved=halved) for halved in (False, size == 30))
+    light = np.full((60, 60, 3), [0.02, 0.05, 0.5], np.float32)
+    light[:, 31:] = [0.5, 0.3, 0.02]
+    full, picture = (sensor.expose(light, rng(4), halved=halved) for halved in (False, size == 30))
     assert picture.shape == (size, size, 3)
     assert np.array_equal(demosaicked(mosaicked(picture))[INNER], picture[INNER]) == own
     if not own:  # halved after a median
@@ -62,7 +54,7 @@ def test_no_path_moves_the_picture(path, halved):
     picture = Sensor(path=path).expose(np.repeat(spot[..., None], 3, axis=2), rng(0), NEUTRAL, halved=halved)
     center = (picture.shape[0] - 1) / 2
     for channel in range(3):
-        assert middle(picture[..., channel].astype(float)) == pytest.approx([center, center], abs=0.05)
+        assert center_of_mass(picture[..., channel]) == pytest.approx([center, center], abs=0.05)
 
 
 def test_settings_of_a_camera_stay_while_noise_changes_and_samples_differ_and_repeat():
@@ -100,7 +92,7 @@ def test_blur_keeps_light_and_place_and_settings_stay_in_their_ranges():
     spot = np.zeros((21, 21, 3), np.float32)
     spot[10, 8] = 4.0
     image = Sensor(psf_sigma=1.2).expose(spot, rng(0))[:, :, 0].astype(float)
-    assert middle(image) == pytest.approx([10, 8], abs=1e-9)
+    assert center_of_mass(image) == pytest.approx([10, 8], abs=1e-9)
     assert image.sum() == pytest.approx(4 * 255, rel=0.02)
     # Cameras differ in colour and brightness as allowed.
     sensor = Sensor(exposure=(0.6, 1.4), white_balance=0.2)

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.random import default_rng as rng
+from scipy.ndimage import center_of_mass
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
@@ -13,7 +14,7 @@ from synthetic.render.hits import labels_of_codes
 from synthetic.render.raster import paint
 from synthetic.render.renderer import render
 from synthetic.render.surfaces import surfaces_of
-from synthetic.scene import ObjectState, PlatformScene
+from synthetic.scene import ObjectState
 from tests.helpers import look_at, opencv_pixels
 from tests.helpers.stills import bare_scene, posed_scene, scene_with_fingers, take
 from tracker import Camera, CuboidModel, load_object
@@ -22,15 +23,6 @@ from tracker.geometry.cuboid import FACE_CORNERS, FACE_NORMALS, corners
 
 CAMERAS = default_cameras()
 MODELS = (load_object("cube_v1"), load_object("cube_v2"), load_object("cuboid_2x2x8_v2"))
-
-
-def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
-    """The share of each pixel's square that the visible object covers, (H, W) of each camera."""
-    lenses = [Lens(camera, 4 * 270 // camera.width) for camera in cameras]
-    bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
-    surfaces = surfaces_of(scene)
-    layers = [labels_of_codes(paint(lens.view, bodies)[0], surfaces) > 0 for lens in lenses]
-    return [lens.to_camera(layer, "mean") for lens, layer in zip(lenses, layers, strict=True)]
 
 
 def face_outlines(state: ObjectState, model: CuboidModel, camera: Camera) -> list[Array]:
@@ -45,20 +37,17 @@ def face_outlines(state: ObjectState, model: CuboidModel, camera: Camera) -> lis
     return outlines
 
 
-def area_and_centroid(outlines: list[Array]) -> tuple[float, Array]:
-    moments = [cv2.moments(outline.astype(np.float32)) for outline in outlines]
-    area, *along = (sum(part[key] for part in moments) for key in ("m00", "m10", "m01"))
-    return area, np.array(along) / area
-
-
 @pytest.mark.parametrize(("width", "scenes"), [(270, 10), (540, 2)])
 def test_object_covers_what_opencv_projects(width: int, scenes: int) -> None:
-    cameras = default_cameras(width)
     shifts, areas = [], []
     for seed in range(scenes):
         model = MODELS[seed % len(MODELS)]
         scene = bare_scene(model, rng(seed), kind=("rest", "air")[seed % 2])
-        for camera, coverage in zip(cameras, coverages(scene, cameras), strict=True):
+        bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
+        for camera in default_cameras(width):
+            lens = Lens(camera, 4 * 270 // width)
+            layer = labels_of_codes(paint(lens.view, bodies)[0], surfaces_of(scene)) > 0
+            coverage = lens.to_camera(layer, "mean")  # the share of each pixel that the object covers
             outlines = face_outlines(scene.objects[0], model, camera)
             pixels = np.concatenate(outlines)
             if pixels.min() <= 1 or pixels.max() >= width - 2:
@@ -67,10 +56,9 @@ def test_object_covers_what_opencv_projects(width: int, scenes: int) -> None:
             covered = np.argwhere(coverage > 0)[:, ::-1]
             for ((column, row),) in cv2.convexHull(covered.astype(np.int32)).tolist():
                 assert cv2.pointPolygonTest(hull, (float(column), float(row)), True) > -1
-            area, centroid = area_and_centroid(outlines)
-            rows, columns = np.indices(coverage.shape)
-            found = np.array([(columns * coverage).sum(), (rows * coverage).sum()]) / coverage.sum()
-            shifts.append(found - centroid)
+            moments = [cv2.moments(outline.astype(np.float32)) for outline in outlines]
+            area, *along = (sum(part[key] for part in moments) for key in ("m00", "m10", "m01"))
+            shifts.append(center_of_mass(coverage)[::-1] - np.array(along) / area)
             areas.append(coverage.sum() / area - 1)
     assert len(shifts) > 3
     assert np.linalg.norm(shifts, axis=1).mean() < 0.01
