@@ -24,17 +24,6 @@ def die(position, probability=0.9) -> SimpleNamespace:
     return SimpleNamespace(position=np.asarray(position, float), yaw=0.1, probability=probability)
 
 
-def silhouette(camera, position, rotation) -> np.ndarray:
-    """(H, W) whether the ray of a pixel's centre meets a die: what a renderer would label."""
-    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    rays = camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2)) @ rotation
-    start = (camera.position - position) @ rotation
-    with np.errstate(divide="ignore"):
-        ends = (np.array([-1, 1])[:, None, None] * DIE_WIDTH / 2 - start) / rays
-    meets = ends.min(axis=0).max(axis=1) <= ends.max(axis=0).min(axis=1)
-    return meets.reshape(camera.height, camera.width)
-
-
 def scene_of(positions, rotations, labels=None) -> DiceScene:
     images = (np.zeros((SIZE, SIZE, 3), np.uint8),) * 3
     labels = labels or (np.zeros((SIZE, SIZE), np.uint8),) * 3
@@ -43,13 +32,16 @@ def scene_of(positions, rotations, labels=None) -> DiceScene:
 
 
 def labels_of(positions, rotations) -> tuple[np.ndarray, ...]:
-    """Of dice that do not hide each other."""
-    layers = []
+    """What a renderer would label of dice that do not hide each other: rays of pixels' centres meet them."""
+    layers, pixels = [], np.indices((SIZE, SIZE))[::-1].reshape(2, -1).T
     for camera in RIG:
-        labels = np.zeros((SIZE, SIZE), np.uint8)
-        for k, pose in enumerate(zip(positions, rotations, strict=True)):
-            labels[silhouette(camera, *pose)] = k + 1
-        layers.append(labels)
+        labels, rays = np.zeros(len(pixels), np.uint8), camera.rays(pixels)
+        for k, (position, rotation) in enumerate(zip(positions, rotations, strict=True)):
+            start = (camera.position - position) @ rotation
+            with np.errstate(divide="ignore"):
+                ends = (np.array([-1, 1])[:, None, None] * DIE_WIDTH / 2 - start) / (rays @ rotation)
+            labels[ends.min(axis=0).max(axis=1) <= ends.max(axis=0).min(axis=1)] = k + 1
+        layers.append(labels.reshape(SIZE, SIZE))
     return tuple(layers)
 
 

@@ -170,33 +170,26 @@ def test_only_the_blocks_are_written(pages):
     assert documents.README.read_text(encoding="utf-8") == before
 
 
-@pytest.fixture
-def published(tmp_path, monkeypatch, pages):
-    """Runs `all --publish` on made-up parts, into a folder of its own."""
+@pytest.mark.usefixtures("pages")
+def test_publishing_writes_all_documents_of_release_scenes(tmp_path, monkeypatch):
     tree = {key: ABOUT[key] for key in origin()} | {"commit": "f" * 40}
-    monkeypatch.setattr(run, "origin", lambda: dict(tree))
-    monkeypatch.setattr(program, "origin", lambda: dict(tree))
     parts = {"accuracy": lambda run: results(4).frames}
-    monkeypatch.setattr(run, "PARTS", parts)
-    monkeypatch.setattr(program, "PARTS", parts)
+    for user in (run, program):
+        monkeypatch.setattr(user, "origin", lambda: dict(tree))
+        monkeypatch.setattr(user, "PARTS", parts)
 
     def runs(*more):
         arguments = ["all", "--publish", "--scenes", "4", "-o", str(tmp_path / "out"), *more]
         return CliRunner().invoke(program.main, arguments)
 
-    return runs, tree, tmp_path
-
-
-def test_publishing_writes_all_documents_of_release_scenes(published):
-    runs, tree, folder = published
     done = runs()
     assert done.exit_code == 0, done.output
     found = documents.read_published()
     assert (found["about"]["draw"], found["about"]["seed"]) == ("release", release(tree["commit"]))
-    assert "release scenes" in (folder / "results.md").read_text(encoding="utf-8")
+    assert "release scenes" in (tmp_path / "results.md").read_text(encoding="utf-8")
     assert documents.block(documents.README) == documents.brief(found)
     # Single scenes are nobody's business.
-    assert not (folder / "out" / "worst.jpg").exists()
+    assert not (tmp_path / "out" / "worst.jpg").exists()
     # Nothing is published of a tree with changes or of other scenes.
     documents.PUBLISHED.unlink()
     assert "release scenes are drawn from the commit" in str(runs("--seed", "5").exception)
