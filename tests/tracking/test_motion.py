@@ -200,25 +200,19 @@ MOVES = {"still": [0] * 25, "moving": [1] * 25, "starts and stops": [0] * 8 + [1
 """Whether the object moves during each step."""
 
 
-@pytest.fixture(scope="module")
-def squares():
-    """NEES (films, steps) of each kind, once a film has settled."""
-    found = {kind: [] for kind in MOVES}
-    for kind, moves in MOVES.items():
-        for seed in range(60):
-            rng = np.random.default_rng([3, seed])
-            start = random_rotations(rng, 1)[0]
-            velocity, spin = 0.1 * rng.normal(size=3), 0.7 * rng.normal(size=3)
-            poses = [path(velocity, spin, t, start) for t in DT * np.cumsum(moves)]
-            states = zip(run(poses, rng)[4:], poses[4:], strict=True)
-            found[kind].append([nees(error_of(s, *pose), s.covariance[:6, :6]) for s, pose in states])
-    return found
-
-
-@pytest.mark.parametrize("kind", MOVES)
-@pytest.mark.parametrize(("factor", "holds"), FACTORS)
-def test_stated_covariance_is_that_of_the_errors_at_every_step(squares, kind, factor, holds):
-    assert {consistent(step, factor) for step in np.transpose(squares[kind])} == {holds}
+@pytest.mark.parametrize("moves", MOVES.values(), ids=MOVES)
+def test_stated_covariance_is_that_of_the_errors_at_every_step(moves):
+    squares = []
+    for seed in range(60):
+        rng = np.random.default_rng([3, seed])
+        start = random_rotations(rng, 1)[0]
+        velocity, spin = 0.1 * rng.normal(size=3), 0.7 * rng.normal(size=3)
+        poses = [path(velocity, spin, t, start) for t in DT * np.cumsum(moves)]
+        # Once a film has settled.
+        states = zip(run(poses, rng)[4:], poses[4:], strict=True)
+        squares.append([nees(error_of(s, *pose), s.covariance[:6, :6]) for s, pose in states])
+    for factor, holds in FACTORS:
+        assert {consistent(step, factor) for step in np.transpose(squares)} == {holds}, factor
 
 
 def test_a_first_measurement_is_taken_as_it_is(rng):
@@ -336,13 +330,6 @@ def test_all_kinds_together_have_the_mean_and_the_spread_of_their_mixture(rng):
     np.testing.assert_allclose(found.covariance, spread, atol=1e-12)
 
 
-def mixed(modes, lasting):
-    """Modes after they changed into each other in so short a time that none moves."""
-    nothing, after = np.zeros((3, 2)), np.empty_like(modes)
-    motion.predict(1e-9, Motions(np.zeros(3, bool), nothing, nothing, lasting), modes, True, after)
-    return after
-
-
 def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
     modes = drawn_modes(rng)
     first, before = modes["rotation"][0], moments(modes)
@@ -350,7 +337,9 @@ def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
     stay = np.exp(-1e-9 / lasting)
     transition = np.where(np.eye(3), stay, np.repeat((1 - stay)[:, None] / 2, 3, axis=1))
     expected = transition.T @ modes["weight"]
-    found = mixed(modes, lasting)
+    # In so short a time that none moves.
+    nothing, found = np.zeros((3, 2)), np.empty_like(modes)
+    motion.predict(1e-9, Motions(np.zeros(3, bool), nothing, nothing, lasting), modes, True, found)
     np.testing.assert_allclose(found["weight"], expected, rtol=1e-12)
     after = moments(found)
     # About another first rotation.
