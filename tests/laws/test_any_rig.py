@@ -40,14 +40,6 @@ def new(name, rig):
     return tracker.ObjectTracker(name, rig)
 
 
-def elsewhere(rig, shift, turn):
-    """The same cameras and arena in a world whose origin is elsewhere and whose x axis is turned [rad]."""
-    new_from_old = so3.transform(so3.exp([0.0, 0.0, turn]), shift)
-    center = new_from_old @ [*rig.arena.center, rig.arena.table, 1.0]
-    arena = dataclasses.replace(rig.arena, center=tuple(center[:2]), table=center[2])
-    return dataclasses.replace(moved(rig, np.linalg.inv(new_from_old)), arena=arena), new_from_old
-
-
 ORIGINS = [0.31, -0.2, 0.0], [0.0, 0.0, -0.9], [0.05, 0.02, 0.7], [-1.0, 2.0, 1.5]
 TURNED = [([0.2, -0.1, 0.3], turn) for turn in (0.7, np.pi / 2, 3.0)]
 
@@ -56,7 +48,11 @@ TURNED = [([0.2, -0.1, 0.3], turn) for turn in (0.7, np.pi / 2, 3.0)]
 def test_where_the_worlds_origin_is_and_how_its_axes_are_turned_does_not_matter(
     rig, name, pairs, shift, turn
 ):
-    there, new_from_old = elsewhere(rig, shift, turn)
+    # The same cameras and arena.
+    new_from_old = so3.transform(so3.exp([0.0, 0.0, turn]), shift)
+    center = new_from_old @ [*rig.arena.center, rig.arena.table, 1.0]
+    arena = dataclasses.replace(rig.arena, center=tuple(center[:2]), table=center[2])
+    there = dataclasses.replace(moved(rig, np.linalg.inv(new_from_old)), arena=arena)
     one, axes = new(name, there), new_from_old[:3, :3]
     for truth, reference in pairs:
         fit = one.fit(truth.images)
