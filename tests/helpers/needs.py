@@ -80,6 +80,4 @@ def pytest_runtest_makereport() -> Iterator[None]:
     _settle((yield).get_result())
 
 
-@pytest.hookimpl(hookwrapper=True, tryfirst=True)
-def pytest_make_collect_report() -> Iterator[None]:
-    _settle((yield).get_result())
+pytest_make_collect_report = pytest_runtest_makereport
