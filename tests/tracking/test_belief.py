@@ -140,18 +140,14 @@ def test_a_sure_jump_is_believed_at_once(track, position, rotation):
     [
         (0.01, [ELSEWHERE, -ELSEWHERE, ELSEWHERE * [1, -1, 1], HOME * [-3, 3, 1]]),
         (DT, [ELSEWHERE, ELSEWHERE * [1, -1, 1]]),
+        (DT, [ELSEWHERE, HOME] * 2),
     ],
 )
-def test_jumps_that_do_not_confirm_each_other_are_not_believed(track, dt, places):
-    statuses = follow(track, [made_fit(place, sure=False) for place in places], start=1.0 + dt, dt=dt)
-    assert set(statuses) == {Status.COASTING}
-    np.testing.assert_allclose(track.estimate().position, HOME, atol=1e-3)
-
-
-def test_a_jump_that_is_taken_back_leaves_no_trace(track):
-    false, true = made_fit(ELSEWHERE, sure=False), made_fit()
-    statuses = follow(track, [false, true, false, true], start=1.1)
-    assert statuses == [Status.COASTING, Status.TRACKING] * 2
+def test_jumps_that_are_taken_back_or_do_not_confirm_each_other_are_not_believed(track, dt, places):
+    back = [place is HOME for place in places]
+    fits = [made_fit(place, sure=sure) for place, sure in zip(places, back, strict=True)]
+    statuses = [Status.TRACKING if sure else Status.COASTING for sure in back]
+    assert follow(track, fits, start=1.0 + dt, dt=dt) == statuses
     np.testing.assert_allclose(track.estimate().position, HOME, atol=1e-4)
 
 

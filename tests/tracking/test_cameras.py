@@ -66,20 +66,16 @@ def test_watch_keeps_all_where_all_repeat_themselves_with_noise_or_without(rng):
             assert watch.given([image.copy() for image in images]) == [True] * 3
 
 
-def test_watch_keeps_all_of_a_still_picture_beside_a_black_camera(rng):
-    watch = Watch(3)
+def test_watch_leaves_out_black_images_and_keeps_all_of_a_still_picture_beside_them(rng):
+    dark, dim, watch = noise(rng, 0, BLACK), noise(rng, 0, 3 * BLACK), Watch(3)
+    assert Watch(3).given([dark, dim, noise(rng)]) == [False, True, True]
     for level in (3, 7, 3, 7):
         # Its noise changes, but tells nothing.
         assert watch.given([*FLAT[:2], noise(rng, 0, level)]) == [True, True, False]
 
 
-def test_watch_leaves_out_black_images(rng):
-    dark, dim = noise(rng, 0, BLACK), noise(rng, 0, 3 * BLACK)
-    assert Watch(3).given([dark, dim, noise(rng)]) == [False, True, True]
-
-
 @pytest.mark.parametrize("cameras", [1, 3, EVERY, 8])
-def test_watch_looks_at_the_light_of_cameras_in_turn(rng, cameras):
+def test_watch_looks_at_the_light_of_cameras_in_turn_and_when_they_give_a_picture(rng, cameras):
     images, rounds = [noise(rng)] * cameras, []
     memories = (CameraMemory(),) * cameras
     for _ in range(4 * EVERY + 1):
@@ -92,14 +88,11 @@ def test_watch_looks_at_the_light_of_cameras_in_turn(rng, cameras):
         times = [k for k, round_ in enumerate(rounds) if c in round_][1:]
         assert times[0] <= EVERY
         assert set(np.diff(times)) == {EVERY}
-
-
-def test_watch_looks_at_the_light_of_a_camera_when_it_gives_a_picture(rng):
-    memories = (CameraMemory(),) * 2
+    memories = (CameraMemory(),) * (cameras + 1)
     for _ in range(EVERY + 2):
-        memories, fresh = looked_at(memories, [noise(rng), None])
-        assert not fresh[1]
-    assert looked_at(memories, [noise(rng)] * 2)[1][1]
+        memories, fresh = looked_at(memories, [*images, None])
+        assert not fresh[-1]
+    assert looked_at(memories, [*images, noise(rng)])[1][-1]
 
 
 USED = [CameraUse.USED] * 3
@@ -111,14 +104,12 @@ def hidden(c, elsewhere=0):
     return with_cameras(made_fit(), c, elsewhere=elsewhere, **nothing)
 
 
-def test_the_verdict_on_a_picture_goes_before_that_of_the_pose():
+def test_the_verdict_on_a_picture_goes_before_that_of_the_pose_also_on_one_that_was_left_out():
     uses = [CameraUse.BLACK, CameraUse.USED, CameraUse.FROZEN]
     assert after(uses, hidden(0, elsewhere=350)) == tuple(uses)
     assert after(USED, hidden(0, elsewhere=350)) == (CameraUse.CONTRADICTING, CameraUse.USED, CameraUse.USED)
     assert after(USED, hidden(2)) == tuple(USED)
-
-
-def test_an_image_that_was_left_out_contradicts_unless_the_object_is_hidden_from_it():
+    # An image that was left out contradicts unless the object is hidden from it.
     for shown, use in ((made_fit(), CameraUse.CONTRADICTING), (hidden(2), CameraUse.USED)):
         left_out = dataclasses.replace(shown, left_out=(2,))
         assert after(USED, left_out) == (*USED[:2], use)
@@ -189,24 +180,21 @@ def test_only_a_lasting_contradiction_is_one():
     assert not learned([judged(SCALES[3])] * 10 + [judged(SCALES[8])]).contradicts
 
 
-def test_what_is_remembered_gives_way_to_what_is_seen():
-    astray = learned([judged(SCALES[8])] * 20)
-    assert astray.fitting < 0.1
-    mended = learned([judged(SCALES[1])] * 20, astray)
+def test_what_is_remembered_gives_way_to_what_is_seen_and_one_check_that_is_mistaken_to_those_that_follow():
+    wrong = learned([judged(SCALES[8])] * 20)
+    assert wrong.fitting < 0.1
+    mended = learned([judged(SCALES[1])] * 20, wrong)
     assert mended.fitting > 0.99
     assert not mended.contradicts
 
-
-def test_one_check_that_is_mistaken_does_not_outweigh_those_that_follow():
     def astray(certainty):
         return dataclasses.replace(made_fit(), disagreement=np.where(SCALES < 6e-3, -certainty, 0.0))
 
     sure = learned([judged(SCALES[1])] * 4, learned([astray(1000.0)]))
     assert sure.fitting > 0.9
     assert learned([astray(1000.0)] * 4, learned([judged(SCALES[1])])).fitting < 0.1
-    np.testing.assert_array_equal(
-        learned([astray(1000.0)]).disagreement, learned([astray(50.0)]).disagreement
-    )
+    one, other = (learned([astray(certainty)]).disagreement for certainty in (1000.0, 50.0))
+    np.testing.assert_array_equal(one, other)
 
 
 @pytest.fixture(scope="module")

@@ -89,12 +89,17 @@ def exceeds(matrix, other):
     return np.linalg.eigvalsh((matrix - other) * np.outer(units, units)).min() > -1e-9
 
 
-def test_predictions_change_nothing(rig, passing):
+def test_predictions_change_nothing_and_that_to_the_last_images_is_near_the_filtered_pose(rig, passing):
     one, other = new(rig), new(rig)
     for k, images in enumerate(passing):
         answer = one.update(images, STEP * k)
         before = bits(answer)
         assert before == bits(other.update(images, STEP * k))
+        filtered, found = answer.filtered_object_pose, one.predict(STEP * k)
+        off_by = found.position - filtered.position
+        assert off_by @ np.linalg.solve(filtered.covariance[:3, :3], off_by) < 1.0
+        # What is unlikely is left out.
+        assert exceeds(1.5 * filtered.covariance, found.covariance)
         for dt in (*LATER, 0.6, 100.0, 0.0):
             one.predict(STEP * k + dt)
         for wrong in (np.nan, STEP * k - 1.0):
@@ -102,17 +107,6 @@ def test_predictions_change_nothing(rig, passing):
                 one.predict(wrong)
         assert bits(answer) == before
         assert one.update(images, STEP * k) is answer
-
-
-def test_a_prediction_to_the_last_images_is_near_the_filtered_pose(rig, passing):
-    one = new(rig)
-    for k, images in enumerate(passing):
-        filtered = one.update(images, STEP * k).filtered_object_pose
-        found = one.predict(STEP * k)
-        off_by = found.position - filtered.position
-        assert off_by @ np.linalg.solve(filtered.covariance[:3, :3], off_by) < 1.0
-        # What is unlikely is left out.
-        assert exceeds(1.5 * filtered.covariance, found.covariance)
 
 
 @pytest.mark.parametrize("dt", LATER)

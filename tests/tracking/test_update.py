@@ -30,16 +30,13 @@ def spreads(answers):
     return [np.trace(one.object_pose.covariance[:3, :3]) for one in answers]
 
 
-def test_a_moving_cube_is_tracked(reference):
+def test_a_moving_cube_is_tracked_and_its_velocity_found(reference):
     assert [one.status for one in reference] == [Status.FOUND] + [Status.TRACKING] * (len(reference) - 1)
     for k, one in enumerate(reference):
         assert near(one, pose_at(DT * k)), k
         assert one.object_pose.confidence > 0.9
         assert one.filtered_object_pose.confidence > 0.9
         assert one.reason is None
-
-
-def test_velocity_is_found(reference):
     # The push goes on from image 4 to image 12.
     velocity = reference[11].filtered_object_pose.velocity
     np.testing.assert_allclose(velocity[:3], [0.06, 0.08, 0.0], atol=0.005)
