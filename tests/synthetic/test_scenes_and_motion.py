@@ -16,7 +16,7 @@ from synthetic.world.motion import CUBOID_MOTIONS, DICE_MOTIONS, film
 from synthetic.world.placement import MAX_CLEARANCE, goal_cells, random_place
 from synthetic.world.platform import ARENA_RADIUS, Platform
 from synthetic.world.scenes import random_scene
-from tests.helpers import stills
+from tests.helpers.stills import platform as platform_of
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_NORMALS, corners
@@ -24,17 +24,11 @@ from tracker.geometry.cuboid import FACE_NORMALS, corners
 NAMES = ("cube_v2", "cuboid_2x2x8_v2", "dice")
 
 
-@pytest.fixture(scope="module")
-def platforms():
-    return {name: stills.platform(name) for name in NAMES}
-
-
 @pytest.fixture
-def armless(platforms, monkeypatch):
-    """Platforms whose scenes lack the robot's bodies, which take longest to make."""
-    for one in platforms.values():
-        monkeypatch.setattr(one, "_robot_meshes", {})
-    return platforms
+def armless(monkeypatch):
+    """Scenes lack the robot's bodies, which take longest to make."""
+    for name in NAMES:
+        monkeypatch.setattr(platform_of(name), "_robot_meshes", {})
 
 
 def all_corners(platform, scene):
@@ -61,8 +55,8 @@ def assert_equal(first, second):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_same_generator_gives_the_same_scene_whatever_came_before(platforms, name):
-    platform = platforms[name]
+def test_the_same_generator_gives_the_same_scene_whatever_came_before(name):
+    platform = platform_of(name)
     kind = "dice_thrown" if name == "dice" else "thrown"
     first = random_scene(platform, default_rng(5), kind=kind)
     random_scene(platform, default_rng(6))
@@ -72,8 +66,8 @@ def test_the_same_generator_gives_the_same_scene_whatever_came_before(platforms,
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_objects_are_in_the_arena_and_free_of_fingers(platforms, name):
-    platform = platforms[name]
+def test_objects_are_in_the_arena_and_free_of_fingers(name):
+    platform = platform_of(name)
     for seed in range(8 if name == "dice" else 40):
         scene = random_scene(platform, default_rng(seed), near=1.0)
         points = all_corners(platform, scene)
@@ -88,10 +82,10 @@ def test_objects_are_in_the_arena_and_free_of_fingers(platforms, name):
 
 
 @pytest.mark.parametrize("name", ["cube_v2", "cuboid_2x2x8_v2"])
-def test_resting_objects_are_level_on_every_face(platforms, name):
+def test_resting_objects_are_level_on_every_face(name):
     faces = set()
     for seed in range(40):
-        scene = random_scene(platforms[name], default_rng(seed), kind="rest", near=None)
+        scene = random_scene(platform_of(name), default_rng(seed), kind="rest", near=None)
         (state,) = scene.objects
         heights = np.abs(state.rotation[2])
         assert heights.max() == pytest.approx(1.0, abs=1e-9)
@@ -101,17 +95,17 @@ def test_resting_objects_are_level_on_every_face(platforms, name):
     assert faces == set(range(6))
 
 
-def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to(platforms):
-    platform = platforms["cube_v2"]
+def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to():
+    platform = platform_of("cube_v2")
     near = [random_scene(platform, default_rng(seed), near=1.0).about for seed in range(20)]
     assert np.mean([sum(about["fingers_near"]) for about in near]) > 1.5
     scene = random_scene(platform, default_rng(0), near=None)
     assert not [body for body in scene.bodies if "finger" in body.name]
 
 
-def test_dice_are_numbered_and_have_brighter_pips_and_a_goal_lies_on_the_grid(platforms):
+def test_dice_are_numbered_and_have_brighter_pips_and_a_goal_lies_on_the_grid():
     for seed in range(5):
-        scene = random_scene(platforms["dice"], default_rng(seed), kind="dice_goal")
+        scene = random_scene(platform_of("dice"), default_rng(seed), kind="dice_goal")
         dice = [body for body in scene.bodies if body.labels.any()]
         assert [body.labels.tolist() for body in dice] == [[number, number] for number in range(1, 26)]
         for blue, pips in (body.colors for body in dice):
@@ -142,17 +136,17 @@ def test_a_die_is_a_closed_cube_whose_opposite_faces_have_7_pips():
         assert np.ptp(normals, axis=0).max() < 1e-9
 
 
-def test_what_surrounds_an_object_does_not_depend_on_it(platforms):
+def test_what_surrounds_an_object_does_not_depend_on_it():
     rngs = [default_rng(7) for _ in NAMES]
-    looks = [random_look(rng, platforms[name].model) for rng, name in zip(rngs, NAMES, strict=True)]
+    looks = [random_look(rng, platform_of(name).model) for rng, name in zip(rngs, NAMES, strict=True)]
     for part in ("robot", "table", "wall", "floor", "cross", "gloss"):
         for look in looks[1:]:
             np.testing.assert_array_equal(getattr(look, part), getattr(looks[0], part))
     assert len({rng.random() for rng in rngs}) == 1
 
 
-def test_objects_larger_than_the_arena_and_unknown_kinds_are_refused(platforms):
-    platform, rng = platforms["cube_v2"], default_rng(0)
+def test_objects_larger_than_the_arena_and_unknown_kinds_are_refused():
+    platform, rng = platform_of("cube_v2"), default_rng(0)
     with pytest.raises(TrackerError, match=r"diagonal of 0\.433 m, expected less than the arena's 0\.38 m"):
         random_place(rng, np.full(3, 0.25), np.eye(3))
     with pytest.raises(TrackerError, match=r"dice_goal.*expected one of rest"):
@@ -160,7 +154,7 @@ def test_objects_larger_than_the_arena_and_unknown_kinds_are_refused(platforms):
     with pytest.raises(TrackerError, match=r"fly.*expected one of push"):
         sequence(platform, rng, seconds=1.0, kind="fly")
     with pytest.raises(TrackerError, match="expected one of push"):
-        sequence(platforms["dice"], rng, seconds=1.0, kind="carry")
+        sequence(platform_of("dice"), rng, seconds=1.0, kind="carry")
 
 
 MOTIONS = [(name, kind) for name in NAMES for kind in (DICE_MOTIONS if name == "dice" else CUBOID_MOTIONS)]
@@ -168,7 +162,7 @@ MOTIONS = [(name, kind) for name in NAMES for kind in (DICE_MOTIONS if name == "
 
 @pytest.mark.parametrize(("name", "kind"), MOTIONS)
 def test_motion_is_continuous_and_possible(armless, name, kind):
-    platform = armless[name]
+    platform = platform_of(name)
     seconds, rate = (0.6 if name == "dice" else 3.0), 120.0
     steps = list(sequence(platform, default_rng(1), seconds=seconds, rate=rate, kind=kind, jitter=0))
     positions = np.array([[state.position for state in scene.objects] for _, scene in steps])
@@ -191,8 +185,8 @@ def test_motion_is_continuous_and_possible(armless, name, kind):
         assert np.hypot(points[..., 0], points[..., 1])[points[..., 2] < 0.03].max(initial=0) < 0.197
 
 
-def test_the_same_generator_gives_the_same_motion(platforms):
-    platform = platforms["cube_v2"]
+def test_the_same_generator_gives_the_same_motion():
+    platform = platform_of("cube_v2")
     both = (sequence(platform, default_rng(3), seconds=3.0, kind="mixed") for _ in range(2))
     for (time, scene), (other_time, other) in zip(*map(list, both), strict=True):
         assert time == other_time
@@ -200,7 +194,7 @@ def test_the_same_generator_gives_the_same_motion(platforms):
 
 
 def test_an_object_is_carried_through_the_air_by_fingers_that_touch_it(armless):
-    platform = armless["cube_v2"]
+    platform = platform_of("cube_v2")
     steps = list(sequence(platform, default_rng(2), seconds=4.0, kind="carry"))
     heights = [all_corners(platform, scene)[..., 2].min() for _, scene in steps]
     assert max(heights) > 0.02
@@ -209,10 +203,10 @@ def test_an_object_is_carried_through_the_air_by_fingers_that_touch_it(armless):
     assert max(gaps) < 0.003
 
 
-def test_stamps_jitter_about_the_rate_and_pictures_are_dropped(platforms):
+def test_stamps_jitter_about_the_rate_and_pictures_are_dropped():
     def stamps(**more):
         options = {"seconds": 1.2, "rate": 100.0, "kind": "push", **more}
-        return np.array([time for time, _ in film(platforms["cube_v2"], default_rng(0), **options)])
+        return np.array([time for time, _ in film(platform_of("cube_v2"), default_rng(0), **options)])
 
     np.testing.assert_allclose(stamps(jitter=0.0), np.arange(120) / 100, atol=1e-12)
     jittered = stamps(jitter=0.002)
