@@ -66,13 +66,8 @@ def run(poses, rng, constant=True):
     return [one.state for one in filters(poses, rng, constant * offset)]
 
 
-def settled_at_rest(rng, count=30):
-    """A filter that has seen an object lie still."""
-    return filters([AT_HOME] * (count + 1), rng)[-1]
-
-
 def test_a_measurement_moves_each_kind_as_kalmans_equations_say(rng):
-    filtered = settled_at_rest(rng, 5).predicted(DT)
+    filtered = filters([AT_HOME] * 6, rng)[-1].predicted(DT)
     root = 1e-3 * rng.normal(size=(6, 6))
     noise = root @ root.T + 0.1 * NOISE
     position, rotation = moved(*AT_HOME, drawn(rng, 4 * NOISE))
@@ -96,7 +91,7 @@ def test_a_measurement_moves_each_kind_as_kalmans_equations_say(rng):
 
 
 def test_no_time_changes_nothing(rng):
-    before = settled_at_rest(rng)
+    before = filters([AT_HOME] * 31, rng)[-1]
     after = before.predicted(0.0)
     for name in MODE.names:
         np.testing.assert_allclose(after.modes[name], before.modes[name], rtol=1e-12, atol=1e-15)
