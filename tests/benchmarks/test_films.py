@@ -1,4 +1,5 @@
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -43,20 +44,16 @@ def test_an_object_that_vanishes_comes_back_within_the_film(length):
     assert all(start > 0 and start + ABSENT < length for start in starts)
 
 
-class MadeUp:
-    """Stands for a store of films."""
+def test_a_vanished_object_returns_elsewhere_without_a_jump_in_time():
+    positions = np.outer(np.arange(40), [0.01, 0.0, 0.0])
 
-    length = 40
-
-    def frames(self, film, numbers, *, empty=False):
+    def made_up(film, numbers, *, empty=False):
         for number in numbers:
-            frame = frame_of(number, (0.01 * number, 0.0, 0.0))
+            frame = frame_of(number, positions[number])
             yield dataclasses.replace(frame, position=None, rotation=None) if empty else frame
 
-
-def test_a_vanished_object_returns_elsewhere_without_a_jump_in_time():
-    positions = np.array([[0.01 * number, 0.0, 0.0] for number in range(40)])
-    frames = list(vanishing_film(MadeUp(), 0, 13, positions))  # type: ignore[arg-type]
+    store = SimpleNamespace(length=40, frames=made_up)
+    frames = list(vanishing_film(store, 0, 13, positions))
     assert [frame.position is None for frame in frames] == [False] * 13 + [True] * 20 + [False] * 7
     np.testing.assert_allclose(np.diff([frame.timestamp for frame in frames]), 0.1)
     assert np.linalg.norm(frames[33].position - frames[12].position) > 0.1
