@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from synthetic import cli
 from synthetic.camera.rigs import choose_rig, standard_rig
@@ -200,8 +201,6 @@ def mask_within(scene, name, key, points):
 
 
 def project_truth(camera, state, points):
-    from scipy.spatial.transform import Rotation
-
     world = points @ Rotation.from_quat(state["orientation_xyzw"]).as_matrix().T + state["position"]
     return opencv_pixels(dataclasses.replace(camera, distortion=np.zeros(5)), world)
 
@@ -240,9 +239,8 @@ def test_the_bop_files_tell_true_cameras_each_picture_at_its_own_moment_and_colo
 
 
 def test_the_bop_mask_of_a_die_holds_what_other_dice_hide(tmp_path):
-    make_dataset(
-        DatasetOptions(FrameOptions("dice", 1, "fast", kind="dice_thrown"), 1, bop=True), tmp_path / "set"
-    )
+    options = FrameOptions("dice", 1, "fast", kind="dice_thrown")
+    make_dataset(DatasetOptions(options, 1, bop=True), tmp_path / "set")
     hidden = 0
     for name in CAMERAS:
         (dice,) = read(tmp_path / "set/bop/test/000001" / f"scene_gt_info_{name}.json").values()
