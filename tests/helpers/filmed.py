@@ -48,7 +48,6 @@ def overlap(film: list[Still], colors: tracker.ColorModel) -> float:
     values = []
     for shot in film:
         for image, labels in zip(shot.images, shot.labels, strict=True):
-            large = [k for k in range(1, 7) if np.count_nonzero(labels == k) >= 60]
             found = intersection_over_union(tracker.segment(image, colors), labels)
-            values += [found[label] for label in large]
+            values += [share for label, share in found.items() if np.count_nonzero(labels == label) >= 60]
     return float(np.mean(values))

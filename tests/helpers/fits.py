@@ -21,14 +21,13 @@ def with_cameras(fit, which=slice(None), **fields):
     cameras = fit.cameras.copy()
     for name, value in fields.items():
         cameras[name][which] = value
-    for one in cameras:
-        one["faces"] = 0
-        for k, face in enumerate(VISIBLE):
-            one["faces"][face][LABELS[face]] = (one["agree"] + k) // 3
-            one["faces"][face][0] = (one["missing"] + k) // 3
-        # One face is in another's colour.
-        one["faces"][VISIBLE[0]][LABELS[VISIBLE[1]]] += one["wrong"]
-        one["inner"] = one["faces"]
+    faces = np.zeros_like(cameras["faces"])
+    for k, face in enumerate(VISIBLE):
+        faces[:, face, LABELS[face]] = (cameras["agree"] + k) // 3
+        faces[:, face, 0] = (cameras["missing"] + k) // 3
+    # One face is in another's colour.
+    faces[:, VISIBLE[0], LABELS[VISIBLE[1]]] += cameras["wrong"].astype(int)
+    cameras["faces"] = cameras["inner"] = faces
     logs = weighed(cameras, np.asarray(LABELS), fit.stands, NUMBERS)
     evidence = Evidence(*log_odds(logs, cameras, NUMBERS))
     return dataclasses.replace(fit, cameras=cameras, evidence=evidence)
