@@ -43,15 +43,14 @@ def test_bodies_of_a_scene_are_where_pybullet_has_the_links_and_their_meshes_end
     look, lighting = random_look(rng, platform.model), random_lighting(rng)
     bodies = platform.scene(states, joints, look, lighting, {}).bodies
     poses = {body.name: body.world_from_body for body in bodies}
-    world, seen = platform.world, 0
-    for link, name in world.links.items():
-        if name in poses:
-            state = pybullet.getLinkState(world.robot, link, 0, True, physicsClientId=world.client)
-            np.testing.assert_allclose(poses[name][:3, 3], state[4], atol=1e-9)
-            matrix = np.reshape(pybullet.getMatrixFromQuaternion(state[5]), (3, 3))
-            np.testing.assert_allclose(poses[name][:3, :3], matrix, atol=1e-6)
-            seen += 1
-    assert seen == 19
+    world = platform.world
+    seen = {link: poses[name] for link, name in world.links.items() if name in poses}
+    assert len(seen) == 19
+    for link, pose in seen.items():
+        state = pybullet.getLinkState(world.robot, link, 0, True, physicsClientId=world.client)
+        np.testing.assert_allclose(pose[:3, 3], state[4], atol=1e-9)
+        matrix = np.reshape(pybullet.getMatrixFromQuaternion(state[5]), (3, 3))
+        np.testing.assert_allclose(pose[:3, :3], matrix, atol=1e-6)
     for finger, tip in enumerate(kinematics.tips(joints)):
         (body,) = (body for body in bodies if body.name == f"finger_tip_link_{120 * finger}")
         distance = np.linalg.norm(body.points - tip, axis=1)
