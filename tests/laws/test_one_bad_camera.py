@@ -94,11 +94,9 @@ def fit(rig, name, truth, times, *seed):
 
 def squares(fits, scenes):
     """NEES of fits of scenes."""
-    found = []
-    for one, truth in zip(fits, scenes, strict=False):
-        error = pose_error(one.position, one.rotation, truth.position, truth.rotation)
-        found.append(nees(error, one.covariance))
-    return np.array(found)
+    pairs = zip(fits, scenes, strict=False)
+    errors = [pose_error(one.position, one.rotation, other.position, other.rotation) for one, other in pairs]
+    return np.array([nees(error, one.covariance) for error, one in zip(errors, fits, strict=True)])
 
 
 def test_where_cameras_disagree_more_than_stated_a_pose_is_found_and_is_as_uncertain(rig, name, scenes):

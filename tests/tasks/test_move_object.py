@@ -22,6 +22,7 @@ CUBE, CUBOID = load_object("cube_v2"), load_object("cuboid_2x2x8_v2")
 ANGLES = [0.0, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3, 0.1, 1.0, np.pi / 2, 3.0, np.pi - 1e-5, np.pi - 1e-9, np.pi]
 
 positions = arrays(np.float64, 3, elements=st.floats(-1, 1))
+sizes = arrays(np.float64, 3, elements=st.floats(0.005, 0.5))
 quaternions = arrays(np.float64, 4, elements=st.floats(-1, 1)).filter(lambda q: np.linalg.norm(q) > 1e-3)
 
 ZERO, UNIT = [0.0, 0, 0], [0.0, 0, 0, 1]
@@ -181,9 +182,6 @@ def test_the_total_weights_each_level_by_its_number():
     episodes = {1: [-1.0, -3.0], 2: [-10.0], 3: np.array([-5.0, -5.0, -20.0]), 4: [-100.0]}
     assert task.weighted_total(episodes) == pytest.approx(-2 - 2 * 10 - 3 * 10 - 4 * 100)
     assert task.weighted_total(episodes, median=True) == pytest.approx(-2 - 2 * 10 - 3 * 5 - 4 * 100)
-
-
-sizes = arrays(np.float64, 3, elements=st.floats(0.005, 0.5))
 
 
 def test_a_corner_is_on_the_plus_side_where_its_bit_is_zero():
