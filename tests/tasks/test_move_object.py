@@ -158,8 +158,9 @@ def test_where_the_object_was_not_seen_the_reward_is_unknown(rng):
 def test_the_active_goal_whose_reward_counts_is_the_last_that_has_begun_in_any_unit_of_time(pauses, times):
     starts = np.cumsum([0, *pauses])
     times = np.array([*times, *starts, *(starts[1:] - 0.5)])
-    trajectory = [(int(start), [float(k), 0, 0]) for k, start in enumerate(starts)]
-    expected = [[np.flatnonzero(starts <= time)[-1], 0, 0] for time in times]
+    goals = [[float(k), 0, k / 8] for k in range(len(starts))]
+    trajectory = list(zip(starts.tolist(), goals, strict=True))
+    expected = [goals[np.flatnonzero(starts <= time)[-1]] for time in times]
     np.testing.assert_array_equal(task.active_goal(trajectory, times), expected)
     np.testing.assert_array_equal(task.active_goal(trajectory, times[0]), expected[0])
     halves = [(start / 2, goal) for start, goal in trajectory]
