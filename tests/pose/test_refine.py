@@ -99,6 +99,21 @@ def test_blurs_add_up_in_squares_and_do_not_move_the_pose(trackers, fits, scenes
         assert within(fit, sharp, 0.15e-3, 0.3)
 
 
+def test_a_strong_blur_is_found_as_soon_in_larger_pictures(trackers, scenes):
+    rig = trackers["cube_v2"].rig
+    fine = tracker.ObjectTracker("cube_v2", rig.resized(4 * rig[0].width, 4 * rig[0].height))
+    for truth in scenes["cube_v2"]:
+        found = []
+        for one, times in ((trackers["cube_v2"], 1), (fine, 4)):
+            images = [cv2.GaussianBlur(image, (0, 0), 2.2) for image in truth.images]
+            images = [cv2.resize(image, None, fx=times, fy=times) for image in images]
+            start = so3.exp([0.02, 0.02, -0.03]) @ truth.rotation, truth.position + 1.5e-3
+            found.append(one._estimator.refiner(sight_of(one, images), *start))
+            assert found[-1].converged
+        np.testing.assert_allclose(found[1].cameras["blur"] / 4, found[0].cameras["blur"], rtol=0.05)
+        assert within(*found, 0.2e-3, 0.4)
+
+
 @pytest.mark.parametrize("larger", [-0.0001, 0.0001])
 def test_an_object_a_little_larger_than_its_model_is_found_where_it_is(rig, trackers, larger):
     model = tracker.load_object("cube_v2")

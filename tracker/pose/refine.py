@@ -188,7 +188,7 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
                 work.widths[widths] = found.wider
                 widths += 1
         if widths >= MIN_WIDTHS:
-            wider = min(1.0, max(-0.6 * camera.blur, median(work.widths, widths)))
+            wider = min(scale, max(-0.6 * camera.blur, median(work.widths, widths)))
             camera.blur = min(max(camera.blur + wider, BLURS[0]), max(BLURS[1] * scale, BLURS[0]))
             known_blur += camera.blur / scale
             knowing += 1
