@@ -206,7 +206,7 @@ def use_others() -> None:
     estimator.search.near(sight, [(first.rotation, first.position)])
     estimator.search.window(0, _POSITION)
     seen = estimator.search.counted(sight, np.eye(3), _POSITION)
-    explanation_score(seen)
+    explanation_score(seen, sight.pictures)
     # Fits are judged by the refinement, which takes long enough without these two.
     estimator.search.resized(sight, Fit(_POSITION, np.eye(3), np.eye(6), seen, converged=True))
     maps, faces = estimator.search.lenses, estimator.search.faces

@@ -231,11 +231,12 @@ def test_explanation_counts_what_the_truth_shows_and_a_worse_pose_scores_less(sc
     np.testing.assert_array_equal(colored, shown)
     inside = counts["agree"] + counts["missing"] + counts["wrong"]
     np.testing.assert_array_equal(inside, counts["predicted"])
-    best = explanation_score(counts)
+    pictures = pictures_of(scene[1])
+    best = explanation_score(counts, pictures)
     for step in np.eye(3):
         shifted = counted_at(scene, truth.rotation, truth.position + 0.01 * step)
         turned = counted_at(scene, so3.exp(0.3 * step) @ truth.rotation, truth.position)
-        assert max(explanation_score(shifted), explanation_score(turned)) < best
+        assert max(explanation_score(other, pictures) for other in (shifted, turned)) < best
 
 
 @pytest.mark.parametrize("blur", [0.0, 0.9, 2.2])
@@ -318,6 +319,23 @@ def test_rounds_begin_each_hypothesis_once_whatever_the_rounds_before(estimator,
     fits = estimator.candidates(estimator.reader(images))
     assert len(begun) == len(fits) == 1
     assert settled(fits[0])
+
+
+@pytest.mark.parametrize("shown", [(0, 1), (2,)])
+def test_a_camera_without_an_image_explains_nothing(estimator, images, rig, shown):
+    fewer = dataclasses.replace(rig, cameras=tuple(rig[c] for c in shown))
+    few = PoseEstimator(BOX, fewer, tracker.load_colors(MODEL.colors))
+    sights = (
+        estimator.reader([image if c in shown else None for c, image in enumerate(images)]),
+        few.reader([images[c] for c in shown]),
+    )
+    position, rotation = pose_at(0.0)
+    poses = [(rotation, position), (rotation, position + 0.02)]
+    scores = [
+        [hypothesis.score for hypothesis in one.search.near(sight, poses)]
+        for one, sight in zip((estimator, few), sights, strict=True)
+    ]
+    assert scores[0] == scores[1]
 
 
 @pytest.mark.parametrize("spoilt", ["mixed", "one camera", "empty"])

@@ -137,17 +137,19 @@ def count_labels(lenses, labels, pictures, box, rotation, position, lags, seen):
 
 
 @compiled
-def explanation_score(seen):  # type: ignore[no-untyped-def]
-    """How well a pose explains the label maps.
+def explanation_score(seen, pictures):  # type: ignore[no-untyped-def]
+    """How well a pose explains the label maps of those pictures (C,) that count.
 
     This is equation (6) of docs/how-it-works.md.
     A hidden pixel costs little, a wrong one much; but a camera that shows something else scores no worse than
     one from which the object is hidden.
     """
     score = 0.0
-    for one in seen:
+    for c in range(len(seen)):
+        one = seen[c]
         explained = one.agree - HIDDEN * one.missing - 1.5 * one.wrong - 0.7 * one.extra
-        score += max(0.0, HIDDEN + explained / (one.predicted + FEW))
+        if pictures[c].used:
+            score += max(0.0, HIDDEN + explained / (one.predicted + FEW))
     return score
 
 
@@ -244,4 +246,4 @@ def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, 
         scores[h], rotation, position = IMPOSSIBLE, rotations[h], positions[h]
         if len(reaches) == 0 or align(lenses, labels, pictures, box, rotation, position, reaches, strips) > 0:
             count_labels(lenses, labels, judges, box, rotation, position, lags, seen)
-            scores[h] = explanation_score(seen)
+            scores[h] = explanation_score(seen, judges)

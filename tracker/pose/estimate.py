@@ -154,7 +154,7 @@ class PoseEstimator:
         for most in range(1, REFINED + 1):
             waiting = sorted(waiting + next_of(wide), key=lambda one: -one.score)
             last = not thorough or wide in (EVERYWHERE, TURNS)
-            if last or (waiting and waiting[0].score > PLAUSIBLE * len(sight.used)):
+            if last or (waiting and waiting[0].score > PLAUSIBLE * np.count_nonzero(sight.used)):
                 fits += self._contest(sight, waiting, fits, lag, REFINED if last else most)
                 waiting = []
             if last or any(map(settled, fits)):
@@ -196,7 +196,8 @@ class PoseEstimator:
         """
         chosen: list[Hypothesis] = []
         known: list[Fit | Hypothesis] = [*before]
-        least = CLOSE * max((explanation_score(fit.cameras) for fit in before), default=0.0)
+        explained = (explanation_score(fit.cameras, sight.pictures) for fit in before)
+        least = CLOSE * max(explained, default=0.0)
         several = np.count_nonzero(sight.used) > 1
         for one in hypotheses:
             if len(chosen) == COMPETING or (one.score < least and several):
@@ -253,7 +254,7 @@ class PoseEstimator:
         poses += [(other, position) for other in turned_about_face(rotation, position, half, camera)]
         if not poses:
             return []
-        least = ALIKE * explanation_score(self.search.counted(sight, rotation, position))
+        least = ALIKE * explanation_score(self.search.counted(sight, rotation, position), sight.pictures)
         others = [one for one in self.search.near(sight, poses, NO_REACHES) if one.score > least][:REFINED]
         return [self._fitted(sight, one._replace(left_out=fit.left_out), SCHEDULE, lag) for one in others]
 
