@@ -121,6 +121,21 @@ def test_a_camera_that_comes_back_is_used_again(rig, film, reference):
     np.testing.assert_allclose(spreads(answers)[9:], spreads(reference)[9:], rtol=0.2)
 
 
+@pytest.mark.parametrize("gains", [(1.0, 0.8, 0.55), (0.3, 0.3, 0.3)])
+def test_light_that_changed_while_the_object_was_lost_is_measured_again(rig, film, monkeypatch, gains):
+    one, searches, find = has_seen(rig, film[:4]), [], PoseEstimator.find
+
+    def noted(self, images, timing, **options):
+        searches.append(images)
+        return find(self, images, timing, **options)
+
+    monkeypatch.setattr(PoseEstimator, "find", noted)
+    images = [exposed(image.astype(float), gains) for image in film[0]]
+    answers = [one.update(images, 5.0 + DT * k) for k in range(4)]
+    assert [answer.status for answer in answers] == [Status.REFOUND] + [Status.TRACKING] * 3
+    assert len(searches) == 1
+
+
 def test_without_images_it_coasts_and_is_lost(rig, film):
     one = has_seen(rig, film[:4])
     for stamp in (0.4, 0.5, 0.6, 0.7):
