@@ -9,6 +9,8 @@ from tracker import Status
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
 from tracker.pose.estimate import PoseEstimator
+from tracker.pose.hypotheses import Search
+from tracker.tracking import follow
 
 FAR = np.array([-0.09, 0.08, 0.0325]), so3.exp([0.0, 0.0, 2.0])
 BLACKNESS = np.zeros((270, 270, 3), np.uint8)
@@ -134,6 +136,16 @@ def test_light_that_changed_while_the_object_was_lost_is_measured_again(rig, fil
     answers = [one.update(images, 5.0 + DT * k) for k in range(4)]
     assert [answer.status for answer in answers] == [Status.REFOUND] + [Status.TRACKING] * 3
     assert len(searches) == 1
+
+
+def test_rival_bodies_are_remembered_where_a_search_everywhere_finds_nothing_better(rig, film, monkeypatch):
+    one = has_seen(rig, film[:1])
+    monkeypatch.setattr(follow, "kept", lambda *_: False)
+    monkeypatch.setattr(PoseEstimator, "find", lambda *_, **__: Status.AMBIGUOUS)
+    monkeypatch.setattr(Search, "resized", lambda *_: -7.0)
+    answers = play(one, film[:5] * 2, start=1e-3)
+    assert {answer.status for answer in answers} == {Status.TRACKING}
+    assert one._memory.resized == -7.0
 
 
 def test_without_images_it_coasts_and_is_lost(rig, film):

@@ -182,7 +182,8 @@ class Follower:
                 return near, memory
         found = self._estimator.find(images, timing, thorough=near is None, lag=lag, hidden=hidden)
         if near is not None and (isinstance(found, Status) or rank(found) <= rank(near)):
-            found = near.changed(as_they_are=memory.as_they_are)
+            evidence = near.evidence._replace(resized=memory.resized)
+            found = near.changed(as_they_are=memory.as_they_are, evidence=evidence)
         if isinstance(found, Status):
             return found, memory._replace(extra=0.0)
         return found, memory.after(found)
