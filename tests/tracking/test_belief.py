@@ -171,6 +171,14 @@ def test_what_is_plausible_widens_with_time_and_narrows_for_one_camera(track):
     assert not track.belief.plausible(expected, made_fit(aside + 0.3 * X))
 
 
+def test_what_is_plausible_widens_while_neither_the_object_nor_a_jump_is_seen(track):
+    jump, none = made_fit(ELSEWHERE, sure=False), [None] * 3
+    follow(track, [jump, *none], start=1.1)
+    assert track.see(made_fit(HOME + 0.2 * X, sure=False), 1.5) is Status.TRACKING
+    # Right after a jump, the object is where it was.
+    assert follow(settled(), [jump, made_fit(HOME + 0.2 * X, sure=False)], start=1.1)[1] is Status.COASTING
+
+
 def test_what_one_camera_sees_must_be_sure():
     unsure, sure = made_fit(cameras=1, sure=False), made_fit(cameras=1)
     one, other, third = (Track(min_confidence=0.9) for _ in range(3))

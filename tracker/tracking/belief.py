@@ -87,8 +87,6 @@ class Belief(NamedTuple):
     pending: tuple[float, FloatArray, FloatArray] | None = None
     """Timestamp [s], rotation (3, 3) and position (3,) [m] of an implausible measurement, if any, that waits
     for a second one to confirm it."""
-    step: float = 0.0
-    """Time between the last images and those before them [s]."""
 
     def advance(self, timestamp: float) -> tuple[Belief, MotionState | None]:
         """Predict to the timestamp [s] of the next images; return the belief then, and the motion if known.
@@ -101,8 +99,7 @@ class Belief(NamedTuple):
                 f"timestamp: found {timestamp:.6f} s after {self.timestamp:.6f} s, expected no earlier one; "
                 "reset() starts another recording"
             )
-        step = 0.0 if self.timestamp is None else timestamp - self.timestamp
-        moved = self._replace(timestamp=timestamp, step=step)
+        moved = self._replace(timestamp=timestamp)
         if self.basis is None or (passed := self._seconds_since(timestamp)) is None:
             return moved._replace(seen=None, pending=None), None
         motion = self.basis.unseen(passed) if self._unseen else self.basis.predicted(passed)
@@ -128,8 +125,8 @@ class Belief(NamedTuple):
         """Whether a measurement is close enough to the predicted state."""
         assert self.timestamp is not None
         assert self.seen is not None
-        # If a measurement is pending, the object was visible and cannot have gone far unseen.
-        seconds = self.step if self.pending is not None else self.timestamp - self.seen
+        # If a measurement is pending, the object was visible then and cannot have gone far unseen before.
+        seconds = self.timestamp - (self.seen if self.pending is None else self.pending[0])
         jump, speed = self.options.max_jump, self.options.max_speed
         share = self.options.single_camera_share if alone(fit) else 1.0
         shift, turn = (share * (jump[k] + speed[k] * seconds) for k in range(2))
