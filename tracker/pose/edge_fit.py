@@ -296,7 +296,7 @@ def measure(strips, camera, channels, table, blur, every, pixels, scratch, found
         strip, result = strips[s], found[s]
         result.usable, result.sharpness = False, 0.0
         count = strip.count[0] + strip.count[1] + strip.count[2]
-        if s % every or count < (3 * MIN_PIXELS // parts if parts > 1 else MIN_PIXELS):
+        if s % every or count < MIN_PIXELS:
             continue
         shift = 0.0
         for i in range(6):
