@@ -29,7 +29,7 @@ from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
 from tracker.noise import NoiseModel
 
-FILMS, LENGTH, CALIBRATIONS = 24, 60, 12
+FILMS, LENGTH, CALIBRATIONS = 48, 60, 12
 """Number of films per object, frames per film, and calibrations per film."""
 
 REFINED = 0.16e-3, np.radians(0.02)

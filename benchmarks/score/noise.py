@@ -47,7 +47,7 @@ PULL = 0.5
 
 FITTED = {
     "bias": (6e-4, 3e-3), "bias_spread": (0.5, 0.5), "slow": (4e-4, 4e-3), "fast": (5e-5, 1e-3),
-    "fast_spread": (0.5, 0.5), "seconds": (10.0, 10.0), "travel": (0.04, 0.03), "visible": (0.5, 1.0),
+    "fast_spread": (0.5, 0.5), "moving": (5.0, 5.0), "travel": (0.04, 0.03), "visible": (0.5, 1.0),
 }  # fmt: skip
 """Start of the fit of an error's numbers: for the position [m], and for the rotation [rad]."""
 
@@ -99,8 +99,9 @@ def figures(episodes: Array, part: int) -> FloatArray:
     """Return the figures to which a part's numbers are fitted, all positive."""
     errors = usual(episodes, part)
     size, hidden = np.linalg.norm(errors, axis=2), episodes[..., 1] < HIDDEN
-    bias = np.nanmedian(errors, axis=1)
-    left = np.linalg.norm(errors - bias[:, None], axis=2)
+    known = errors[np.isfinite(errors[..., 0]).any(axis=1)]
+    bias = np.nanmedian(known, axis=1)
+    left = np.linalg.norm(known - bias[:, None], axis=2)
     jump = np.linalg.norm(np.diff(errors, axis=1), axis=2)
     still = np.linalg.norm(np.diff(episodes[..., 9:12], axis=1), axis=2) < 2e-4
     kept = [max(correlation(errors, lag), 0.01) for lag in LAGS]

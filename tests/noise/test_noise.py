@@ -65,16 +65,23 @@ def test_a_bias_stays_for_an_episode_and_another_one_has_another():
 
 
 @pytest.mark.parametrize("steps", [1, 5])
-@pytest.mark.parametrize(("seconds", "travel", "left"), [(0.5, 1e9, np.exp(-0.6)), (1e9, 0.02, np.exp(-0.5))])
-def test_errors_are_forgotten_with_time_and_on_the_way_as_stated(seconds, travel, left, steps):
-    error = {"slow": 1e-3, "seconds": seconds, "travel": travel}
-    state, (p, q, v) = state_of(position=error), truths()
+def test_errors_stay_at_rest_and_are_forgotten_on_the_way_as_stated(steps):
+    state, (p, q, v) = state_of(position={"slow": 1e-3, "travel": 0.02}), truths()
     begin = state.step(p, q, v, 0.1).position - p
+    np.testing.assert_allclose(state.step(p, q, v, 100.0).position - p, begin, atol=1e-12)
     for k in range(1, steps + 1):
         moved = p + np.array([0.01 * k / steps, 0.0, 0.0])
-        end = state.step(moved, q, v, 0.3 / steps).position - moved
-    assert np.corrcoef(begin.ravel(), end.ravel())[0, 1] == pytest.approx(left, abs=0.03)
+        end = state.step(moved, q, v, 0.1).position - moved
+    assert np.corrcoef(begin.ravel(), end.ravel())[0, 1] == pytest.approx(np.exp(-0.5), abs=0.03)
     assert end.std() == pytest.approx(1e-3, rel=0.03)
+
+
+@pytest.mark.parametrize(("way", "grown"), [(0.0, 1.0), (0.01, 3.0), (0.03, 7.0), (0.1, 21.0), (10.0, 21.0)])
+def test_the_scatter_grows_with_the_speed_as_stated_up_to_the_fastest_motion_measured(way, grown):
+    state, (p, q, v) = state_of(position={"fast": 1e-3, "moving": 20.0}), truths()
+    state.step(p, q, v, 0.1)
+    moved = p + np.array([0.0, way, 0.0])
+    assert (state.step(moved, q, v, 0.1).position - moved).std() == pytest.approx(1e-3 * grown, rel=0.03)
 
 
 def test_rotations_are_perturbed_along_world_axes():

@@ -15,11 +15,11 @@ from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError, shown
 from tracker.files.toml import found_by, read_toml
 
-_ERROR = ("bias", "bias_spread", "slow", "fast", "fast_spread", "seconds", "travel", "visible")
+_ERROR = ("bias", "bias_spread", "slow", "fast", "fast_spread", "moving", "travel", "visible")
 
 UNITS: Mapping[str, Mapping[str, str]] = {
-    "position": dict(zip(_ERROR, ("m", "1", "m", "m", "1", "s", "m", "1"), strict=True)),
-    "rotation": dict(zip(_ERROR, ("rad", "1", "rad", "rad", "1", "s", "m", "1"), strict=True)),
+    "position": dict(zip(_ERROR, ("m", "1", "m", "m", "1", "s/m", "m", "1"), strict=True)),
+    "rotation": dict(zip(_ERROR, ("rad", "1", "rad", "rad", "1", "s/m", "m", "1"), strict=True)),
     "gross": {"rate": "1/s", "visible": "1", "seconds": "s", "distance": "m", "angle": "rad", "spread": "1"},
     "missed": {"lost": "1/s", "lost_visible": "1", "found": "1/s", "found_visible": "1"},
     "confidence": {"clear": "1", "visible": "1", "distance": "1/m", "angle": "1/rad", "spread": "1"},
@@ -35,6 +35,9 @@ RADIUS = 0.05
 
 LEAST_VISIBLE = 0.05
 """Lower bound of the visible share, except in the rates of missed poses and gross errors."""
+
+FASTEST = 1.0
+"""Speed beyond which errors grow no more [m/s]: the films contain no faster motion."""
 
 ROUNDED = 1e-6
 """Visible shares that are out of range by no more were rounded."""
@@ -172,8 +175,8 @@ class NoiseState:
     Errors (δp, δθ) are along world axes: p̂ = p + δp and R̂ = exp(δθ) R. They are the sum of
 
         bias    drawn once per episode: the error of its calibration,
-        slow    decays with time and with the object's path length: exp(-dt / seconds - path / travel),
-        fast    drawn at each step, with heavy tails,
+        slow    decays with the object's path length: exp(-path / travel),
+        fast    drawn at each step, with heavy tails; grows with the object's speed: 1 + moving · speed,
 
     where slow and fast are multiplied by (visible share)^-visible, and of an occasional gross error.
 
@@ -229,9 +232,10 @@ class NoiseState:
         p, q, v = self._checked(position, orientation, visible)
         if not is_number(dt) or dt <= 0:
             raise TrackerError(f"dt: found {shown(dt)}, expected a time of more than 0 s")
-        keep = self._kept(p, q, float(dt))
+        way = self._way(p, q)
+        keep = np.exp(-way / np.maximum(self._of["travel"][:, 0], 1e-12))
         clear = np.maximum(v, LEAST_VISIBLE)
-        error = self._errors(keep, clear, self._gross_now(v, float(dt)))
+        error = self._errors(keep, np.minimum(way / dt, FASTEST), clear, self._gross_now(v, float(dt)))
         found = self._found_now(v, float(dt))
         confidence = self._confidence(error, keep[0], clear)
         delay = self._values["delay"]
@@ -267,16 +271,17 @@ class NoiseState:
             raise TrackerError(f"visible: found {v.min():.7g} to {v.max():.7g}, expected shares from 0 to 1")
         return p, q / length[:, None], v.clip(0.0, 1.0)
 
-    def _kept(self, p: FloatArray, q: FloatArray, dt: float) -> FloatArray:
-        """Return the correlations (2, N) of the slow errors with those of the previous step."""
+    def _way(self, p: FloatArray, q: FloatArray) -> FloatArray:
+        """Return the distances (N,) [m] from the poses of the previous step."""
         shift = p - self._last[0]
-        chord = 1.0 - np.abs(np.einsum("ij,ij->i", q, self._last[1]))
-        way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * np.maximum(chord, 0.0))
-        way[self._fresh] = 0.0
-        seconds, travel = (np.maximum(self._of[key][:, 0], 1e-12) for key in ("seconds", "travel"))
-        return np.asarray(np.exp(-dt / seconds - way / travel))
+        # At rest, rounding leaves up to 1e-15.
+        chord = np.maximum(1.0 - 1e-15 - np.abs(np.einsum("ij,ij->i", q, self._last[1])), 0.0)
+        way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * chord)
+        return np.where(self._fresh, 0.0, way)
 
-    def _errors(self, keep: FloatArray, clear: FloatArray, gross: FloatArray) -> FloatArray:
+    def _errors(
+        self, keep: FloatArray, speed: FloatArray, clear: FloatArray, gross: FloatArray
+    ) -> FloatArray:
         """Draw the errors (2, 3, N) [m, rad]."""
         # Drawing in single precision takes half the time.
         drawn = self._rng.standard_normal((14, self.count), dtype=np.float32)
@@ -287,7 +292,8 @@ class NoiseState:
         hidden = self._of["visible"] * np.log(clear)
         result: FloatArray = self._bias + gross
         result += self._of["slow"] * self._scale * np.exp(-hidden) * self._slow
-        result += self._of["fast"] * np.exp(self._of["fast_spread"] * spread - hidden) * fast
+        scatter = self._of["fast"] * (1.0 + self._of["moving"] * speed)
+        result += scatter * np.exp(self._of["fast_spread"] * spread - hidden) * fast
         return result
 
     def _gross_now(self, v: FloatArray, dt: float) -> FloatArray:
