@@ -70,9 +70,9 @@ class Memory(NamedTuple):
         memory = self._replace(extra=lasting(found), resized=found.evidence.resized, shaded=found.shaded)
         if found.as_they_are == self.as_they_are:
             return memory
-        return memory.in_the_dark()._replace(as_they_are=found.as_they_are)
+        return memory.without_light()._replace(as_they_are=found.as_they_are)
 
-    def in_the_dark(self) -> Memory:
+    def without_light(self) -> Memory:
         """Return the state without what was measured of the light."""
         return self._replace(lights=None, cameras=tuple(one._replace(age=None) for one in self.cameras))
 
@@ -175,7 +175,7 @@ class Follower:
             return Status.NO_OBJECT_COLORS, memory
         near = None
         if expected is None:
-            memory = memory.in_the_dark()  # the light may have changed since the object was lost
+            memory = memory.without_light()  # the light may have changed since the object was lost
         else:
             near, memory = self._near(images, expected, lag, memory, timing, hidden)
             if near is not None and kept(near, memory.extra) and memory.belief.plausible(expected, near):
