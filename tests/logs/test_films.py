@@ -115,7 +115,7 @@ def test_what_is_no_film_is_reported_and_opens_no_file_that_it_names(tmp_path, c
 
 def test_a_damaged_picture_of_a_film_is_named_and_the_others_are_given(tmp_path):
     noise = np.random.default_rng(5).integers(0, 256, (20, 48, 64, 3), np.uint8)
-    film = write_film(tmp_path / "camera60.mp4", list(noise))
+    film = write_film(tmp_path / "camera60.mp4", list(noise), "mpeg4")  # H.264 has other bits now and then
     content = bytearray(film.read_bytes())
     at = content.index(b"mdat") + len(content) // 2
     content[at : at + 1500] = bytes(1500)
