@@ -54,6 +54,12 @@ def test_pictures_are_the_cameras_to_the_bit_and_stamped_and_its_settings_are_re
     assert "Gain" in found
 
 
+def test_stamps_are_half_the_present_exposure_time_after_the_trigger(camera):
+    camera._camera.ExposureTime.Value = 400_000.0  # as ExposureAuto does [µs]
+    before = time.time()
+    assert before + 0.2 <= camera.grab(2.0).stamp
+
+
 def test_a_failed_buffer_is_one_picture_that_is_missing(camera):
     camera.grab(2.0)
     camera._camera.ForceFailedBufferCount.Value = 1

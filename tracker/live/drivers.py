@@ -60,7 +60,7 @@ class PylonCamera:
                     f"pylon: {serial}: found the PixelFormat {self.format}, expected one of "
                     f"{', '.join(_FORMATS)}: give it in the settings"
                 )
-            self._exposure = float(self._camera.ExposureTime.Value) * 1e-6
+            self._exposure()  # if it cannot be read, no image could be stamped
             self._camera.StartGrabbing(pylon.GrabStrategy_LatestImageOnly)
         except Exception as error:
             self._camera.Close()
@@ -75,7 +75,8 @@ class PylonCamera:
             # An image that came after its own grab gave up would be taken for this one, and so on.
             self._camera.RetrieveResult(0, pylon.TimeoutHandling_Return).Release()
             self._camera.WaitForFrameTriggerReady(wait, pylon.TimeoutHandling_ThrowException)
-            stamp = time.time() + self._exposure / 2
+            exposure = self._exposure()
+            stamp = time.time() + exposure / 2
             self._camera.TriggerSoftware.Execute()
             result = self._camera.RetrieveResult(wait, pylon.TimeoutHandling_ThrowException)
         except Exception as error:
@@ -106,6 +107,10 @@ class PylonCamera:
     def close(self) -> None:
         """See `LiveCamera`."""
         self._camera.Close()
+
+    def _exposure(self) -> float:
+        """Return the present exposure time [s], which ExposureAuto changes."""
+        return float(self._camera.ExposureTime.Value) * 1e-6
 
     def _set(self, name: str, value: str | int | float | bool) -> None:
         try:
