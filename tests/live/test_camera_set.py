@@ -237,6 +237,13 @@ def test_raw_pixels_are_kept_and_developed():
     assert np.array_equal(shot.images[0], from_bayer(raw))
 
 
+def test_raw_pixels_are_not_given_only_where_a_camera_with_colours_misses_its_image():
+    raw = np.zeros((8, 12), np.uint8)
+    given = first(3, Scripted(then=raw), Scripted(IMAGE, LiveError("dark")))
+    assert [one.images[1] is None for one in given] == [False, True, False]
+    assert [one.raw for one in given] == [None] * 3
+
+
 def test_pictures_of_twice_the_size_are_halved():
     image = np.random.default_rng(3).integers(0, 256, (8, 12, 3), np.uint8)
     shot = first(2, Scripted(then=image))[-1]

@@ -116,6 +116,7 @@ class CameraSet:
         self._changed = threading.Condition()
         self._slots = [_Slot() for _ in openers]
         self._asked, self._deadline, self._waiting = 0, 0.0, False
+        self._raw = True  # until a camera gives a colour image: sets without it would alternate in size
         self._closing = threading.Event()
         self._tick = time.monotonic()
         self._begun_by = self._tick + OPENING
@@ -206,9 +207,9 @@ class CameraSet:
             for one, size in zip(pixels, self._sizes, strict=True)
         )
         taken = [one for one in pictures if one is not None]
-        is_raw = taken and all(one.image.ndim == 2 for one in taken)
+        self._raw &= all(one.image.ndim == 2 for one in taken)
         age = max(0.0, now - max((one.stamp for one in taken), default=now))
-        return ImageSet(images, stamps, missing, pixels if is_raw else None, age)
+        return ImageSet(images, stamps, missing, pixels if taken and self._raw else None, age)
 
     def _run(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> None:
         while not (slot.final or self._closing.is_set()):
