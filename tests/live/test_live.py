@@ -276,6 +276,15 @@ def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
     assert moments[1].faults == {"camera180": f"its stamp is {off:+.3f} s from the others'", **absent}
 
 
+@pytest.mark.parametrize("off", [1.5, 5.0])
+def test_of_two_images_of_the_first_set_that_are_apart_the_later_is_used(off):
+    given = ImageSet((*images(1)[:2], None), (10.0, 10.0 + off, 10.0))
+    live, mean, (one,) = received(given)
+    assert mean.seen == [(None, 1, None)]
+    assert one.timestamp == 10.0 + off
+    assert live.faults == (f"camera60: its stamp is {-off:+.3f} s from the others'",)
+
+
 def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_other():
     given = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
     raw = tuple(image[..., 0] for image in given)

@@ -311,11 +311,15 @@ class Live:
         return replace(taken, images=tuple(images), stamps=tuple(stamps), faults=tuple(faults), raw=raws)
 
     def _usual_stamp(self, taken: ImageSet) -> float:
-        """Return the median timestamp; if there are only two, the one closer to the last set's."""
+        """Return the median timestamp, the later if there is an even number.
+
+        If there are only two, return the one closer to the last set's.
+        """
         given = [t for image, t in zip(taken.images, taken.stamps, strict=True) if image is not None]
         if len(given) == 2 and (last := self._last) is not None:
             return min(given, key=lambda stamp: abs(stamp - last))
-        return float(np.median(given or taken.stamps))
+        ordered = sorted(given or taken.stamps)
+        return ordered[len(ordered) // 2]
 
     def _note(self, fault: str) -> None:
         with self._changed:
