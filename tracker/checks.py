@@ -124,6 +124,24 @@ def in_8_bits(image: Array) -> tuple[int, str]:
     return bits, f"(image >> {bits - 8}).astype(np.uint8)" if bits > 8 else "image.astype(np.uint8)"
 
 
+BLACK = 12
+"""Level that the brightest pixel of an image must reach; otherwise the image counts as black."""
+
+ROWS = 8
+"""Step between the rows of pixels that are looked at, for speed; decoders of films repeat 4 to 16 rows."""
+
+
+def is_black(image: Array) -> bool:
+    """Whether some rows of an image (H, W, 3) show it to be black."""
+    return bool(image[len(image) % ROWS // 2 :: ROWS].max(initial=0) < BLACK)
+
+
+def shown_in(images: Sequence[Array | None]) -> list[bool]:
+    """Return whether each image is there and not black; if all of them are black, whether it is there."""
+    lit = [image is not None and not is_black(image) for image in images]
+    return lit if any(lit) else [image is not None for image in images]
+
+
 def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) -> FloatArray:
     """Return float64 rows (N, width); raise `fault`, which names `what`, if the input does not fit."""
     array = array_of(given)

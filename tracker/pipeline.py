@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import of_kind, one_stamp
+from tracker.checks import of_kind, one_stamp, shown_in
 from tracker.conventions import Image
 from tracker.errors import TrackerError
 from tracker.inputs import (
@@ -147,7 +147,7 @@ class ObjectTracker:
             images: as for `detect`, but all may be None.
             timestamp: when the images were taken [s], not earlier than the last. If they were not taken at
                 the same time, one per camera, in order or by name: the pose is that of the latest image, and
-                the motion in between is estimated, too. Timestamps of missing images are ignored.
+                the motion in between is estimated, too. Timestamps of missing and black images are ignored.
             hidden: as for `detect`.
 
         Raises:
@@ -158,8 +158,7 @@ class ObjectTracker:
         with self._gate.lock():
             start, before = time.perf_counter(), self._memory
             checked, masks = check_images(images, self.rig, least=0), check_hidden(hidden, self.rig)
-            seen = [image is not None for image in checked]
-            latest, delays = check_stamps(timestamp, seen, self.rig.names)
+            latest, delays = check_stamps(timestamp, shown_in(checked), self.rig.names)
             if before.latest is not None and latest == before.belief.timestamp:
                 return before.latest
             answer, self._memory = self._follow(checked, latest, delays, before, masks)

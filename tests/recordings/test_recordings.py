@@ -65,13 +65,13 @@ class Frames(list):
 def test_each_image_has_its_own_stamp_and_a_frame_that_of_its_newest(tmp_path):
     # The frames' own stamps are 60 ms late. Images are missing: of all cameras, then of the one that leads;
     # then two clocks differ by seconds.
-    nan, given = np.nan, []
+    nan, given, image = np.nan, [], np.full((8, 8, 3), 99, np.uint8)
     stamps = [
         [nan] * 3, [0.0, 0.01, 0.02], [nan] * 3, [0.2, 0.21, 0.22], [0.3, 0.31, 0.45], [0.4, 0.41, nan],
         [3.6, 0.6, 0.6],
     ]  # fmt: skip
     frames = (
-        LogFrame(k, time, np.array(row), tuple(None if np.isnan(t) else 0 for t in row), None, None)
+        LogFrame(k, time, np.array(row), tuple(None if np.isnan(t) else image for t in row), None, None)
         for k, (time, row) in enumerate(zip([nan, *np.arange(0.08, 0.6, 0.1)], stamps, strict=True))
     )
     frames = Frames(with_stamps(frames))

@@ -11,9 +11,10 @@ from tests.helpers.pushed_cube import DT, new
 from tests.helpers.stills import bare_scene
 from tests.pose.test_agreement import moved
 from tracker import CameraUse, Status
+from tracker.checks import BLACK
 from tracker.pose.agreement import SCALES, size, spread
 from tracker.pose.judge import confidence
-from tracker.tracking.cameras import BLACK, EVERY, LOOKS, Agreement, CameraMemory, after, looked_at, usable
+from tracker.tracking.cameras import EVERY, LOOKS, Agreement, CameraMemory, after, looked_at, usable
 from tracker.tracking.motion import MotionState
 
 

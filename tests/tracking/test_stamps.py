@@ -11,6 +11,7 @@ from tests.helpers.pushed_cube import DT, bits, has_seen, image_of, near, new, o
 from tracker import Status, TrackerError
 from tracker.geometry import so3
 from tracker.inputs import check_stamps
+from tracker.live import ImageSet
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.pose.fit import Lag
 from tracker.recordings import track
@@ -51,6 +52,22 @@ def test_a_recording_is_tracked_with_the_stamps_of_its_images(rig, tmp_path):
     np.testing.assert_allclose(poses.timestamp, STEP * np.arange(FRAMES), atol=1e-9)
     truth = np.array([pose_at(STEP * k)[0] for k in range(FRAMES)])
     assert np.median(np.linalg.norm(poses.measured.position - truth, axis=1)) < 5e-4
+
+
+def test_a_black_image_has_no_more_of_a_stamp_than_a_missing_one(rig, passing, tmp_path):
+    ahead, missing, dark = np.array([0.0, 0.0, 0.05]), new(rig), new(rig)
+    with Hdf5LogWriter(tmp_path / "log.h5", rig) as log:
+        for k, (*images, last) in enumerate(passing):
+            black, stamps = np.zeros_like(last), 0.1 + STEP * k + ahead
+            log.append([*images, black], 0.2 + STEP * k, stamps)
+            expected = missing.update([*images, None], stamps).filtered_object_pose
+            found = dark.update([*images, black], stamps).filtered_object_pose
+            np.testing.assert_array_equal(found.position, expected.position)
+            np.testing.assert_array_equal(found.covariance, expected.covariance)
+            taken = ImageSet((*images, black), tuple(stamps))
+            assert taken.timestamp == stamps[0]
+    poses = track(tmp_path / "log.h5", new(rig).model, rig=rig).poses
+    np.testing.assert_allclose(poses.timestamp, 0.1 + STEP * np.arange(FRAMES), atol=1e-9)
 
 
 def test_a_wrong_calibration_is_doubted_although_cameras_are_read_one_after_another(rig):

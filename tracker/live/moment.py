@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tracker.checks import in_range, one_stamp, seconds
+from tracker.checks import in_range, one_stamp, seconds, shown_in
 from tracker.conventions import Image
 from tracker.errors import LiveError
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
@@ -48,9 +48,9 @@ class ImageSet:
 
     @property
     def timestamp(self) -> float:
-        """Timestamp of the latest image [s]; without any image, the latest timestamp."""
-        there = [t for image, t in zip(self.images, self.stamps, strict=True) if image is not None]
-        return max(there or self.stamps)
+        """Timestamp of the latest image [s], of a black one only without others; else the latest."""
+        shown = shown_in(self.images)
+        return max([t for t, one in zip(self.stamps, shown, strict=True) if one] or self.stamps)
 
 
 class ImageSource(Protocol):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tracker.checks import Frozen, freeze, one_stamp
+from tracker.checks import Frozen, freeze, one_stamp, shown_in
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 
@@ -95,10 +95,11 @@ class LogFrame:
     def newest(self) -> float:
         """Timestamp of the newest image [s], the time of a pose found in the frame; the frame's without any.
 
+        A black image counts only if there are no others.
+
         The platform's recorder stamps a frame when its own tracker is done, up to 0.1 s after its images.
         """
-        shown = [stamp for stamp, image in zip(self.stamps, self.images, strict=True) if image is not None]
-        return float(max(shown, default=self.stamps.max()))
+        return float(max(self.stamps[shown_in(self.images)], default=self.stamps.max()))
 
 
 def recorded_frame(

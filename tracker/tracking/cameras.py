@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tracker.checks import ROWS, is_black
 from tracker.conventions import FloatArray, Image
 from tracker.pose.agreement import CONTRADICTION, probably_fits, size
 from tracker.pose.fit import Fit
@@ -19,19 +20,8 @@ from tracker.tracking.motion import MotionState
 EVERY = 5
 """Number of frames between two measurements of a camera's light, and between two checks of agreement."""
 
-COMPARED = 8
-"""Step between the rows of pixels that are compared to detect whether an image has changed: decoders of films
-repeat blocks of 4 to 16 rows."""
-
-SPARSE = 311
-"""Step between the bytes of these rows that are looked at first for a bright one; prime, to reach all colours
-and columns."""
-
 NOISELESS = 0.5
 """Standard deviation of an image's noise up to which an unchanged image does not count as frozen [levels]."""
-
-BLACK = 12
-"""Level that the brightest pixel of an image must reach; otherwise the image counts as black."""
 
 FADING = 0.8
 """Factor on the evidence of earlier checks at each new one, as cameras may move: about five count."""
@@ -76,11 +66,9 @@ def usable(
     for c, image in enumerate(images):
         if image is None:
             continue
-        rows = image[len(image) % COMPARED // 2 :: COMPARED]
-        sample, before = rows.tobytes(), memories[c].sample
+        sample, before = image[len(image) % ROWS // 2 :: ROWS].tobytes(), memories[c].sample
         remembered[c] = CameraMemory(sample, memories[c].age)
-        # Most images show a bright pixel at once.
-        if max(sample[::SPARSE]) < BLACK and np.frombuffer(sample, np.uint8).max() < BLACK:
+        if is_black(image):
             result[c], uses[c] = None, CameraUse.BLACK
         elif sample == before:
             unchanged.append(c)
