@@ -79,6 +79,15 @@ def test_the_strip_has_the_colours_of_the_statuses(path, rng):
     assert share_of(strip, STATUS_COLORS["refound"]) > 0
 
 
+@pytest.mark.parametrize("count", [2, 40, 4000])
+def test_the_last_frame_has_a_place_in_the_strip(path, rng, count):
+    names = ["tracking"] * (count - 1) + ["lost"]
+    image = drawn(path, dataclasses.replace(random_poses(rng, count, share=0), status=np.array(names)))
+    strip = image[100:130]
+    shares = [share_of(strip, STATUS_COLORS[name]) for name in ("lost", "tracking")]
+    assert shares[0] / sum(shares) == pytest.approx(max(1 / count, 0.003), rel=0.3)
+
+
 def test_each_status_has_a_colour_of_its_own():
     assert set(STATUS_COLORS) == {status.value for status in Status}
     for one, other in itertools.combinations(STATUS_COLORS.values(), 2):

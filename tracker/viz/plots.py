@@ -203,9 +203,7 @@ def _draw_trajectory(figure: Any, poses: Poses, title: str) -> None:
     _draw_status(axes[0], time, poses.status)
     drawn, *_ = [_draw_panel(axis, time, one) for axis, one in zip(axes[1:], series_of(poses), strict=True)]
     axes[5].set_xlabel("time since the first frame [s]")
-    if len(poses) > 1 and time.max() > time.min():
-        axes[0].set_xlim(time.min(), time.max())
-    elif not len(poses):
+    if not len(poses):
         axes[0].set_xticks([])
     found = best(poses).has_pose
     share = f"{np.mean(found):.1%} of {len(poses)} frames have a pose" if len(poses) else "no frames"
@@ -312,7 +310,9 @@ def _draw_status(axis: Any, time: Array, status: Array) -> None:
     axis.yaxis.set_label_coords(_LABEL_X, 0.5)
     if not len(time):
         return
-    last = time[-1] + (np.median(np.diff(time)) if len(time) > 1 else 0.1)
+    last = time.max() + (np.median(np.diff(time)) if len(time) > 1 else 0.1)
+    if last > time.min():
+        axis.set_xlim(time.min(), last)
     names = set(status.tolist())
     colors = {name: color for name, color in STATUS_COLORS.items() if name in names}
     colors |= dict.fromkeys(sorted(names - colors.keys()), paint.FAINT)
@@ -320,7 +320,7 @@ def _draw_status(axis: Any, time: Array, status: Array) -> None:
     lengths = np.diff(np.append(time[starts], last))
     widths = np.maximum(lengths, _LEAST_SHARE * (last - time[0]))
     for run in np.lexsort((starts, widths))[::-1]:  # short ones on top of long ones
-        begin = time[starts[run]]
+        begin = min(time[starts[run]], last - widths[run])
         axis.axvspan(begin, begin + widths[run], color=rgb(colors[status[starts[run]]]), linewidth=0)
     bars = {name: axis.bar(time[0], 0.0, 0.0, color=rgb(color)) for name, color in colors.items()}
     _explain(axis, bars, "left")
