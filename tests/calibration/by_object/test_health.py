@@ -70,6 +70,20 @@ def test_what_is_beyond_its_limit_in_some_frames_is_named_with_the_camera(well):
     assert line.startswith("camera300: brightness")
 
 
+@pytest.mark.parametrize(
+    ("heights", "off"),
+    [
+        ([np.nan, 0.0, 0.0, 8.0, 8.0], ["+4.0"]),
+        ([4.0, 4.0, 0.0, -4.0, -4.0], []),
+        ([-3.5, -3.5, -3.5, 0.0, 0.0], ["-3.5"]),
+        ([np.nan] * FRAMES, []),
+    ],
+)
+def test_the_median_height_decides_whether_the_table_is_off(well, heights, off):
+    lines = "\n".join(dataclasses.replace(well, height=np.array(heights)).complaints())
+    assert re.findall(r"rests (\S+) mm off", lines) == off
+
+
 def test_a_camera_that_was_moved_disagrees_and_a_complaint_says_so(film, rig, well):
     cameras = (rig[0], moved(rig[1], np.zeros(3), np.array([0.02, 0.0, 0.015])), rig[2])
     ill = measured(film, tracker.CameraRig(cameras, rig.arena))

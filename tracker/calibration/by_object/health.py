@@ -125,8 +125,9 @@ class Health:
             for name, share in zip(self.cameras, self.beyond(key), strict=True):
                 if share > OFTEN:
                     result.append(f"{name}: {key} beyond its limit in {share:.0%}: {quantity.advice}")
-        if _beyond(self.height, HEIGHT) > 0.5:
-            result.append(f"the object rests {np.nanmedian(self.height):+.1f} mm off: {HEIGHT.advice}")
+        heights = self.height[np.isfinite(self.height)]
+        if heights.size and _beyond(np.median(heights, keepdims=True), HEIGHT) > 0.0:
+            result.append(f"the object rests {np.median(heights):+.1f} mm off: {HEIGHT.advice}")
         if self.check is not None and not self.check.fits:
             result.append("the calibration does not fit: tracker calibrate check says which camera moved")
         return result
