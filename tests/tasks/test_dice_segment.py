@@ -177,6 +177,13 @@ def test_masks_of_every_kind_and_missing_images_give_the_same_bits_and_stay_as_t
     np.testing.assert_array_equal(masks, before)
 
 
+def test_an_image_without_a_mask_changes_nothing(scattered):
+    images, masks = scattered
+    expected, found = (locate(RIG, [*masks[:2], None], given) for given in (None, [None, None, images[2]]))
+    assert [die.probability for die in found] == [die.probability for die in expected]
+    assert positions(found).tolist() == positions(expected).tolist()
+
+
 def test_the_order_of_the_cameras_does_not_matter(scattered):
     images, masks = scattered
     order = (2, 0, 1)

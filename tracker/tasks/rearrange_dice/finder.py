@@ -110,7 +110,8 @@ def locate(
         raise TaskError(f"arena: found {where}, expected (0, 0) and ±{DIE_WIDTH / 2} m, as in goals")
     given = [None] * len(rig) if images is None else check_images(images, rig, least=0)
     found, gains = Search(rig, seen, given).run()
-    offset, slope = PROBABILITY[any(image is not None for image in given)]
+    pairs = zip(seen, given, strict=True)
+    offset, slope = PROBABILITY[any(mask is not None and image is not None for mask, image in pairs)]
     dice = []
     for (x, y, foot, yaw), gain in zip(found[:most], gains[:most], strict=True):
         probability = 1 / (1 + math.exp(-offset - slope * math.log(max(float(gain), 1.0))))
