@@ -126,8 +126,9 @@ class Health:
                 if share > OFTEN:
                     result.append(f"{name}: {key} beyond its limit in {share:.0%}: {quantity.advice}")
         heights = self.height[np.isfinite(self.height)]
-        if heights.size and _beyond(np.median(heights, keepdims=True), HEIGHT) > 0.0:
-            result.append(f"the object rests {np.median(heights):+.1f} mm off: {HEIGHT.advice}")
+        height = np.median(heights) if heights.size else 0.0
+        if not HEIGHT.limits[0] <= height <= HEIGHT.limits[1]:
+            result.append(f"the object rests {height:+.1f} mm off: {HEIGHT.advice}")
         if self.check is not None and not self.check.fits:
             result.append("the calibration does not fit: tracker calibrate check says which camera moved")
         return result
