@@ -168,6 +168,11 @@ def test_places_above_the_floor_are_marked():
     assert (goal_picture(low) != goal_picture(high)).any()
 
 
+def test_the_mark_tells_the_height_however_large_it_is():
+    low, high = (goal_picture([(0.0, 0.0, height)]) for height in (1.9, 5.0))
+    assert (low != high).any()
+
+
 @pytest.mark.parametrize("far", [0.5, 7.0, 1e90])
 def test_places_far_outside_do_not_disturb_the_picture(far):
     inside = dice.sample_goal(0)

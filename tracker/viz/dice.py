@@ -175,8 +175,8 @@ def goal_picture(
     Raises:
         TaskError: goal, positions, pairs or rotations are malformed or do not belong together.
     """
-    places = np.clip(finite_positions(goal, "goal"), -_FAR, _FAR)
-    dice = np.clip(finite_positions([] if positions is None else positions, "dice"), -_FAR, _FAR)
+    places = finite_positions(goal, "goal")
+    dice = finite_positions([] if positions is None else positions, "dice")
     turns = np.zeros(len(dice)) if yaws is None else numbers("yaws", yaws)
     if turns.shape != (len(dice),) or not np.isfinite(turns).all():
         raise TaskError(f"yaws: found shape {turns.shape}, expected {len(dice)} finite angles")
@@ -219,7 +219,7 @@ def _ways(places: FloatArray, dice: FloatArray, pairs: Iterable[tuple[int, int]]
 def _pixels(positions: Array) -> FloatArray:
     """Return the pixels (N, 2) of positions (N, 2 or 3) [m]."""
     middle = _SIDE / 2 - 0.5
-    x, y = positions[:, 0], positions[:, 1]
+    x, y = np.clip(positions[:, :2].T, -_FAR, _FAR)
     return np.stack([_LABELS + middle + _SCALE * x, middle - _SCALE * y], axis=1)
 
 
