@@ -93,6 +93,13 @@ def test_frames_that_nobody_fetched_in_time_are_left_out(clock):
     assert [shot.age for shot, _ in given[:4]] == pytest.approx([0.0, 0.009, 0.018, 0.007], abs=1e-6)
 
 
+def test_an_episode_whose_first_frame_is_left_out_begins_with_its_next(clock):
+    frames = [frame(n, 0.1 * n) for n in (0, 1)] + [frame(n, 500.0 + 0.1 * n) for n in (3, 4)]
+    shots, came = zip(*all_of(Replay(Frames(frames, starts=(0, 2))), clock), strict=True)
+    assert [shot.fresh for shot in shots] == [True, False, True, False]
+    assert came == pytest.approx([5000.0, 5000.1, 5000.2, 5000.3])
+
+
 def test_a_timeout_ends_before_a_frame_that_is_not_due(clock):
     replay = Replay(Frames([frame(0, 0.0), frame(1, 0.4)]))
     assert replay.next(0.5) is not None

@@ -8,6 +8,7 @@ import math
 import os
 import threading
 import time
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
@@ -91,13 +92,14 @@ class Replay:
 
     def _planned(self) -> Iterator[tuple[float, ImageSet] | TrackerError]:
         """Yield when each set is due, and the set with shifted timestamps; then why there are no more."""
-        starts, due = frozenset(self.log.episode_starts), None
+        due, episode = None, -1
         begin = now = 0.0  # first timestamp of this episode, and the time to which it is shifted
         clock = time.time() - time.monotonic()  # the former may be set meanwhile
         try:
             for frame in self.log:
-                last = frame.newest
-                fresh = due is None or frame.index in starts
+                last, before = frame.newest, episode
+                episode = bisect_right(self.log.episode_starts, frame.index)  # the first may be left out
+                fresh = episode != before
                 if fresh:
                     begin, now = last, time.monotonic() if due is None else due + _PAUSE
                 due = now + (last - begin) / self._speed
