@@ -238,10 +238,11 @@ class Complaining(NoiseTracker):
         ({"start": "3"}, lambda log: None, LogError, "start: found '3', expected"),
         ({"stop": 1.5}, lambda log: None, LogError, "stop: found 1.5, expected"),
         ({"start": FRAMES}, lambda log: None, LogError, f"frames 0 to {FRAMES - 1}"),
+        ({"start": 2, "stop": 2}, lambda log: None, LogError, "found frames from 2 to 2 asked for"),
         ({}, lambda log: log.write_bytes(log.read_bytes() + b"more"), LogError, "changed while it was read"),
         ({}, Mock(side_effect=KeyboardInterrupt), KeyboardInterrupt, None),
     ],
-    ids=["complaining", "before 0", "a text", "half", "beyond the end", "the recording grows", "interrupted"],
+    ids=["complaining", "before 0", "a text", "half", "beyond the end", "none", "it grows", "interrupted"],
 )
 def test_a_run_that_fails_leaves_nothing(changes, while_it_runs, raised, message, tmp_path):
     log = write_log(tmp_path / "log", FRAMES)

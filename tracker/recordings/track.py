@@ -275,7 +275,7 @@ def chosen(path: Path, count: int, start: int, stop: int | None) -> range:
     if start and start >= count:
         frames = f"frames 0 to {count - 1}" if count else "no frames"
         raise LogError(f"{path}: `--from {start}` (start={start}): the recording has {frames}")
-    if stop is not None and start > stop:
+    if stop is not None and start >= stop:
         raise LogError(f"{path}: found frames from {start} to {stop} asked for, expected some")
     return range(count)[start:stop]
 
