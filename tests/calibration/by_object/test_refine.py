@@ -21,9 +21,11 @@ from tracker.calibration.by_object.sightings import Footage, Shot, Sighting, dif
 from tracker.calibration.by_object.table import find_table, moved
 from tracker.calibration.deviations import calibration_covariance
 from tracker.calibration.rig import CameraRig
-from tracker.errors import CalibrationError
+from tracker.errors import CalibrationError, LogError
 from tracker.geometry import so3
+from tracker.logs.frame import LogFrame
 from tracker.logs.hdf5_writer import Hdf5LogWriter
+from tracker.logs.log import Log, Source
 
 TRUE = make_rig()
 RIM = 0.2e-3, 0.3e-3
@@ -287,6 +289,22 @@ def test_a_film_goes_on_where_a_camera_that_leads_by_more_than_a_period_misses_a
     tracked = tracker.ObjectTracker(MODEL, RIG)
     with tracker.open_log(tmp_path / "log.h5") as log:
         assert len(list(observed(tracked, Footage(log)))) == 3
+
+
+class Episodes(Source):
+    """Two episodes of three frames; the first frame of the second is damaged."""
+
+    format, camera_names, count, gaps, episode_starts = "", RIG.names, 6, True, (0, 3)
+
+    def read(self, index):
+        if index == 3:
+            raise LogError("damaged")
+        return LogFrame(index, float(index), np.full(3, float(index)), tuple(EMPTY), None, None)
+
+
+def test_an_episode_whose_first_frame_is_damaged_begins_with_its_next(tmp_path):
+    given = Footage(Log(Episodes(tmp_path), recover=True)).shots()
+    assert [shot.number for shot in given if shot.begins] == [0, 4]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Find a known object in recordings and sets of images: at rest, or in different poses."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
@@ -54,10 +55,12 @@ class Footage:
             return
         starts = frozenset(log.episode_starts)
         alone = {index for index in starts if index + 1 in starts or index + 1 == len(log)}
+        episode = -1
         for frame in log:
+            before, episode = episode, bisect_right(log.episode_starts, frame.index)
             still = self._stills or frame.index in alone
             stamps = None if still else frame.stamps
-            yield Shot(frame.index, frame.images, stamps, still or frame.index in starts)
+            yield Shot(frame.index, frame.images, stamps, still or episode != before)
 
     def images(self, numbers: Sequence[int]) -> Iterator[Images]:
         """Return the images of the shots with these ascending numbers."""
