@@ -129,6 +129,14 @@ def test_damage_is_named(tmp_path, key, change, frames, message):
             tracker.open_log(folder)
 
 
+def test_an_episode_whose_first_step_sees_an_old_image_begins_with_the_next_that_it_sees(tmp_path):
+    shown = 3 * np.array([0] * 5 + [1] * 6 + [4] * 5)  # step 10 is of the second episode
+    folder = write_store(tmp_path / "x.zarr", make_content(5), shown=shown, ends=[9, 15])
+    with tracker.open_log(folder) as log:
+        assert log.episode_starts == (0, 4)
+    assert [one.frames for one in read_steps(folder).episodes()] == [range(2), range(4, 5)]
+
+
 def test_hours_of_steps_are_read_without_the_columns_that_are_not_needed(tmp_path):
     rows, width = 400_000, 139
     folder = write_store(tmp_path / "x.zarr", make_content(2), shown=[0, 3], ends=[1])

@@ -168,8 +168,9 @@ class StoreSteps:
         found: list[Episode] = []
         for number, last in enumerate(self.ends.tolist()):
             first = found[-1].steps.stop if found else 0
-            begin = max(int(self.frame[first]), found[-1].frames.stop if found else 0)
-            frames = range(begin, max(begin, int(self.frame[last]) + 1))
+            after = found[-1].frames.stop if found else 0
+            own = [frame for frame in self.frame[first : last + 1].tolist() if frame >= after]
+            frames = range(own[0], own[-1] + 1) if own else range(after, after)
             found.append(Episode(number, self._robot(number, first, last), range(first, last + 1), frames))
         return found
 
