@@ -8,7 +8,6 @@ import math
 import os
 import threading
 import time
-from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
@@ -26,6 +25,7 @@ from tracker.live.cameras import RATE, CameraSet, LiveCamera
 from tracker.live.drivers import OpenCvCamera, PylonCamera, pylon_serials
 from tracker.live.moment import ImageSet, ImageSource, SourceEnded
 from tracker.logs import Log, open_log
+from tracker.logs.log import by_episode
 from tracker.pipeline import ObjectTracker
 
 if TYPE_CHECKING:
@@ -92,14 +92,12 @@ class Replay:
 
     def _planned(self) -> Iterator[tuple[float, ImageSet] | TrackerError]:
         """Yield when each set is due, and the set with shifted timestamps; then why there are no more."""
-        due, episode = None, -1
+        due = None
         begin = now = 0.0  # first timestamp of this episode, and the time to which it is shifted
         clock = time.time() - time.monotonic()  # the former may be set meanwhile
         try:
-            for frame in self.log:
-                last, before = frame.newest, episode
-                episode = bisect_right(self.log.episode_starts, frame.index)  # the first may be left out
-                fresh = episode != before
+            for frame, fresh in by_episode(self.log):
+                last = frame.newest
                 if fresh:
                     begin, now = last, time.monotonic() if due is None else due + _PAUSE
                 due = now + (last - begin) / self._speed

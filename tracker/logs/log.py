@@ -317,6 +317,14 @@ class Log:
         self._faults.setdefault(index, str(error))
 
 
+def by_episode(log: Log) -> Iterator[tuple[LogFrame, bool]]:
+    """Yield each frame, and whether it is the first one of its episode that is there."""
+    episode = -1
+    for frame in log:
+        before, episode = episode, bisect_right(log.episode_starts, frame.index)
+        yield frame, episode != before
+
+
 def picked(log: Log, numbers: Sequence[int]) -> Iterator[LogFrame]:
     """Yield frames by ascending numbers, as quickly as the format allows; damaged ones as in a slice."""
     if log.random_access:

@@ -11,7 +11,6 @@ import functools
 import hashlib
 import os
 import time
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from tracker.errors import LogError, TrackerError, shown
 from tracker.files import claimed
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, LogFrame, open_log
-from tracker.logs.log import Progress
+from tracker.logs.log import Progress, by_episode
 from tracker.logs.opening import calibration_files, fitted_to, recording_files
 from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pipeline import ObjectTracker
@@ -337,10 +336,8 @@ def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Obse
 
     The frame's timestamp is that of its newest image. The tracker is reset at the start of each episode.
     """
-    episode = -1
-    for frame in log:
-        before, episode = episode, bisect_right(log.episode_starts, frame.index)
-        if before not in (-1, episode):
+    for number, (frame, begins) in enumerate(by_episode(log)):
+        if begins and number > 0:
             tracker.reset()
         given = frame.newest if (frame.stamps == frame.newest).all() else frame.stamps
         with naming(f"{path}: frame {frame.index}", LogError, TrackerError):

@@ -1,6 +1,5 @@
 """Find a known object in recordings and sets of images: at rest, or in different poses."""
 
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
@@ -11,7 +10,7 @@ from tracker.conventions import FloatArray, Image
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
-from tracker.logs.log import Log, evenly, picked
+from tracker.logs.log import Log, by_episode, evenly, picked
 from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
 from tracker.pose.result import MotionEstimate, Observation, PoseEstimate
 from tracker.poses.columns import FilteredColumns, PoseColumns
@@ -55,12 +54,10 @@ class Footage:
             return
         starts = frozenset(log.episode_starts)
         alone = {index for index in starts if index + 1 in starts or index + 1 == len(log)}
-        episode = -1
-        for frame in log:
-            before, episode = episode, bisect_right(log.episode_starts, frame.index)
+        for frame, begins in by_episode(log):
             still = self._stills or frame.index in alone
             stamps = None if still else frame.stamps
-            yield Shot(frame.index, frame.images, stamps, still or episode != before)
+            yield Shot(frame.index, frame.images, stamps, still or begins)
 
     def images(self, numbers: Sequence[int]) -> Iterator[Images]:
         """Return the images of the shots with these ascending numbers."""
