@@ -163,6 +163,7 @@ REFUSED = {
         ("job cut -o poses.h5", "found a file, expected a folder"),
         ("bare/camera_data.dat -o new.h5", "expected --calibration"),
         ("log log/camera_data.dat -o all --csv all.csv", "expected one"),
+        ("log log/camera_data.dat -o all --camera camera60", "expected one"),
         ("nothing.dat -o new.h5", "nothing.dat"),
         ("imgs -o new.h5 --plot imgs/camera60/000000.png", "that is the recording"),
         ("imgs -o new.h5 --plot imgs/camera60_overlay.png", "folder of images"),

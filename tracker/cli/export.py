@@ -46,7 +46,7 @@ class Outputs:
     plot: Path | None = file_option("A plot of the poses over time (.png).", ".png", extra="plot")
 
     def __bool__(self) -> bool:
-        return any((self.csv, self.tum, self.bop, self.video, self.plot))
+        return any(vars(self).values())
 
     def check_camera(self, rig: tracker.CameraRig) -> None:
         """Refuse an unknown camera, a camera without --bop, or --bop without a camera."""
