@@ -112,6 +112,7 @@ REFUSED = {
         (f"{ONE} {TWO} {THREE} --masks dice.json", "dice.json"),
         (f"named/dice_camera60.png {TWO} named/goal_camera300.png --masks named", "that is an input"),
         ("demo --masks demo", "folder of images"),
+        (f"{ONE} {TWO} {THREE} --masks . --overlay dice_camera60.png", "same file"),
         (f"{ONE} {TWO} {THREE} --pattern *.yaml", "*.yaml"),
         (f"{ONE} {TWO} {THREE} --colors x", "--colors"),
     ],

@@ -241,7 +241,8 @@ def dice(
         raise ImageError("images: found only black ones, expected at least one that is not")
     files = [masks / f"{kind}_{name}.png" for kind in ("dice", "goal") for name in rig.names] if masks else []
     given = [Path(path) for path in images if path != NO_IMAGE]
-    refuse_overwriting({f"--masks ({file.name})": file for file in files}, given)
+    drawn = {} if overlay is None else {"--overlay": overlay}
+    refuse_overwriting(drawn | {f"--masks ({file.name})": file for file in files}, given)
     for file, source in zip(files, [*pictures, *[goal] * len(rig)], strict=False):
         if source is None and file.exists():
             raise click.UsageError(f"--masks {masks}: found {file.name} of another run, expected none")
