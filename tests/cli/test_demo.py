@@ -24,6 +24,12 @@ def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
     assert_one_line_error(run_here("demo", "-o", "mine", folder=tmp_path), "mine: exists")
 
 
+def test_the_hints_of_the_demo_work_with_a_name_that_shells_split(tmp_path, run_here):
+    shown = well(run_here("demo", "-o", "it's mine", folder=tmp_path))
+    for hint in re.findall(r"^  tracker (.*)", shown.stdout, re.MULTILINE):
+        well(run_here(*shlex.split(hint), folder=tmp_path))
+
+
 def test_the_demo_works_after_one_that_was_interrupted(tmp_path, run_here, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr("tracker.pipeline.ObjectTracker.update", Mock(side_effect=KeyboardInterrupt))

@@ -1,6 +1,7 @@
 """`tracker batch`: track thousands of recordings, and show the progress."""
 
 import json
+import shlex
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
@@ -159,7 +160,7 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
         warm_up()  # once, not in each job
         answer = description.submit()
     if not quiet:
-        shown = f"tracker batch status {batch.folder} shows the progress"
+        shown = f"tracker batch status {shlex.quote(str(batch.folder))} shows the progress"
         click.echo(f"{answer}\n{len(tasks)} recordings; {shown}")
 
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 import shutil
 from pathlib import Path
 
@@ -61,8 +62,9 @@ def demo(
         ("picture", str(output / "overlay.png")),
     ]
     click.echo(f"{listing(rows)}\n\nnext:")
-    click.echo(f"  tracker detect --object {model.name} {output} --frame 7")
-    click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
+    quoted = shlex.quote(str(output))
+    click.echo(f"  tracker detect --object {model.name} {quoted} --frame 7")
+    click.echo(f"  tracker track {quoted} --object {model.name} -o poses.h5 --csv poses.csv")
 
 
 def _copied(source: Path, target: Path) -> Path:

@@ -1,6 +1,7 @@
 """`tracker export`, `convert`, `view`: write poses and recordings in other formats, or show them."""
 
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
@@ -285,7 +286,7 @@ def view(
             scene.show(*frame)
             progress(1)
     if target is not None and not quiet:
-        click.echo(f"wrote {target}; rerun {target} shows it")
+        click.echo(f"wrote {target}; rerun {shlex.quote(str(target))} shows it")
 
 
 def _of_poses(
