@@ -204,6 +204,7 @@ REFUSED = {
         ("run log --object cube_v2 -o out --slurm --htcondor", "one of them"),
         ("run log --object cube_v2 -o out --jobs 2 --scheduler tcp://127.0.0.1:1", "one of them"),
         ("run log --object cube_v2 -o out --dry-run", "--htcondor or --slurm"),
+        ("run log --object cube_v2 -o out --slurm --dry-run --csv", "--csv|tracker batch status"),
         ("run log --object cube_v2 -o out --jobs 0", "--jobs"),
         ("run log --object cube_v2 -o out --colors none.npz", "none.npz"),
         ("run log --object cube_v2 -o out --from 3 --to 2", "beyond"),

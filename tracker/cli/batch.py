@@ -83,6 +83,8 @@ def run(
     -e '.[cluster]'. See docs/batch.md.
     """
     planned = _planned(recordings, output, asked.options(), robot)
+    if as_csv and engine.submits is not None:
+        raise click.UsageError("--csv: expected with `tracker batch status`, when what is submitted is done")
     if engine.submits is None:
         _run(planned, engine, as_csv, quiet)
     elif isinstance(planned, Retracking):
