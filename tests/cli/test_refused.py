@@ -109,6 +109,7 @@ REFUSED = {
         *COUNTS,
         (f"{ONE} {TWO} {THREE} --goal nowhere.json", "nowhere.json|cannot be read"),
         (f"{ONE} {TWO} {THREE} --goal demo/camera60.yml", "camera60.yml|row 1"),
+        (f"{ONE} {TWO} {THREE} --exact", "--exact|--goal"),
         (f"{ONE} {TWO} {THREE} --masks dice.json", "dice.json"),
         (f"named/dice_camera60.png {TWO} named/goal_camera300.png --masks named", "that is an input"),
         ("demo --masks demo", "folder of images"),

@@ -234,6 +234,8 @@ def dice(
     IMAGEs, recordings and their calibration are given as to `tracker detect`. The camera of a missing image,
     'none' or black, does not count.
     """
+    if exact and goal_path is None:
+        raise click.UsageError("--exact: expected with --goal, whose areas it means")
     goal = None if goal_path is None else tracker.tasks.rearrange_dice.read_goal(goal_path)
     rig, pictures = _one_set(images, cameras, frame)
     pictures = [*map(unless_black, pictures)]
