@@ -191,6 +191,14 @@ def test_a_camera_that_is_hidden_is_not_asked_and_one_that_cannot_use_what_it_sh
     assert found.is_lost(found.cameras[2])
 
 
+def test_looks_of_one_camera_alone_are_not_counted():
+    seen = looks(CAMERAS, CAMERAS)
+    for one in seen[3:]:
+        one.information[1:] = 0.0
+    found = check_calibration(seen, CAMERAS)
+    assert found.looks == found.cameras[0].looks == 3
+
+
 @pytest.mark.parametrize(("count", "share"), [(1, 0.01), (3, 0.01), (20, 0.001)])
 def test_a_camera_that_sees_the_object_seldom_or_badly_is_not_accused(count, share, rng):
     spread = np.sqrt(np.diag(KNOWN) * share)

@@ -98,6 +98,7 @@ class CalibrationCheck:
     miss: float
     """Median over the looks of the cameras' root mean square disagreement [rad]; poor views do not count."""
     looks: int
+    """In how many at least two cameras see the object."""
     misses: FloatArray
     """Disagreement (looks, C, 2) of each camera with the others [px], right and down; NaN if not measured."""
 
@@ -122,7 +123,7 @@ class CalibrationCheck:
 
     def is_lost(self, one: CameraCheck) -> bool:
         """Whether a camera cannot use its image in most looks."""
-        return one.cannot_use >= max(OFTEN, LOST * self.looks)
+        return one.cannot_use >= max(OFTEN, LOST * len(self.misses))
 
 
 def check_calibration(
@@ -171,7 +172,8 @@ def check_calibration(
                 depth_off_mm=1e3 * off * distance,
             )
         )
-    return CalibrationCheck(tuple(result), _median_miss(misses, problem), len(looks), misses)
+    count = int(np.isfinite(misses).any(axis=(1, 2)).sum())
+    return CalibrationCheck(tuple(result), _median_miss(misses, problem), count, misses)
 
 
 def corner_misses(
