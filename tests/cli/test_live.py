@@ -113,6 +113,11 @@ def test_cameras_that_never_give_an_image_are_an_error(tmp_path, live, monkeypat
     assert_one_line_error(live(*arguments, "--check"), *names)
 
 
+def test_a_check_of_one_set_of_images_states_no_rate(live):
+    shown = live(DATA, "--check", "--seconds", 0.01).stdout.splitlines()[0]
+    assert shown.endswith(" sets in 0.0 s")
+
+
 def test_a_check_tells_of_the_cameras_and_exits_with_1_where_one_is_dark(tmp_path, live, monkeypatch):
     monkeypatch.setattr("tracker.live.camera_check.MOST_AGE", 10.0)  # a busy machine takes its time
     result = well(live(DATA, "--check", "--speed", "5"))

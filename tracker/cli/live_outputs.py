@@ -265,7 +265,8 @@ def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | 
         numbers = [f"{1e3 * one.skew:.1f}", f"{level:.0f}", f"{clipped:.1f}", f"{blur:.2f}"]
         rows.append([one.name, str(one.pictures), str(sum(one.missing.values())), *numbers])
     faults = looks.faults()
-    click.echo(f"{looks.sets} sets in {looks.seconds:.1f} s, {looks.rate:.1f} Hz\n{table(rows)}\n")
+    pace = f", {looks.rate:.1f} Hz" if looks.seconds else ""
+    click.echo(f"{looks.sets} sets in {looks.seconds:.1f} s{pace}\n{table(rows)}\n")
     click.echo("\n".join(faults) if faults else "nothing is wrong with the cameras")
     if faults:
         raise click.exceptions.Exit(1)
