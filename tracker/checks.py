@@ -131,9 +131,14 @@ ROWS = 8
 """Step between the rows of pixels that are looked at, for speed; decoders of films repeat 4 to 16 rows."""
 
 
+def sampled(image: Array) -> Array:
+    """Return the rows of an image (H, W, 3) that show whether it is black, or has changed."""
+    return image[len(image) % ROWS // 2 :: ROWS]
+
+
 def is_black(image: Array) -> bool:
-    """Whether some rows of an image (H, W, 3) show it to be black."""
-    rows = image[len(image) % ROWS // 2 :: ROWS]
+    """Whether the sampled rows of an image (H, W, 3) are black."""
+    rows = sampled(image)
     # Most images show a bright pixel at once.
     return bool(rows[len(rows) // 2, 0, 0] < BLACK and rows.max() < BLACK)
 

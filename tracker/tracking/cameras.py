@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tracker.checks import ROWS, is_black
+from tracker.checks import is_black, sampled
 from tracker.conventions import FloatArray, Image
 from tracker.pose.agreement import CONTRADICTION, probably_fits, size
 from tracker.pose.fit import Fit
@@ -66,7 +66,7 @@ def usable(
     for c, image in enumerate(images):
         if image is None:
             continue
-        sample, before = image[len(image) % ROWS // 2 :: ROWS].tobytes(), memories[c].sample
+        sample, before = sampled(image).tobytes(), memories[c].sample
         remembered[c] = CameraMemory(sample, memories[c].age)
         if is_black(image):
             result[c], uses[c] = None, CameraUse.BLACK
