@@ -11,7 +11,7 @@ from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import load_object
 from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.viz import overlay, paint
-from tracker.viz.overlays import DOUBTFUL
+from tracker.viz.overlays import DOUBTFUL, GOOD
 
 MODEL = load_object("cube_v2")
 POSITION = np.array([0.03, -0.02, 0.06])
@@ -154,6 +154,15 @@ def test_the_caption_alone_tells_the_reason_what_is_predicted_and_the_title(rig,
     np.testing.assert_array_equal(one[:540], other[:540])
     assert one.shape == other.shape
     assert (one[540:] != other[540:]).any()
+
+
+@pytest.mark.parametrize("field", ["status", "reason"])
+def test_a_pose_that_cameras_contradict_is_called_doubtful(rig, field):
+    sure, against = found(), dataclasses.replace(found(), **{field: Status.INCONSISTENT_VIEWS})
+    for observation, doubtful in ((sure, False), (against, True)):
+        below = overlay(black(rig), rig, MODEL, observation)[540:]
+        colors = [(below == np.array(color)).all(axis=2).any() for color in (DOUBTFUL, GOOD)]
+        assert colors == [doubtful, not doubtful]
 
 
 @pytest.mark.parametrize("cameras", [1, 3])

@@ -16,7 +16,7 @@ from tracker.geometry.camera import Camera
 from tracker.inputs import check_images
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
-from tracker.pose.result import Observation, PoseEstimate
+from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.viz import paint
 
 MIN_HEIGHT = 400
@@ -118,9 +118,13 @@ def note_strip(width: int, text: str) -> Image:
 def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:
     """Yield blocks with the object, the status and the pose in numbers; `title` is above the object."""
     measured, filtered = observation.object_pose, observation.filtered_object_pose
-    pose, status = measured or filtered, observation.status.value
-    state = status if measured is not None else f"{'no pose' if pose is None else 'predicted'}: {status}"
-    yield Block([title or "object"], [name], [state], DOUBTFUL if measured is None else GOOD)
+    pose, status = measured or filtered, observation.status
+    if measured is None:
+        state, color = f"{'no pose' if pose is None else 'predicted'}: {status}", DOUBTFUL
+    else:
+        state = observation.reason or status  # what makes a pose doubtful is the reason from `detect`
+        color = DOUBTFUL if state is Status.INCONSISTENT_VIEWS else GOOD
+    yield Block([title or "object"], [name], [state], color)
     if pose is None:
         return
     std = np.sqrt(np.diag(pose.covariance))
