@@ -168,6 +168,12 @@ def test_places_above_the_floor_are_marked():
     assert (goal_picture(low) != goal_picture(high)).any()
 
 
+def test_the_unit_of_marked_heights_stands_beside_the_number_of_places():
+    corners = [goal_picture([[0.0, 0.0, z]])[:30, 500:] for z in (0.011, 0.033)]
+    low, high = ((corner != corner[0, 0]).any(axis=2).sum() for corner in corners)
+    assert high > 1.5 * low > 0
+
+
 def test_the_mark_tells_the_height_however_large_it_is():
     low, high = (goal_picture([(0.0, 0.0, height)]) for height in (1.9, 5.0))
     assert (low != high).any()

@@ -194,12 +194,13 @@ def goal_picture(
         paint.fill(picture, paint.circle(way[0], 3.5), OUTSIDE, 1.0)
     paint.stroke(picture, ways, OUTSIDE, 2.0)
     right = _LABELS + _SIDE - 14
-    _write(picture, f"{len(places)} places", (right, 24), INSIDE, align=1.0)
+    high = places[places[:, 2] > DIE_WIDTH / 2 + _HIGHER]
+    unit = ", heights in mm" if len(high) else ""
+    _write(picture, f"{len(places)} places{unit}", (right, 24), INSIDE, align=1.0)
     if len(dice):
         _write(picture, f"{len(dice)} dice", (right, 44), DIE, align=1.0)
-    for place, (x, y) in zip(places, _pixels(places), strict=True):
-        if place[2] > DIE_WIDTH / 2 + _HIGHER:
-            _write(picture, f"{1e3 * place[2]:.0f}", (x, y + _TEXT_SIZE / 2), paint.BRIGHT, align=0.5)
+    for place, (x, y) in zip(high, _pixels(high), strict=True):
+        _write(picture, f"{1e3 * place[2]:.0f}", (x, y + _TEXT_SIZE / 2), paint.BRIGHT, align=0.5)
     return picture
 
 
