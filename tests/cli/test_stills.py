@@ -305,13 +305,13 @@ def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(sce
 
 
 @pytest.mark.usefixtures("truth")
-@pytest.mark.parametrize("missing", ["none", "camera180.png"])
+@pytest.mark.parametrize(("missing", "noise"), [("none", 0), ("camera180.png", 0), ("camera180.png", 11)])
 def test_without_a_goal_there_is_no_error_and_a_camera_without_an_image_does_not_count(
-    missing, scene, tmp_path, dice, run_here
+    missing, noise, scene, tmp_path, dice, run_here
 ):
     goal = ("--goal", scene / "goal.json")
-    if missing != "none":  # black, as in HDF5 logs
-        black = write_changed(tmp_path, lambda image: 0 * image)
+    if missing != "none":  # black, as in HDF5 logs, or but for the noise of a covered camera
+        black = write_changed(tmp_path, lambda image: image % (noise + 1))
         missing = tmp_path / missing
         refused = run_here("dice", "--calibration", scene, *goal, *black, folder=tmp_path)
         assert_one_line_error(refused, "images: found only black ones, expected at least one")
