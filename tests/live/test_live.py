@@ -285,6 +285,17 @@ def test_of_two_images_of_the_first_set_that_are_apart_the_later_is_used(off):
     assert live.faults == (f"camera60: its stamp is {-off:+.3f} s from the others'",)
 
 
+@pytest.mark.parametrize(
+    "others", [images(0)[1:], (np.zeros((2, 2, 3), np.uint8),) * 2], ids=["black", "small"]
+)
+def test_stamps_of_images_that_show_nothing_do_not_outvote_that_of_one_that_does(others):
+    sets = ImageSet(images(50), (1.0,) * 3), ImageSet((images(50)[0], *others), (1.1, 0.0, 0.0))
+    _, mean, moments = received(*sets)
+    assert mean.seen == [(50,) * 3, (50, None, None)]
+    assert mean.resets == 1
+    assert [one.timestamp for one in moments] == [1.0, 1.1]
+
+
 def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_other():
     given = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
     raw = tuple(image[..., 0] for image in given)

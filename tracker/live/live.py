@@ -13,8 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracker.checks import check_sequence, is_number, is_whole, one_stamp
+from tracker.checks import check_sequence, is_number, is_whole, one_stamp, shown_in
+from tracker.conventions import Image
 from tracker.errors import LiveError, shown
+from tracker.geometry.camera import Camera
 from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults
 from tracker.live.sources import FORMS, open_source
 from tracker.pipeline import ObjectTracker
@@ -286,39 +288,31 @@ class Live:
         if len(taken.images) != len(rig):
             names = ", ".join(rig.names)
             raise LiveError(f"source: found {len(taken.images)} images, expected one for each of {names}")
-        middle = self._usual_stamp(taken)
+        wrong = [_misfit(image, camera) for image, camera in zip(taken.images, rig, strict=True)]
+        fitting = [image if fault is None else None for image, fault in zip(taken.images, wrong, strict=True)]
+        middle = self._usual_stamp(fitting, taken.stamps)
         images, stamps, faults = list(taken.images), list(taken.stamps), list(taken.faults)
         raw = None if taken.raw is None else list(taken.raw)
-        for c, (image, camera) in enumerate(zip(taken.images, rig, strict=True)):
-            if image is None:
-                continue
-            shape = camera.height, camera.width, 3
-            plain = isinstance(image, np.ndarray) and image.dtype == np.uint8
-            if not plain or image.ndim != 3 or image.shape[2] != 3:
-                fault = f"found {shown(image)}, expected uint8 of {shape}"
-            elif image.shape != shape:
-                found = f"{image.shape[1]}x{image.shape[0]}"
-                fault = f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"
-            elif abs(stamps[c] - middle) > STAMPS_APART:
+        for c, fault in enumerate(wrong):
+            if fitting[c] is not None and abs(stamps[c] - middle) > STAMPS_APART:
                 fault = f"its stamp is {stamps[c] - middle:+.3f} s from the others'"
-            else:
-                continue
-            self._note(f"{camera.name}: {fault}")
-            images[c], stamps[c], faults[c] = None, middle, fault
-            if raw is not None:
-                raw[c] = None  # an image of another size would end a recording
+            if fault is not None:
+                self._note(f"{rig.names[c]}: {fault}")
+                images[c], stamps[c], faults[c] = None, middle, fault
+                if raw is not None:
+                    raw[c] = None  # an image of another size would end a recording
         raws = None if raw is None else tuple(raw)
         return replace(taken, images=tuple(images), stamps=tuple(stamps), faults=tuple(faults), raw=raws)
 
-    def _usual_stamp(self, taken: ImageSet) -> float:
-        """Return the median timestamp, the later if there is an even number.
+    def _usual_stamp(self, images: Sequence[Image | None], stamps: Sequence[float]) -> float:
+        """Return the median timestamp of the images, the later if there is an even number.
 
-        If there are only two, return the one closer to the last set's.
+        If there are only two, return the one closer to the last set's. Black images count as in `update`.
         """
-        given = [t for image, t in zip(taken.images, taken.stamps, strict=True) if image is not None]
+        given = [t for t, shown in zip(stamps, shown_in(images), strict=True) if shown]
         if len(given) == 2 and (last := self._last) is not None:
             return min(given, key=lambda stamp: abs(stamp - last))
-        ordered = sorted(given or taken.stamps)
+        ordered = sorted(given or stamps)
         return ordered[len(ordered) // 2]
 
     def _note(self, fault: str) -> None:
@@ -326,3 +320,16 @@ class Live:
             if fault in self._faults:  # one repeated ten times a second must not displace others
                 self._faults.remove(fault)
             self._faults.append(fault)
+
+
+def _misfit(image: object, camera: Camera) -> str | None:
+    """Return why an image does not fit its camera; None if it does, or there is none."""
+    shape = camera.height, camera.width, 3
+    if image is None:
+        return None
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape[2:] != shape[2:]:
+        return f"found {shown(image)}, expected uint8 of {shape}"
+    if image.shape == shape:
+        return None
+    found = f"{image.shape[1]}x{image.shape[0]}"
+    return f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"
