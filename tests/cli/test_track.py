@@ -24,11 +24,12 @@ from tests.helpers.log_writers import make_content, write_native, write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
 from tracker.cli.demo import DATA
-from tracker.cli.export import _of_height, observation
+from tracker.cli.export import _of_height, _widest, observation
 from tracker.cli.track import CONTRADICTED, _calibration_rows
 from tracker.files import claimed
-from tracker.pose.result import CameraUse, Status
+from tracker.pose.result import CameraUse, MotionEstimate, Observation, Status
 from tracker.poses.file import read_poses
+from tracker.viz.overlays import caption, footer
 
 FRAMES = 6
 DEMO = (DATA, "--object", "cube_v2", "--to", FRAMES)
@@ -163,6 +164,15 @@ def test_pictures_of_a_film_have_one_height():
     picture = np.arange(12, dtype=np.uint8).reshape(4, 1, 3)
     assert _of_height(picture, 3).shape == (3, 1, 3)
     assert (_of_height(picture, 6)[3:] == picture[3]).all()
+
+
+@pytest.mark.parametrize("width", [520, 1580])
+def test_no_caption_of_a_film_is_taller_than_room_is_left_for(width):
+    pose = np.full(3, -0.12345), np.full(4, -0.5), 1e-8 * np.eye(6), 1.0
+    coasting = MotionEstimate(*pose, velocity=np.zeros(6), velocity_covariance=np.eye(6))
+    answers = _widest(), Observation(None, coasting, Status.COASTING)
+    room, needed = (len(footer(width, caption("cube_v2", one, "1.0 s"))) for one in answers)
+    assert needed <= room
 
 
 @pytest.fixture(scope="module")

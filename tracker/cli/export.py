@@ -129,8 +129,9 @@ def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
 
 def _widest() -> tracker.Observation:
     """Return an observation with the tallest caption that can occur."""
-    pose = tracker.PoseEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0)
-    return tracker.Observation(pose, None, max(tracker.Status, key=lambda status: len(status.value)))
+    moves = np.zeros(6), np.eye(6)
+    pose = tracker.MotionEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0, *moves)
+    return tracker.Observation(None, pose, max(tracker.Status, key=lambda status: len(status.value)))
 
 
 def _of_height(picture: Image, height: int) -> Image:
