@@ -222,6 +222,20 @@ def test_free_cameras_no_faster_than_the_sets_give_their_images(rate):
     assert sum(shot.images[0] is not None for shot in given) >= 20 * 6 / rate
 
 
+def test_an_image_that_comes_after_its_set_is_not_older_than_that_set():
+    free = Scripted(then=lambda: time.sleep(0.06) or IMAGE)
+    free.triggered = False
+
+    def grab(timeout, take=free.grab):
+        taken = take(timeout)
+        time.sleep(0.02)  # from the exposure to the arrival
+        return taken
+
+    free.grab = grab
+    stamps = [shot.timestamp for shot in first(30, free, rate=20.0)]
+    assert all(later > earlier for earlier, later in itertools.pairwise(stamps))
+
+
 def test_sets_go_on_when_all_cameras_are_gone():
     given = first(4, *(Scripted(*[LiveError("dark")] * 1000) for _ in range(2)))
     for shot in given:

@@ -115,7 +115,7 @@ class CameraSet:
         self._sizes, self._period = list(sizes), 1 / rate
         self._changed = threading.Condition()
         self._slots = [_Slot() for _ in openers]
-        self._asked, self._deadline, self._waiting = 0, 0.0, False
+        self._asked, self._asked_at, self._deadline, self._waiting = 0, 0.0, 0.0, False
         self._raw = True  # until a camera gives a colour image: sets without it would alternate in size
         self._closing = threading.Event()
         self._tick = time.monotonic()
@@ -143,7 +143,7 @@ class CameraSet:
             # A caller that is late does not receive the sets that it missed.
             self._tick = max(self._tick, now - self._period) + self._period
             with self._changed:
-                self._asked += 1
+                self._asked, self._asked_at = self._asked + 1, time.time()
                 self._deadline, self._waiting = now + max(0.9 * self._period, 0.02), True
                 self._changed.notify_all()
         with self._changed:
@@ -200,7 +200,8 @@ class CameraSet:
     def _image_set(self, pictures: Sequence[Grabbed | None], faults: Sequence[str]) -> ImageSet:
         now = time.time()
         pixels = tuple(None if one is None else one.image for one in pictures)
-        stamps = tuple(now if one is None else one.stamp for one in pictures)
+        # An image that comes too late was taken after its set was asked for, perhaps before it was missed.
+        stamps = tuple(self._asked_at if one is None else one.stamp for one in pictures)
         missing = tuple(why if one is None else None for one, why in zip(pixels, faults, strict=True))
         images = tuple(
             None if one is None else _developed(one, size)

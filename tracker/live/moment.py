@@ -25,7 +25,7 @@ class ImageSet:
     images: tuple[Image | None, ...]
     """Image (H, W, 3) uint8 BGR of each camera in order; None if it gave none."""
     stamps: tuple[float, ...]
-    """Timestamp of each image [s]; for a missing image, the time at which it was missed."""
+    """Timestamp of each image [s]; for a missing image, the time at which it was asked for."""
     faults: tuple[str | None, ...] = ()
     """What is wrong with each camera, in a few words; None: nothing."""
     raw: tuple[Image | None, ...] | None = None
