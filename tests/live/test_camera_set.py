@@ -87,6 +87,12 @@ def test_films_stay_in_step_when_one_is_late():
     assert all(len(set(some) - {None}) == 1 for some in levels)
 
 
+def test_images_of_films_that_belong_together_have_one_stamp():
+    for shot in first(15, Film(), Film(slow=4), rate=25.0):
+        pairs = zip(shot.images, shot.stamps, strict=True)
+        assert len({stamp for image, stamp in pairs if image is not None}) == 1
+
+
 def well_after(fault):
     """Whether the last camera gives images again, after it had a fault."""
     return lambda found: found[-1].images[-1] is not None and any(one.faults[-1] == fault for one in found)

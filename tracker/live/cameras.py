@@ -55,7 +55,10 @@ class Grabbed:
 
 
 class LiveCamera(Protocol):
-    """A camera that has been opened; with an attribute `film`, if true, each set gets its next image."""
+    """A camera that has been opened.
+
+    With an attribute `film`, if true, each set gets its next image, as if taken when the set was asked for.
+    """
 
     triggered: bool
     """Whether it takes images only on request; if not, it runs freely and `grab` returns the next image."""
@@ -240,13 +243,15 @@ class CameraSet:
             with self._changed:
                 if camera.triggered:
                     self._changed.wait_for(lambda: slot.answered < self._asked or self._closing.is_set())
+                film, asked_at = getattr(camera, "film", False), self._asked_at
                 # A film stays in step: sets that no longer wait for it get their images, too.
-                requested = slot.answered + 1 if getattr(camera, "film", False) else self._asked
+                requested = slot.answered + 1 if film else self._asked
             if self._closing.is_set():
                 return
             picture, fault, there, final = None, None, True, None
             try:
                 picture = _checked(camera.grab(_GRAB))
+                picture = Grabbed(picture.image, asked_at) if film else picture  # decoding takes its time
             except Exception as error:
                 fault = " ".join(str(error).split())
                 there = isinstance(error, LiveError) and not isinstance(error, CameraLost | SourceEnded)
