@@ -93,6 +93,20 @@ def test_frames_that_nobody_fetched_in_time_are_left_out(clock):
     assert [shot.age for shot, _ in given[:4]] == pytest.approx([0.0, 0.009, 0.018, 0.007], abs=1e-6)
 
 
+def test_frames_that_come_due_faster_than_they_can_be_read_hold_up_nobody(clock):
+    class Slow(Frames):
+        def __iter__(self):
+            for one in super().__iter__():
+                clock.sleep(0.03)
+                yield one
+
+    replay = Replay(Slow([frame(n, 0.02 * n) for n in range(100)]))
+    begin = clock.time()
+    for count in range(1, 11):
+        assert replay.next(0.1) is not None
+        assert clock.time() - begin < 0.14 * count
+
+
 def test_an_episode_whose_first_frame_is_left_out_begins_with_its_next(clock):
     frames = [frame(n, 0.1 * n) for n in (0, 1)] + [frame(n, 500.0 + 0.1 * n) for n in (3, 4)]
     shots, came = zip(*all_of(Replay(Frames(frames, starts=(0, 2))), clock), strict=True)

@@ -73,7 +73,8 @@ class Replay:
             return None
         fresh, self._ahead = found.fresh, None
         with contextlib.suppress(TrackerError):  # an error in the next frame does not affect this one
-            while self._coming()[0] <= time.monotonic():
+            # Reading takes time, too: a recording may come due faster than it can be read.
+            while time.monotonic() < until and self._coming()[0] <= time.monotonic():
                 due, found = self._coming()
                 fresh, self._ahead, self.skipped = fresh or found.fresh, None, self.skipped + 1
         return replace(found, age=max(0.0, time.monotonic() - due), fresh=fresh)
