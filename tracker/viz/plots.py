@@ -206,7 +206,7 @@ def _draw_trajectory(figure: Any, poses: Poses, title: str) -> None:
     if not len(poses):
         axes[0].set_xticks([])
     found = best(poses).has_pose
-    share = f"{np.mean(found):.1%} of {len(poses)} frames have a pose" if len(poses) else "no frames"
+    share = f"{100 * np.mean(found):.1f} % of {len(poses)} frames have a pose" if len(poses) else "no frames"
     # Escape dollar signs in file names; they would begin a formula.
     heading = title.replace("$", r"\$")
     axes[0].set_title(heading, loc="left", color=rgb(paint.BRIGHT), fontsize=14, pad=30)
