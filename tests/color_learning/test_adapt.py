@@ -9,7 +9,7 @@ from tests.helpers import RIG
 from tests.helpers.filmed import footage_of, on_wood, overlap, shots
 from tracker.cli.colors import _learned
 from tracker.color_learning import lessons
-from tracker.color_learning.adapt import adapt, from_names, nearest, refit
+from tracker.color_learning.adapt import Adapted, adapt, from_names, nearest, refit
 from tracker.color_learning.fit import FitOptions
 from tracker.errors import NotBetterError
 from tracker.pipeline import ObjectTracker
@@ -78,6 +78,20 @@ def test_another_object_is_refused(film):
         adapt(cuboid, [footage_of(empty)], COLORS, OPTIONS, rounds=2)
     with pytest.raises(NotBetterError, match=r"no better than by cube_v2 \(see --colors\)"):
         adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, rounds=0)
+
+
+def test_images_as_they_are_must_be_explained_better_than_those_in_neutral_light(film, monkeypatch):
+    def learned(_model, _footage, start, *_):
+        before = lessons.Judgement(0.5 if start.normalise else 0.1, 1.0, 4)
+        after = before if start.normalise else lessons.Judgement(reached, 1.0, 4)
+        return Adapted(start, before, after, {}), "no frames" if start.normalise else ""
+
+    monkeypatch.setattr("tracker.color_learning.adapt._adapted", learned)
+    reached = 0.6
+    assert not adapt(MODEL, [footage_of(film)], COLORS, OPTIONS).colors.normalise
+    reached = 0.4
+    with pytest.raises(NotBetterError, match="refused: no frames"):
+        adapt(MODEL, [footage_of(film)], COLORS, OPTIONS)
 
 
 def test_a_new_object_keeps_the_colours_of_names_that_nothing_improves(film):

@@ -76,11 +76,14 @@ def adapt(
     nothing could be learned, nothing was gained, or the images show another object.
     """
     faults: list[str] = []
+    tried: list[Adapted] = []
     for normalise in (True, False):
         initial = dataclasses.replace(start or nearest(model, footage, normalise), normalise=normalise)
         if wrong := _told_wrong(hues_of_model(initial)):
             raise ColorModelError(f"colour model {initial.name}: refused: {wrong}")
-        best, fault = _adapted(model, footage, initial, options, rounds, say)
+        found, fault = _adapted(model, footage, initial, options, rounds, say)
+        tried.append(found)
+        best = max(tried, key=lambda one: one.after.explained)
         gained = best.after is not best.before
         if gained or not fault:
             break
