@@ -80,6 +80,16 @@ def test_another_object_is_refused(film):
         adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, rounds=0)
 
 
+@pytest.mark.usefixtures("known_names")
+def test_a_higher_confidence_that_too_few_frames_reach_ends_the_learning_and_is_no_fault(film, monkeypatch):
+    monkeypatch.setattr("tracker.color_learning.adapt.GATES", (0.3, 1.0))
+    monkeypatch.setattr("tracker.color_learning.adapt.GAIN", 1.0)
+    with pytest.raises(NotBetterError, match=r"no better than by cube_v2 \(see --colors\)"):
+        adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, rounds=3)
+    found = adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, rounds=3, first=True)
+    np.testing.assert_array_equal(found.colors.label_table, COLORS.label_table)
+
+
 def test_images_as_they_are_must_be_explained_better_than_those_in_neutral_light(film, monkeypatch):
     def learned(_model, _footage, start, *_):
         before = lessons.Judgement(0.5 if start.normalise else 0.1, 1.0, 4)

@@ -118,8 +118,9 @@ def _adapted(
     fault, idle = "", 0
     for turn in range(rounds):
         gate = GATES[min(turn, len(GATES) - 1)]
-        lessons, fault = _lessons(model, footage, colors, gate)
-        if fault:
+        lessons, too_few = _lessons(model, footage, colors, gate)
+        if too_few:
+            fault = "" if turn else too_few  # later, the higher gate ends the learning
             break
         pixels = consistent(lessons)
         counts = learned(pixels)
