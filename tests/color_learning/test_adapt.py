@@ -11,6 +11,7 @@ from tracker.cli.colors import _learned
 from tracker.color_learning import lessons
 from tracker.color_learning.adapt import Adapted, adapt, from_names, nearest, refit
 from tracker.color_learning.fit import FitOptions
+from tracker.color_learning.hues import NAMED_HUES, hue_distance, hue_of
 from tracker.errors import NotBetterError
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
@@ -147,6 +148,18 @@ def test_colors_that_are_not_shown_stay_as_they_were():
     for label in range(2, 7):
         sure = (old == label) & (COLORS.log_posterior[0] < -2)
         assert (new[sure] == label).mean() > 0.85
+
+
+def test_a_colour_that_the_initial_model_does_not_know_is_that_of_its_name(names):
+    """And not every colour that nothing else claims."""
+    log_posterior = COLORS.log_posterior.copy()
+    log_posterior[1] = -15.0
+    blind = dataclasses.replace(COLORS, log_posterior=log_posterior - log_posterior.max(axis=0))
+    grey = {0: np.random.default_rng(3).integers(90, 130, (4000, 3))}
+    model = refit([grey], np.zeros(32**3, dtype=bool), [blind, names], OPTIONS)
+    levels = 255 * (np.argwhere(np.argmax(model.log_posterior, axis=0) == 1) / 31) ** 2
+    hues = np.array([hue_of(one[None]) for one in levels])
+    assert np.nanmean(hue_distance(hues, NAMED_HUES[1]) > 60) < 0.01
 
 
 def test_names_alone_tell_pure_colors(names):

@@ -279,7 +279,8 @@ def _with_distracting(background: Array, taken: Array, rng: np.random.Generator)
 
 
 def _remembered(model: ColorModel) -> Histograms:
-    """Return a model's densities of its face colours, assuming a uniform distribution of all colours."""
+    """Return densities of the face colours that a model knows, assuming a uniform distribution of all."""
     posterior = np.exp(model.log_posterior)
     posterior /= posterior.sum(axis=0)
-    return {label: posterior[label] / posterior[label].sum() for label in range(1, CLASSES)}
+    known = np.unique(np.argmax(posterior, axis=0))
+    return {label: posterior[label] / posterior[label].sum() for label in range(1, CLASSES) if label in known}
