@@ -106,6 +106,17 @@ def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_he
     assert confusions.startswith("found as")
 
 
+def test_a_colour_that_other_objects_images_teach_is_not_said_to_be_missing(labelled, tmp_path, run_here):
+    others = shutil.copytree(labelled, tmp_path / "others")
+    for mask in labelled.glob("*_mask_blue.png"):
+        mask.unlink()
+    for given, missing in ((("--others", others), False), ((), True)):
+        result = well(run_here("fit", labelled, *given, "-o", tmp_path / "mine.npz"))
+        assert ("no image shows blue" in result.stdout) is missing
+        assert ((tracker.load_colors(tmp_path / "mine.npz").label_table == 3).any()) is not missing
+        assert "no image shows green" in result.stdout
+
+
 def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tmp_path, run_here):
     arguments = ("check", labelled, "--cross-validate", "--plot", tmp_path / "plot.png")
     result = well(run_here(*arguments))

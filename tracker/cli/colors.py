@@ -215,7 +215,7 @@ def fit(
     images = _read(folders)
     model = fitting.to(images)(range(len(images)), name or output.stem)
     model.save(output)
-    _print_counts(images)
+    _print_counts(images, model)
     click.echo(f"\n{model.name}: written to {output}")
 
 
@@ -280,15 +280,15 @@ def _report(
         click.echo(f"\nplot: {plot}")
 
 
-def _print_counts(images: Sequence[LabelledImage]) -> None:
-    """Print the number of labelled pixels per image and colour, and colours without any."""
+def _print_counts(images: Sequence[LabelledImage], model: tracker.ColorModel) -> None:
+    """Print the number of labelled pixels per image and colour, and colours that nothing taught."""
     counts = np.array([[np.count_nonzero(one.labels == label) for label in LABELS] for one in images])
     rows = [
         [one.name, *(str(count or "-") for count in row)] for one, row in zip(images, counts, strict=True)
     ]
     click.echo(table([["labelled pixels", *COLOR_NAMES[1:]], *rows]))
     for label, count in zip(LABELS, counts.sum(axis=0), strict=True):
-        if not count:
+        if not count and label not in model.label_table:
             click.echo(f"no image shows {COLOR_NAMES[label]}: the model will not find it")
 
 
