@@ -244,6 +244,8 @@ def test_both_layouts_of_labelled_images_are_read(image, masks, tmp_path):
         (lambda folder: read_labelled(folder / "nowhere"), "no such folder"),
         (lambda folder: read_labelled(folder), "01_mask_red"),
         (lambda folder: read_labelled(folder / "unused"), r"02_mask_Red\.png: found no 02_image"),
+        (lambda folder: read_labelled(folder / "lone"), r"r300\.png: found no camera300\.png"),
+        (lambda folder: read_labelled(folder / "capital"), r"R60\.png: found no camera60\.png for it, or no"),
         (lambda folder: read_image(folder / "nothing.png"), r"nothing\.png"),
         (lambda folder: read_image(folder / "text.png"), r"text\.png"),
         (lambda folder: read_image(folder / "image.png"), r"image\.png"),
@@ -255,6 +257,10 @@ def test_what_cannot_be_read_or_taught_is_named(given, message, tmp_path):
     (tmp_path / "unused").mkdir()
     for name in ("02_image", "02_mask_green", "02_mask_Red"):
         cv2.imwrite(str(tmp_path / "unused" / f"{name}.png"), np.zeros((20, 20, 3), np.uint8))
+    for folder, mask in (("lone", "r300"), ("capital", "R60")):
+        (tmp_path / folder).mkdir()
+        for name in ("camera60", "g60", mask):
+            cv2.imwrite(str(tmp_path / folder / f"{name}.png"), np.zeros((20, 20, 3), np.uint8))
     (tmp_path / "nothing.png").write_bytes(b"")
     (tmp_path / "text.png").write_bytes(b"text")
     cv2.imwrite(str(tmp_path / "01_image.png"), np.zeros((20, 20, 3), np.uint8))

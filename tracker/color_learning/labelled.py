@@ -59,6 +59,10 @@ def read_image(path: Path) -> Image:
     return np.asarray(image, dtype=np.uint8)
 
 
+_MASK = re.compile(r".*_mask_.*|[RGBCMYrgbcmy]\d+")
+"""Names of masks, also of those without an image or a colour."""
+
+
 def _masks(path: Path) -> dict[int, Path]:
     found = {}
     platform = re.fullmatch(r"camera(\d+)", path.stem)
@@ -75,7 +79,8 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
     folder = Path(folder)
     if not folder.is_dir():
         raise ImageError(f"labelled images {folder}: no such folder")
-    result, unused = [], set(folder.glob("*_mask_*.png"))
+    result: list[LabelledImage] = []
+    unused = {path for path in folder.glob("*.png") if _MASK.fullmatch(path.stem)}
     for path in sorted({*folder.glob("*_image.png"), *folder.glob("camera*.png")}):
         masks = _masks(path)
         unused -= set(masks.values())
@@ -92,7 +97,8 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
     if unused:
         colors = ", ".join(COLOR_NAMES[1:])
         lone = min(unused)
-        missing = f"{lone.name.rpartition('_mask_')[0]}_image.png"
+        words, sign, _ = lone.name.rpartition("_mask_")
+        missing = f"{words}_image.png" if sign else f"camera{lone.name[1:]}"
         raise ImageError(f"mask {lone}: found no {missing} for it, or no colour of {colors}")
     if not result:
         raise ImageError(
