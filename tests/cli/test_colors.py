@@ -106,6 +106,12 @@ def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_he
     assert confusions.startswith("found as")
 
 
+def test_a_fitted_model_is_called_as_it_is_when_loaded(labelled, tmp_path, run_here):
+    target = tmp_path / "mine.npz"
+    result = well(run_here("fit", labelled, "-o", target, "--name", "other"))
+    assert f"\n{tracker.load_colors(target).name}: written to {target}" in result.stdout
+
+
 def test_a_colour_that_other_objects_images_teach_is_not_said_to_be_missing(labelled, tmp_path, run_here):
     others = shutil.copytree(labelled, tmp_path / "others")
     for mask in labelled.glob("*_mask_blue.png"):

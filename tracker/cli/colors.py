@@ -199,7 +199,7 @@ class Fitting:
 def fit(
     *,
     folders: tuple[str, ...] = _folders,
-    name: str | None = option("NAME", "Name of the model.  [default: that of the file]"),
+    name: str | None = option("NAME", "Name of the model, if -o does not give its file."),
     output: Path | None = file_option("The model's file (.npz).  [default: NAME.npz]", ".npz"),
     fitting: Fitting,
 ) -> None:
@@ -213,7 +213,7 @@ def fit(
         output = Path(f"{name}.npz")
         OutFile(".npz").check("--name", output)
     images = _read(folders)
-    model = fitting.to(images)(range(len(images)), name or output.stem)
+    model = fitting.to(images)(range(len(images)), output.stem)
     model.save(output)
     _print_counts(images, model)
     click.echo(f"\n{model.name}: written to {output}")
