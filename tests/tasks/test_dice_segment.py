@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from tests.helpers import RIG, exposed
+from tests.helpers import RIG, exposed, veiled
 from tests.helpers.dice_scenes import EDGE, dice_at, painted
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import CameraRig
-from tracker.color_learning.labelled import intersection_over_union
+from tracker.color_learning.fit import FitOptions, combine, image_histograms
+from tracker.color_learning.labelled import LabelledImage, intersection_over_union
 from tracker.errors import ImageError, TaskError
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
@@ -43,6 +44,14 @@ def test_light_of_another_colour_or_brightness_hardly_changes_the_mask(view, gai
     image, truth = view
     mask = segment_dice(exposed(image, gains))
     assert intersection_over_union(mask, truth)[255] > 0.88
+
+
+def test_colours_of_images_as_they_are_find_the_dice_in_images_as_they_are(view):
+    image, truth = veiled(view[0], 90), view[1]
+    taught = LabelledImage("veiled", image, np.where(truth > 0, np.uint8(3), np.uint8(0)))
+    own = image_histograms(taught, FitOptions(draws=5000), normalise=False)
+    mask = segment_dice(image, combine([own], normalise=False))
+    assert intersection_over_union(mask, truth)[255] > 0.9
 
 
 def test_a_light_finger_before_a_die_is_no_die(view):

@@ -105,12 +105,19 @@ def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Ima
     if min(image.shape[:2]) / REFERENCE_SIZE > FINE_IMAGE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
-    image = unveiled(image) if colors.normalise else image
-    light = find_light(image) if colors.normalise else AS_IT_IS
-    image = evened(image, light)
+    image, light = in_even_light(image, colors)
     labels = np.empty(image.shape[:2], np.uint8)
     look_up(image, colors.channel_tables(light.gains), colors.label_table, light.gains, labels)
     return image, light, labels
+
+
+def in_even_light(image: Image, colors: ColorModel) -> tuple[Image, Light]:
+    """Return the image (H, W, 3) without veil and tilt, and its light; as it is if not to be normalised."""
+    if not colors.normalise:
+        return image, AS_IT_IS
+    image = unveiled(image)
+    light = find_light(image)
+    return evened(image, light), light
 
 
 def keep_strongest(labels: Image, evidence: Array) -> Image:

@@ -14,8 +14,8 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.errors import ColorModelError
 from tracker.segmentation.color_model import ColorModel, load_colors
-from tracker.segmentation.labels import FINE_IMAGE, REFERENCE_SIZE, check_image
-from tracker.segmentation.light import TARGET_GREY, evened, find_light, unveiled
+from tracker.segmentation.labels import FINE_IMAGE, REFERENCE_SIZE, check_image, in_even_light
+from tracker.segmentation.light import TARGET_GREY
 from tracker.segmentation.sensor import calmed
 
 CERTAIN = 32
@@ -109,10 +109,8 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     scale = min(image.shape[:2]) / REFERENCE_SIZE
     # Demosaicing leaves single wrong pixels at the finer resolution.
     image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if scale > FINE_IMAGE else calmed(image)
-    image = unveiled(image)
-    light_of_scene = find_light(image)
-    image = evened(image, light_of_scene)
-    gains = light_of_scene.gains if colors.normalise else np.ones(3)
+    image, light = in_even_light(image, colors)
+    gains = light.gains
 
     inside, blue = np.empty(image.shape[:2], np.uint8), np.empty(image.shape[:2], np.uint8)
     ratio = np.empty(image.shape[:2], np.float32)
