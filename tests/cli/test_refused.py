@@ -72,6 +72,8 @@ REFUSED = {
         ("colors check .", "--colors|--cross-validate"),
         ("colors check . --colors pink", "pink|cube_v2"),
         ("colors check . --colors cube_v2", "none found|NN_mask_red.png"),
+        ("colors check imgs --cross-validate --others ./imgs", "found imgs again"),
+        ("colors fit imgs --others imgs -o x.npz", "found imgs again"),
         ("colors check imgs --colors cube_v2 --plot imgs/x.png", "that are read"),
     ],
     f"detect {ONE} {TWO} {THREE} --json --overlay out.png --object": [

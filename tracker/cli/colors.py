@@ -176,7 +176,7 @@ class Fitting:
     others: tuple[str, ...] = option(
         "FOLDER",
         "Labelled images of other objects, for colours of which you have few; repeatable.",
-        InFile(str),
+        Recording(str),
         multiple=True,
     )
     rendered: bool = flag("The images come from a renderer with one light: take their colours as they are.")
