@@ -211,6 +211,16 @@ def test_every_pattern_is_distinguished_from_its_interpolation_and_changes_where
     assert find_mosaic(np.ascontiguousarray(image[:, 1:])) == red ^ 1
 
 
+@pytest.mark.parametrize("red", range(4))
+@pytest.mark.parametrize("shape", [(90, 120), (89, 119)])
+def test_a_mosaic_is_the_same_without_its_veil(red, shape):
+    raw = RAW[: shape[0], : shape[1]].copy()
+    raw[:9, :9] = 0
+    image = unveiled(cv2.cvtColor(exposed(90.0 + raw * (1 - 90 / 255)), BAYER[red]))
+    assert find_mosaic(image) == red
+    assert np.abs(image - cv2.cvtColor(raw, BAYER[red]).astype(float)).max() <= 2
+
+
 def test_changed_flat_noisy_and_tiny_images_are_none():
     image, noise = (
         cv2.cvtColor(RAW, BAYER[0]),

@@ -15,6 +15,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import FloatArray, Image
+from tracker.segmentation.sensor import NO_MOSAIC, find_mosaic, interpolated
 
 TARGET_GREY = 115.0
 """Level to which the scene's greys are scaled."""
@@ -74,13 +75,18 @@ def black_level(image):  # type: ignore[no-untyped-def]
 
 
 def unveiled(image: Image) -> Image:
-    """Return the image (H, W, 3) uint8 without its veil, white as before; the same image if it has none."""
+    """Return the image (H, W, 3) uint8 without its veil, white as before; the same image if it has none.
+
+    An interpolated mosaic stays one.
+    """
     black = black_level(image)
     veil = min(black, 2 * (black - FLOOR))  # less of a faint one, so that images do not flicker
     if not 0 < veil <= DENSEST:
         return image
     levels = np.rint(np.arange(-veil, 256 - veil) * (255 / (255 - veil)))
-    return np.asarray(cv2.LUT(image, np.maximum(levels, 0).astype(np.uint8)), dtype=np.uint8)
+    without = np.asarray(cv2.LUT(image, np.maximum(levels, 0).astype(np.uint8)), dtype=np.uint8)
+    red = find_mosaic(image)
+    return without if red == NO_MOSAIC else interpolated(without, red)
 
 
 @compiled

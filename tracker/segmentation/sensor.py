@@ -105,3 +105,22 @@ def find_mosaic(image):  # type: ignore[no-untyped-def]
         if fits and differing >= ENOUGH_PIXELS:
             return red
     return NO_MOSAIC
+
+
+_INTERPOLATIONS = (
+    cv2.COLOR_BayerRGGB2BGR, cv2.COLOR_BayerGRBG2BGR, cv2.COLOR_BayerGBRG2BGR, cv2.COLOR_BayerBGGR2BGR,
+)  # fmt: skip
+
+
+def interpolated(image: Image, red: int) -> Image:
+    """Return the image (H, W, 3), interpolated anew from what its mosaic measured; red: see `find_mosaic`.
+
+    The border stays, since OpenCV repeats its neighbours there.
+    """
+    row, column = red >> 1, red & 1
+    raw = image[..., 1].copy()
+    raw[row::2, column::2] = image[row::2, column::2, 2]
+    raw[1 - row :: 2, 1 - column :: 2] = image[1 - row :: 2, 1 - column :: 2, 0]
+    result = image.copy()
+    result[2:-2, 2:-2] = cv2.cvtColor(raw, _INTERPOLATIONS[red])[2:-2, 2:-2]
+    return result
