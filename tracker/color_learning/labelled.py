@@ -93,7 +93,7 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
             if mask.shape != image.shape:
                 raise ImageError(f"mask {mask_path}: {mask.shape[:2]} px, its image has {image.shape[:2]}")
             labels[mask.max(axis=2) > 0] = label
-        result.append(LabelledImage(f"{folder.name}/{path.stem}", image, labels))
+        result.append(LabelledImage(f"{folder.resolve().name}/{path.stem}", image, labels))
     if unused:
         colors = ", ".join(COLOR_NAMES[1:])
         lone = min(unused)
