@@ -1,3 +1,4 @@
+import os
 import shutil
 from functools import partial
 from pathlib import Path
@@ -73,6 +74,12 @@ def test_a_new_object_needs_size_and_names_alone(tmp_path, run_here):
     assert (model.size == cube.size).all()
     assert tracker.load_colors(model.colors).normalise
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz", "mine.toml"]
+
+
+def test_a_name_that_no_file_of_an_object_can_hold_is_refused_before_learning(tmp_path, run_here):
+    size, target = ("--size", "0.065,0.065,0.065"), os.fsdecode(b"w\xfcrfel.npz")
+    given = ("new", DATA, *size, "--faces", FACES, "-o", target)
+    assert_refused(run_here, tmp_path, given, "cannot be written")
 
 
 @pytest.fixture

@@ -93,10 +93,13 @@ def test_colors_beside_the_file_are_found_from_anywhere(mine, monkeypatch):
 
 
 def test_names_in_any_script_are_read_as_written(mine):
-    named = dataclasses.replace(load_object("cube_v2"), name='würfel "🎲"', colors="🎲.npz")
+    named = dataclasses.replace(load_object("cube_v2"), name='würfel "🎲"\x7f\\', colors="🎲.npz")
     mine.write_text(to_toml(named), encoding="utf-8")
     read = load_object(mine)
     assert (read.name, read.colors) == (named.name, str(mine.with_name("🎲.npz")))
+    undecodable = os.fsdecode(b"w\xfcrfel")  # a name in Latin-1
+    with pytest.raises(ObjectModelError, match=r"'w.udcfcrfel': cannot be written: "):
+        to_toml(dataclasses.replace(named, name=undecodable))
 
 
 @pytest.mark.parametrize("change", [{"size": [0.0645] * 3}, {"face_labels": [2, 1, 3, 4, 5, 6]}])

@@ -130,9 +130,10 @@ def new(
     if known is None and description.exists():
         raise click.UsageError(f"{description}: exists; expected --object to use it, or another -o")
     model = described(lesson.output, size, faces) if known is None else tracker.load_object(known)
+    text = to_toml(model) if known is None else ""
     lesson.learn(model, from_names(lesson.seed), first=True)
     if known is None:
-        write_whole(description, to_toml(model))
+        write_whole(description, text)
         if not lesson.quiet:
             click.echo(f"object   {description}")
 

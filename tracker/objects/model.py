@@ -162,18 +162,24 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
 
 
 def to_toml(model: CuboidModel) -> str:
-    """Return an object as the text of a TOML file that `load_object` reads."""
+    """Return an object as the text of a TOML file that `load_object` reads.
+
+    ObjectModelError if its name or colours, such as a path, are not Unicode, which TOML cannot hold.
+    """
     faces = [
         f'"{face}" = "{COLOR_NAMES[label]}"'
         for face, label in zip(FACE_NAMES, model.face_labels.tolist(), strict=True)
     ]
-    # Strings and lists of numbers are the same in JSON and TOML, but for escapes of emojis.
+    # Strings and lists of numbers are the same in JSON and TOML, but for emojis and the character DEL.
     values = {
         "name": model.name, "size": model.size.tolist(), "colors": model.colors, "rim": model.rim,
         "rim_std": model.rim_std,
     }  # fmt: skip
     lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
-    return "\n".join([*lines, "", "[faces]", *faces, ""])
+    text = "\n".join([*lines, "", "[faces]", *faces, ""]).replace("\x7f", "\\u007f")
+    with naming(f"object {shown(model.name)}: cannot be written", ObjectModelError, UnicodeEncodeError):
+        text.encode()
+    return text
 
 
 def face_labels_of(faces: Any) -> Array:
