@@ -33,7 +33,7 @@ LABELS = range(1, len(COLOR_NAMES))
 
 @click.group(no_args_is_help=False)
 def colors() -> None:
-    """Fit a colour model to labelled images, and measure one.
+    """Fit a colour model to recordings or to labelled images, and measure one.
 
     A FOLDER of labelled images holds NN_image.png with one mask for each colour that it shows,
     NN_mask_red.png, NN_mask_green.png and so on; or cameraNN.png with rNN.png, gNN.png, bNN.png, cNN.png,

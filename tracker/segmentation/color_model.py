@@ -2,7 +2,7 @@
 
 A model is a grid of 32³ nodes over the normalised blue, green and red. The axes are square-root
 companded, because shot noise grows with the square root of the level and because the darkest faces
-differ by only a few levels. Two dense tables of 64³ cells are interpolated from it, so that a pixel costs
+differ by only a few levels. Dense tables of 64³ cells are interpolated from it, so that a pixel costs
 three small look-ups and one large one.
 """
 
@@ -67,7 +67,7 @@ class ColorModel(Frozen):
     log_posterior: FloatArray
     """(7, 32, 32, 32) by class, blue, green, red; relative to the best class at each node, so ≤ 0."""
     normalise: bool = True
-    """Whether to scale an image's channels so that its greys become grey; False for rendered images."""
+    """Whether to scale an image's channels so that its greys become grey; False: as they are."""
 
     def __post_init__(self) -> None:
         what = f"colour model {shown(self.name)}: log posteriors"
