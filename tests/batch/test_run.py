@@ -119,6 +119,15 @@ def test_results_of_other_options_do_not_count_as_done(recordings):
     assert len(do(batch_of(recordings))[0]) == COUNT
 
 
+def test_a_run_on_a_part_does_not_make_the_rest_count_as_of_its_options(recordings):
+    options = Options("cube_v2", stop=3, make_tracker=NoiseTracker)
+    do(batch_of(recordings))
+    do(Batch.of([str(recordings / "000")], recordings.parent / "out", options))
+    other = batch_of(recordings, options=options)
+    with only_run(other, other.work()):
+        assert [line["frames"] for line in tables.state(other).lines] == [3]
+
+
 def test_results_of_other_recordings_by_the_same_names_are_not_replaced(tmp_path, monkeypatch):
     def at(place: str, stop: int | None = None) -> Batch:
         monkeypatch.chdir(tmp_path / place)

@@ -187,14 +187,11 @@ def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
     tasks = [task for task, _ in work]
-    mark = " ".join(sorted({task.agreed for task in tasks}))
-    content = {"options": batch.options.plain(), "agreed": mark, "recordings": batch.pairs}
+    content = {"options": batch.options.plain(), "recordings": batch.pairs}
     with claimed(batch.folder / results.ASKED):
         if (batch.folder / results.ASKED).exists():
-            before, old_mark, _ = read_asked(batch.folder / results.ASKED, batch.folder)
-            _refuse_results_of_others(batch, tasks, before)
-            if old_mark != mark:
-                _remove_old_lines(tasks)
+            _refuse_results_of_others(batch, tasks, read_batch(batch.folder))
+            _remove_old_lines(tasks)
         elif others := [name for name in _beside_poses(batch) if os.path.exists(batch.folder / name)]:
             raise LogError(f"{batch.folder}: found {others[0]}, but no batch; expected another folder")
         _remove_leftovers(batch)
