@@ -238,6 +238,14 @@ def unfinished(work: Iterable[Work], done: Callable[[], None]) -> Iterator[Task]
             yield task
 
 
+def forget(tasks: Iterable[Task]) -> None:
+    """Remove rows and reasons of tasks that jobs will do again: until they are replaced, they would count."""
+    for output in (Path(task.output) for task in tasks):
+        for path in (results.summary_file(output), results.failure_file(output)):
+            with contextlib.suppress(OSError):  # there is none, or its name is too long
+                path.unlink()
+
+
 def is_whole(task: Task, recipe: Recipe) -> bool:
     """Whether a recording has a matching result, also of its goal; the poses are not opened."""
     job = Job(Path(task.log), Path(task.output), recipe)

@@ -12,7 +12,7 @@ import click
 
 from tracker.batch.jobs import Scheduler, describe, do_share
 from tracker.batch.results import FAILURES
-from tracker.batch.run import Batch, only_run, read_batch, run_batch, unfinished
+from tracker.batch.run import Batch, forget, only_run, read_batch, run_batch, unfinished
 from tracker.batch.stores import Retracking, are_stores
 from tracker.batch.tables import State, state, write_tables
 from tracker.batch.workers import cores, dask_workers, processes
@@ -158,6 +158,7 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
         click.echo(f"# {description.path}\n{description.text}", nl=False)
         return
     with only_run(batch, work):
+        forget(tasks)
         description.write()
         warm_up()  # once, not in each job
         answer = description.submit()
