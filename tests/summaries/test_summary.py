@@ -151,6 +151,20 @@ def test_an_object_at_rest_has_no_path(rng):
     assert summary.path_length(way) == pytest.approx(1.0)
 
 
+def test_what_lies_between_two_episodes_is_no_path(tmp_path):
+    log, frames = tmp_path / "log", []
+    shutil.copytree(DEMO, log, ignore=shutil.ignore_patterns("00*"))
+    for number, name in enumerate(("000000", "000017", "000018")):
+        shutil.copytree(DEMO / name, log / name)
+        frames.append({"frame": name, "timestamp": number / 10})
+    for sequence, expected in ((True, 0.0231), (False, 0.0)):
+        truth = {"settings": {"sequence": sequence}, "frames": frames}
+        (log / "ground_truth.json").write_text(json.dumps(truth))
+        job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2")))
+        for tracked in (run(job), run(job)):  # the second one reads what the first wrote
+            assert summary.row(job, tracked, None)["path_length_m"] == pytest.approx(expected, abs=1e-4)
+
+
 STRAIGHT = (0, 1, 2)
 NAMES = ("camera60", "camera180", "camera300")
 

@@ -200,6 +200,8 @@ class Tracked:
     """Number of frames tracked by this call; 0 if the file of an earlier run was reused."""
     seconds: float
     """Duration of tracking these frames [s]."""
+    episode_starts: tuple[int, ...] = (0,)
+    """Numbers of the frames that start an episode, see `Log.episode_starts`."""
 
 
 def track(
@@ -299,7 +301,8 @@ def _kept(job: Job) -> Tracked | None:
     except LogError:
         return None
     with open_log(job.log, recover=job.recipe.recover) as log:
-        return Tracked(poses, _expected(log, job), poses.about.fault or None, 0, 0.0)
+        expected, fault = _expected(log, job), poses.about.fault or None
+        return Tracked(poses, expected, fault, 0, 0.0, log.episode_starts)
 
 
 def _tracked(job: Job, progress: Progress | None) -> Tracked:
@@ -318,7 +321,7 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
                 if progress is not None:
                     progress(1)
             poses, seconds, fault = builder.build(), time.perf_counter() - began, log.fault
-            expected = _expected(log, job)
+            expected, starts = _expected(log, job), log.episode_starts
     except LogError as error:
         if fingerprint(job) != before:
             raise LogError(f"{changed} {error}") from error
@@ -328,7 +331,8 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
             raise LogError(changed)
         fault = changed
     about = dataclasses.replace(poses.about, fingerprint=before, fault=unicode_text(fault or ""))
-    return Tracked(dataclasses.replace(poses, about=about), expected, fault, len(poses), seconds)
+    poses = dataclasses.replace(poses, about=about)
+    return Tracked(poses, expected, fault, len(poses), seconds, starts)
 
 
 def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Observation]]:

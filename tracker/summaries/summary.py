@@ -259,14 +259,14 @@ def row(job: Job, tracked: Tracked, warning: str | None) -> dict[str, Any]:
         }
         found |= {f"share_{name}": float(np.mean(poses.status == name)) for name in ("coasting", "lost")}
         found |= {f"recorded_{name}": value for name, value in (numbers["recorded"] or {}).items()}
-        found |= _worst(numbers["cameras"] or {}) | _sure_and_far(poses)
+        found |= _worst(numbers["cameras"] or {}) | _sure_and_far(tracked)
         found |= goal_columns(job.log, poses, job.recipe.model)
     return {name: found.get(name) for name in COLUMNS}
 
 
 def path_length(positions: FloatArray) -> float:
     """Return the length [m] of the path along positions (n, 3) [m]; movements up to STEP are ignored."""
-    length, last = 0.0, positions[0]
+    length, last = 0.0, positions[:1]
     for position in positions[1:]:
         step = float(np.linalg.norm(position - last))
         if step > STEP:
@@ -284,17 +284,20 @@ def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
     return {"worst_camera": worst if known[worst] else None, "worst_camera_contradicting": known[worst]}
 
 
-def _sure_and_far(poses: Poses) -> dict[str, float]:
+def _sure_and_far(tracked: Tracked) -> dict[str, float]:
     """Return medians of confidence and standard deviations, path length, greatest height and FAST speed."""
-    some = best(poses)[best(poses).has_pose]
+    poses, columns = tracked.poses, best(tracked.poses)
+    some = columns[columns.has_pose]
     if not len(some):
         return {}
+    # Between two episodes the object is put elsewhere.
+    starts = np.searchsorted(poses.index[columns.has_pose], tracked.episode_starts)
     std = np.sqrt(np.diagonal(some.covariance, axis1=1, axis2=2))
     found = {
         "confidence_median": float(np.median(some.confidence)),
         "position_std_median_mm": 1e3 * float(np.median(std[:, :3].max(axis=1))),
         "rotation_std_median_deg": float(np.degrees(np.median(std[:, 3:].max(axis=1)))),
-        "path_length_m": path_length(some.position),
+        "path_length_m": sum(map(path_length, np.split(some.position, starts))),
         "height_max_m": float(some.position[:, 2].max()),
     }
     if isinstance(some, FilteredColumns):
