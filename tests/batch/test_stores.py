@@ -104,6 +104,14 @@ def test_images_that_no_step_saw_have_no_state_of_the_robot(robots, tmp_path):
     assert images["robot_position_0_rad"].to_pylist()[2:6] == [10, 15, None, 25]
 
 
+def test_only_images_that_a_step_saw_have_a_first_step(robots, tmp_path):
+    store, folder = write(tmp_path / "a.zarr", shown=3 * np.where(SHOWN == 4, 3, SHOWN)), tmp_path / "out"
+    do(store, folder, robots)
+    images = pq.read_table(place(store, folder) / "images.parquet")
+    assert images["first_step"].to_pylist()[2:6] == [10, 15, None, 25]
+    assert str(images["first_step"].type) == "int64"
+
+
 @pytest.mark.parametrize("predicted", [False, True])
 def test_what_moves_while_it_is_not_found_does_not_count_for_the_delay(predicted, rng):
     builder = PosesBuilder(make_about())

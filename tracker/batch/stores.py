@@ -242,10 +242,11 @@ def _taken(array: Array, rows: Array) -> Array:
 
 
 def _image_columns(poses: Poses, steps: StoreSteps, first: Array, one: Planned) -> dict[str, Array]:
-    columns = _named(one, len(poses)) | {"first_step": first} | poses.table()
+    unseen = steps.frame[first] != poses.index
+    columns = _named(one, len(poses)) | {"first_step": np.ma.masked_array(first, unseen)} | poses.table()
     columns |= {f"{kind}_covariance": getattr(poses, kind).covariance for kind in ("measured", "filtered")}
     joints = steps.observed["joints"][first].T if steps.task else np.empty((0, len(poses)))
-    joints = np.where(steps.frame[first] == poses.index, joints, np.nan)  # unknown if no step saw the images
+    joints = np.where(unseen, np.nan, joints)
     return columns | {f"robot_position_{k}_rad": column for k, column in enumerate(joints)}
 
 
