@@ -145,6 +145,21 @@ def test_results_of_other_recordings_by_the_same_names_are_not_replaced(tmp_path
     assert len(do(at("moved"))[0]) == 1
 
 
+def test_results_of_earlier_commands_are_not_replaced_either(tmp_path, monkeypatch):
+    def at(place: str, name: str) -> Batch:
+        monkeypatch.chdir(tmp_path / place)
+        return Batch.of([name], tmp_path / "out", OPTIONS)
+
+    for place, name in (("one", "0"), ("one", "1"), ("two", "0")):
+        write_log(tmp_path / place / name, 3)
+    do(at("one", "0"))
+    do(at("one", "1"))
+    before = contents(tmp_path / "out")
+    with pytest.raises(LogError, match=r"two/0: found the result of .*one/0 under the same name"):
+        do(at("two", "0"))
+    assert contents(tmp_path / "out") == before
+
+
 def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordings, monkeypatch):
     spoilt, real, long = recordings / "001" / "camera_data.dat", run.run, ("b" * 243, "c" * 250)
     content = spoilt.read_bytes()

@@ -265,10 +265,14 @@ def _goal_of(log: Path) -> str | None:
 
 
 def _refuse_results_of_others(batch: Batch, tasks: Iterable[Task], before: Batch) -> None:
-    """Raise LogError if a recording has the relative path of another one, and would replace its result."""
+    """Raise LogError if a recording has the relative path of another one, and would replace its result.
+
+    The last command's recordings are those of `before`; table rows name those of earlier ones.
+    """
     known = {output: log for log, output in before.pairs}
     for task, (log, output) in zip(tasks, batch.pairs, strict=True):
-        other = known.get(output, log).removesuffix(f": {task.part}")
+        line = results.read_line(Path(task.output)) or {}
+        other = (known.get(output) or line.get("recording") or log).removesuffix(f": {task.part}")
         there = other != task.log and all(map(os.path.exists, (other, task.log, task.output)))
         if there and not os.path.samefile(other, task.log):  # nor is it one that was moved
             found = f"found the result of {other} under the same name"
