@@ -8,8 +8,10 @@ import pytest
 import tracker
 from tests.helpers.log_writers import CAMERAS, make_content, write_store, write_store_by_zarr
 from tests.helpers.reading import frames_of, peak_memory, recovered
+from tests.helpers.recording_stubs import tiny_rig
 from tracker.errors import LogError
 from tracker.logs.datasets import read_steps
+from tracker.logs.hdf5_writer import write_hdf5
 
 pytest.importorskip("lmdb", reason="datasets: no module lmdb")
 pytest.importorskip("numcodecs", reason="datasets: no module numcodecs")
@@ -33,6 +35,15 @@ def test_stores_are_read(tmp_path, reorder, coding, compressor):
                 np.testing.assert_array_equal(frame.images, content.images(k))
             np.testing.assert_array_equal(log[1].images, content.images(1))
             assert log.rig is None
+
+
+def test_a_store_keeps_its_raw_pixels_in_an_hdf5_log(tmp_path):
+    content = make_content(3)
+    for reorder in (True, False):
+        with tracker.open_log(write_store(tmp_path / f"{reorder}.zarr", content, reorder=reorder)) as log:
+            write_hdf5(tmp_path / f"{reorder}.h5", log, tiny_rig(), lambda _: None)
+        with tracker.open_log(tmp_path / f"{reorder}.h5") as log:
+            np.testing.assert_array_equal([frame.raw for frame in log], content.raw)
 
 
 def test_jpeg_is_read_about_right(tmp_path):

@@ -86,22 +86,25 @@ class DatasetSource(Source):
     def read(self, index: int) -> LogFrame:
         """See Source."""
         cameras = len(self.camera_names)
-        images = tuple(self._image(index, camera) for camera in range(cameras))
+        pixels = tuple(self._pixels(index, camera) for camera in range(cameras))
+        images = tuple(from_bayer(one) if one.ndim == 2 else one for one in pixels)
+        raw = pixels if all(one.ndim == 2 for one in pixels) else None
         stamps = np.full(cameras, self._stamps[index])
-        return LogFrame(index, float(stamps[0]), stamps, images, None, None)
+        return LogFrame(index, float(stamps[0]), stamps, images, None, None, raw)
 
     def close(self) -> None:
         """See Source."""
         self.store.close()
 
-    def _image(self, index: int, camera: int) -> Image:
+    def _pixels(self, index: int, camera: int) -> Image:
+        """Return an image's raw Bayer pixels (H, W), or BGR (H, W, 3) if it has colours."""
         number = index * len(self.camera_names) + camera
         with naming(f"{self.where(index)}: image {number}", LogError):
             picture = decode(self._images[number], color=False)
             check_same_size(picture.shape[1::-1], self.image_sizes[camera])
             if picture.ndim == 3:
                 return np.ascontiguousarray(picture[:, :, :3])
-            return from_bayer(from_quadrants(picture) if self._reordered else picture)
+            return from_quadrants(picture) if self._reordered else picture
 
     def _first_steps(self, cameras: int) -> FloatArray | None:
         """Return (count,) the first control step that saw each frame; None if that is not stored.
