@@ -15,6 +15,7 @@ from tests.helpers.pose_logs import answer, make_about, moved, random_pose
 from tests.helpers.recording_stubs import NoiseTracker, tiny_rig
 from tests.helpers.robot_stores import SHOWN, STEPS, KnowingTracker, position, write
 from tests.logs.test_datasets import edit, head
+from tracker.batch.results import OF_STORE
 from tracker.batch.run import only_run, run_batch
 from tracker.batch.stores import Retracking, _taken
 from tracker.batch.workers import engine
@@ -194,6 +195,19 @@ def test_an_interrupted_run_goes_on_with_the_missing_episodes(robots, tmp_path, 
     again, _ = do(store, tmp_path / "out", robots)
     assert again == [None] * 3
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_tables_of_results_that_are_replaced_do_not_stay(robots, tmp_path):
+    store, folder = write(tmp_path / "a.zarr"), tmp_path / "out"
+    do(store, folder, robots)
+    tables = [place(store, folder) / name for name in OF_STORE]
+    assert all(path.exists() for path in tables)
+    assert do(store, folder, robots)[0] == [None] * 3
+    assert all(path.exists() for path in tables)
+    edit(store, "images/12", lambda data: data[:-9])
+    results, report = do(store, folder, robots, start=8)
+    assert (sum(result["failure"] is not None for result in results), report) == (1, {})
+    assert not any(path.exists() for path in tables)
 
 
 @pytest.mark.parametrize("made", [False, True])

@@ -10,9 +10,11 @@ The small files are the only state of a batch, so any number of processes on any
 contain no times or machine names: the same recordings give the same bytes.
 """
 
+import contextlib
 import glob
 import json
 import os
+import shutil
 from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -161,6 +163,14 @@ def output_of_episode(store: Path, number: int, folder: Path) -> Path:
 def is_episode(output: Path) -> bool:
     """Whether a file of poses is named like that of an episode."""
     return output.name.startswith(_EPISODE)
+
+
+def remove_tables(folder: Path) -> None:
+    """Remove all files about a whole image store from the folder of its episodes."""
+    shutil.rmtree(folder / ZARR, ignore_errors=True)
+    for name in (IMAGES, STEPS, REPORT):
+        with contextlib.suppress(OSError):  # there is none
+            (folder / name).unlink()
 
 
 def summary_file(output: Path) -> Path:

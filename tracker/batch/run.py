@@ -70,6 +70,8 @@ def make_result(task: Task) -> dict[str, Any]:
     output = Path(task.output)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
+        if task.part:  # the tables of its store are of the result that this one replaces
+            results.remove_tables(output.parent)
         job = task.job
         tracked = run(job)
         mark = tracked.poses.about.fingerprint
