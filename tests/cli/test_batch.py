@@ -180,3 +180,12 @@ def test_what_is_submitted_again_counts_neither_as_done_nor_as_failed(tmp_path, 
         well(run_here(*base, "--slurm", option))
         numbers = json.loads(run_here("batch", "status", tmp_path / "out", "--json").stdout)
         assert (numbers["failed"], numbers["done"], numbers["missing"]) == counts
+
+
+def test_the_table_has_no_rows_of_what_is_submitted_again(recordings, tmp_path, run_here, monkeypatch):
+    monkeypatch.setattr("tracker.cli.batch.processes", lambda _: engine(1))
+    monkeypatch.setattr("tracker.batch.jobs.subprocess.run", lambda *_, **__: CompletedProcess([], 0, "7"))
+    table = tmp_path / "summary.csv"
+    for more, rows in ((("--csv",), COUNT), (("--to", 4, "--slurm"), 0)):
+        well(run_here(*run_on(recordings, tmp_path, "-q", *more)))
+        assert len(table.read_text(encoding="utf-8").splitlines()) == 1 + rows

@@ -159,6 +159,7 @@ def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> N
         return
     with only_run(batch, work):
         forget(tasks)
+        write_tables(batch, state(batch), as_csv=False)
         description.write()
         warm_up()  # once, not in each job
         answer = description.submit()
