@@ -2,7 +2,7 @@
 
     a/b.dat.poses.h5       the poses
     a/b.dat.summary.json   their table row, and what they were made from
-    a/b.dat.failed.json    instead of both: why there are no poses
+    a/b.dat.failed.json    instead of the row: why the last attempt failed; older poses may be left
 
 The folder of results also holds files about the whole batch: options and recordings, the table, failures.
 
@@ -179,7 +179,7 @@ def summary_file(output: Path) -> Path:
 
 
 def failure_file(output: Path) -> Path:
-    """Return the file that states why there is no file of poses."""
+    """Return the file that states why the last attempt failed."""
     return output.with_name(output.name.removesuffix(SUFFIX) + _REASON)
 
 
@@ -207,7 +207,7 @@ def read_line(output: Path) -> dict[str, Any] | None:
 
 
 def read_failure(output: Path) -> str:
-    """Return the reason why there are no poses; `unknown` if none is stored."""
+    """Return the reason why the last attempt failed; `unknown` if none is stored."""
     return str((_read(failure_file(output)) or {}).get("reason", "unknown"))
 
 
