@@ -113,7 +113,7 @@ _INTERPOLATIONS = (
 
 
 def interpolated(image: Image, red: int) -> Image:
-    """Return the image (H, W, 3), interpolated anew from what its mosaic measured; red: see `find_mosaic`.
+    """Return the image (H, W, 3), interpolated again from what its mosaic measured; red: see `find_mosaic`.
 
     The border stays, since OpenCV repeats its neighbours there.
     """
