@@ -50,6 +50,19 @@ def test_undistort_inverts_the_distortion_and_says_so_where_no_ray_leads_to_a_pi
     assert np.isnan(CAMERA.undistort([[5000.0, 5000.0]])).all()
 
 
+def test_no_ray_is_beyond_the_fold_of_the_distortion_though_it_may_rise_again():
+    lens = [-0.35, -0.02, 0, 0, 0.03]
+    camera = dataclasses.replace(CAMERA, width=640, height=480, distortion=lens, camera_from_world=np.eye(4))
+    tangents = np.linspace(0, 3, 30_001)
+    bent = camera.project(np.c_[tangents, 0 * tangents, np.ones(len(tangents))])[:, 0]
+    fold = np.argmax(np.diff(bent) < 0)
+    assert bent[-1] > bent[fold]
+    away = np.linspace(0.9, 3.0, 200) * (bent[fold] - bent[0])
+    found = camera.undistort(np.c_[bent[0] + away, np.full(len(away), camera.matrix[1, 2])])[:, 0]
+    expected = np.interp(bent[0] + away, bent[:fold], tangents[:fold], right=np.nan)
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
 def test_every_real_camera_projects_as_opencv_and_undistorts(real, rng):
     for file in [*real.glob("calibration/*/*.yml"), *real.glob("pose/*/*.yml")]:
         camera = read_calibrated(file).camera

@@ -335,5 +335,9 @@ def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
             if np.abs(error).max(initial=0) < tolerance:
                 break
         good = (np.abs(error).max(axis=1) < 100 * tolerance) & (determinant > 0) & (a + d > 0)
+        for share in np.linspace(0.05, 0.95, 19):  # Newton's method may leap over the fold
+            _, slope = distort(share * solution, coefficients)
+            (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
+            good &= a * d > b * c
     solution[~good] = np.nan
     return solution
