@@ -150,6 +150,15 @@ def test_a_corner_that_is_elsewhere_is_dropped():
     assert placed.rms(0) < 0.2
 
 
+def test_no_corner_is_dropped_without_which_the_board_has_no_pose():
+    seen = views(9, [(0, 0)])[0, 0]
+    few = seen.without(~np.isin(seen.corners, [4, 5, 6, 7, 10, 14]))
+    few.pixels[4] += (10, 10)
+    assert not few.without(few.corners == 10).fixes_pose
+    with pytest.raises(CalibrationError, match="its photos miss by"):
+        place_cameras(lenses()[:1], {(0, 0): few}, GIVEN)
+
+
 @pytest.mark.parametrize("folders", [1, 2])
 def test_the_platforms_board_in_the_arena_is_met_by_every_camera(folders, real):
     names = ("camera60", "camera180", "camera300")

@@ -104,17 +104,18 @@ def rms(residuals: Sequence[FloatArray]) -> float:
 def without_wrong(
     views: Sequence[BoardView], residuals: Sequence[FloatArray], least: Callable[[BoardView], float]
 ) -> list[BoardView]:
-    """Return the views without outlying corners; a view that would keep fewer than `least` is left as it is.
+    """Return the views without outlying corners; one that would keep too few corners is left as it is.
 
-    The standard deviation is estimated from the median residual, which a few outliers hardly affect. If a
-    photo's own is larger, it is used, so a photo that fits badly keeps its corners and is judged as a whole.
+    Too few are fewer than `least`, and those that do not fix the board's pose. The standard deviation is
+    estimated from the median residual, which a few outliers hardly affect. If a photo's own is larger, it is
+    used, so a photo that fits badly keeps its corners and is judged as a whole.
     """
     spread = _spread(np.concatenate(residuals))
     result = []
     for view, missed in zip(views, residuals, strict=True):
         own = max(spread, _spread(missed) if len(missed) else 0.0)
         fewer = view.without(np.linalg.norm(missed, axis=1) > _WRONG_CORNER * own)
-        result.append(fewer if len(fewer) >= least(view) else view)
+        result.append(fewer if fewer.fixes_pose and len(fewer) >= least(view) else view)
     return result
 
 
