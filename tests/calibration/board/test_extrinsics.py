@@ -150,6 +150,14 @@ def test_a_corner_that_is_elsewhere_is_dropped():
     assert placed.rms(0) < 0.2
 
 
+def test_a_corner_that_is_far_away_does_not_hide_another():
+    seen = views(9, ALONE)
+    seen[0, 0].pixels[[3, 11]] += [(20, 20), (-2, 2)]
+    placed = place_cameras(lenses(), seen, GIVEN)
+    assert len(placed.sightings[0, 0]) == len(seen[0, 0]) - 2
+    assert placed.rms(0) < 0.2
+
+
 def test_no_corner_is_dropped_without_which_the_board_has_no_pose():
     seen = views(9, [(0, 0)])[0, 0]
     few = seen.without(~np.isin(seen.corners, [4, 5, 6, 7, 10, 14]))

@@ -71,7 +71,6 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
         CalibrationError: a photo differs in size from its lens's images, no chain of photos links a camera
             to the board's given pose, or a camera's lens does not fit its photos.
     """
-    residuals = []
     for (number, _), one in sightings.items():
         lens = lenses[number].camera
         if one.size != (lens.width, lens.height):
@@ -79,11 +78,13 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
                 f"{one.photo}: found {one.size[0]}x{one.size[1]} px, but the lens of {lens.name} is of "
                 f"images of {lens.width}x{lens.height} px"
             )
-        residuals.append(one.least_misses(_optics(lenses[number])))
-    views = list(sightings.values())
     # Remove outliers from every photo at its own best pose; at least two thirds of its corners must remain.
-    cleaned = without_wrong(views, residuals, lambda one: 2 * len(one) / 3) if views else []
-    photos, faults = dict(zip(sightings, cleaned, strict=True)), dict[Photo, str]()
+    photos, faults = dict(sightings), dict[Photo, str]()
+    least = [2 * len(one) / 3 for one in photos.values()]
+    for _ in range(3) if photos else ():  # a gross outlier can mask others
+        residuals = [one.least_misses(_optics(lenses[at[0]])) for at, one in photos.items()]
+        cleaned = without_wrong(list(photos.values()), residuals, least)
+        photos = dict(zip(sightings, cleaned, strict=True))
     fit = _fitted(lenses, photos, world_from_board)
     used = photos
     while (odd := _odd_one(lenses, used, world_from_board, fit)) is not None:

@@ -159,7 +159,7 @@ def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[Boar
     for _ in range(3):  # a gross outlier can mask others
         optics, _ = _fit(cleaned, size)
         residuals = [one.least_misses(optics) for one in cleaned]
-        before, cleaned = cleaned, without_wrong(cleaned, residuals, lambda _: FEWEST_CORNERS)
+        before, cleaned = cleaned, without_wrong(cleaned, residuals, [FEWEST_CORNERS] * len(cleaned))
         if list(map(len, cleaned)) == list(map(len, before)):
             break
     return cleaned
