@@ -89,6 +89,25 @@ def test_four_corners_tell_little_of_their_own_scatter():
     assert max(away) < 4
 
 
+def test_a_camera_that_may_be_in_two_places_is_refused_unless_more_photos_tell_which():
+    far, refused = look_at((0.55, 0.2, 0.75)), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        seen = {(0, n): sighting(f"0 {n}", far @ place, rng, noise=0.1) for n, place in enumerate(PLACES)}
+        seen[0, 0] = seen[0, 0].without(~np.isin(seen[0, 0].corners, [9, 10, 13, 14]))
+        alone, found = dict(list(seen.items())[:1]), []
+        try:
+            found = [place_cameras(lenses()[:1], alone, GIVEN)]
+        except CalibrationError as error:
+            refused.append(str(error))
+        found.append(place_cameras(lenses()[:2], seen | views(seed, [(1, p) for p in range(3)]), GIVEN))
+        for placed in found:
+            center = placed.cameras[0].camera.position + far[:3, :3].T @ far[:3, 3]
+            assert np.linalg.norm(center) < 5 * placed.spreads[0]
+    assert 0 < len(refused) < 20
+    assert all("camera0: two places" in why for why in refused)
+
+
 def test_a_camera_is_placed_through_another_that_sees_the_given_place_or_named():
     placed = place_cameras(lenses(), views(4, [(0, 0), (0, 1), (1, 1), (1, 2), (2, 2)], noise=0.0), GIVEN)
     assert placed.cameras[2].camera.camera_from_world == pytest.approx(TRUE[2], abs=1e-6)

@@ -69,7 +69,7 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
 
     Raises:
         CalibrationError: a photo differs in size from its lens's images, no chain of photos links a camera
-            to the board's given pose, or a camera's lens does not fit its photos.
+            to the board's given pose, a camera's lens does not fit its photos, or two places of it do.
     """
     for (number, _), one in sightings.items():
         lens = lenses[number].camera
@@ -101,6 +101,7 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
         faults,
     )
     _require_fit(placed)
+    _require_one_place(placed, fit.places)
     return placed
 
 
@@ -276,3 +277,25 @@ def _require_fit(placed: Placed) -> None:
             continue
         why = "the lens is not this camera's, the board moved between cameras, or is seen too flat"
         raise CalibrationError(f"{one.camera.name}: {found}: {why}")
+
+
+def _require_one_place(placed: Placed, places: Poses) -> None:
+    """Raise if the second pose of a camera's largest view of the board fits all its photos as well."""
+    for number, one in enumerate(placed.cameras):
+        own = [at for at in placed.residuals if at[0] == number and at not in placed.faults]
+        largest = max(own, key=lambda at: len(placed.sightings[at]))
+        board_from_world, optics = np.linalg.inv(places[largest[1]]), _optics(one)
+        views, moves = [placed.sightings[at] for at in own], [board_from_world @ places[at[1]] for at in own]
+        points = [view.points @ move[:3, :3].T + move[:3, 3] for view, move in zip(views, moves, strict=True)]
+        pixels = [view.pixels for view in views]
+        every = dataclasses.replace(views[0], points=np.concatenate(points), pixels=np.concatenate(pixels))
+        found = one.camera.camera_from_world @ places[largest[1]]
+        other = every.refined(placed.sightings[largest].poses(optics)[-1], optics)
+        apart = float(np.linalg.norm(np.linalg.inv(other)[:3, 3] - np.linalg.inv(found)[:3, 3]))
+        more = len(every.pixels) * (rms([every.misses(other, optics)]) ** 2 - placed.rms(number) ** 2)
+        usual = max(placed.rms(number), LEAST_RMS)
+        if apart > MANY_TIMES * placed.spreads[number] and more < (MANY_TIMES * usual) ** 2:
+            raise CalibrationError(
+                f"{one.camera.name}: two places {1000 * apart:.0f} mm apart fit its photos equally well: too "
+                "little of the board is seen, or too small; expected it nearer, or also in other places"
+            )

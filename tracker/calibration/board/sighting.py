@@ -70,19 +70,30 @@ class BoardView:
         )
 
     def pose(self, optics: Optics) -> FloatArray:
-        """Return camera_from_board (4, 4) [m] with the smallest reprojection error.
+        """Return camera_from_board (4, 4) [m] with the smallest reprojection error."""
+        return self.poses(optics)[0]
+
+    def poses(self, optics: Optics) -> list[FloatArray]:
+        """Return both poses (4, 4) [m] with locally smallest errors, the better one first.
 
         A distant plane looks the same in two poses (Collins and Bartoli, Infinitesimal plane-based pose
-        estimation, 2014): both are refined, and the one that fits better is returned.
+        estimation, 2014).
         """
         seen = self.points, self.pixels, *optics
         count, turns, shifts, _ = cv2.solvePnPGeneric(*seen, flags=cv2.SOLVEPNP_IPPE)
-        poses = []
-        for turn, shift in zip(turns[:count], shifts[:count], strict=True):
-            better = cv2.solvePnPRefineLM(*seen, np.array(turn), np.array(shift))
-            found = np.concatenate(better).astype(np.float64).ravel()
-            poses.append(so3.transform(so3.exp(found[:3]), found[3:]))
-        return min(poses, key=lambda pose: rms([self.misses(pose, optics)]))
+        starts = zip(turns[:count], shifts[:count], strict=True)
+        poses = [
+            self.refined(so3.transform(so3.exp(turn.ravel()), shift.ravel()), optics)
+            for turn, shift in starts
+        ]
+        return sorted(poses, key=lambda pose: rms([self.misses(pose, optics)]))
+
+    def refined(self, pose: FloatArray, optics: Optics) -> FloatArray:
+        """Return the pose (4, 4) [m] near the given one with the locally smallest reprojection error."""
+        turn, shift = cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3:].copy()
+        better = cv2.solvePnPRefineLM(self.points, self.pixels, *optics, turn, shift)
+        found = np.concatenate(better).astype(np.float64).ravel()
+        return so3.transform(so3.exp(found[:3]), found[3:])
 
     def misses(self, camera_from_board: FloatArray, optics: Optics) -> FloatArray:
         """Return the residuals (N, 2) at a pose (4, 4): observed minus projected corners [px]."""
