@@ -195,6 +195,9 @@ def test_deviations_are_read_as_written_and_a_lens_alone_is_no_camera_yet(calibr
     assert not read.placed
     assert not read_all_calibrated([tmp_path], "*.yml")[0].placed
     assert np.array_equal(read.camera.matrix, camera.matrix)
+    file.write_text("height: 480\nK: [600, 0, 320, 0, 600, 240, 0, 0, 1]\n")  # a message of ROS
+    with pytest.raises(CalibrationError, match=r"key \w+ is missing; found K, height$"):
+        read_calibrated(file)
 
 
 def test_a_calibration_is_resized_and_cropped_as_its_camera_is_and_deviations_with_it(calibrated):

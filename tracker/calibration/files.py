@@ -103,18 +103,23 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
     return data
 
 
-def _camera_of(data: dict[Any, Any]) -> Camera:
+def _transform_of(data: dict[Any, Any]) -> FloatArray:
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
     if "camera_matrix" in data:
         where = "`tracker calibrate extrinsics` finds its pose; or add that key: [R t; 0 1] of rvec and tvec"
         _require(data, transform_key, f": a lens alone; {where}")
     transform = _matrix_of(data, transform_key, (4, 4))
     transform[:3, :3] = rotation_of(transform[:3, :3], transform_key, CalibrationError)
-    std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
-    std = None if std_key is None else _deviations_of(data, std_key, (4, 4))
     if (transform[3] != (0, 0, 0, 1)).any():
         found = transform[3].tolist()
         raise CalibrationError(f"{transform_key}: found the last row {found}, expected [0, 0, 0, 1]")
+    return transform
+
+
+def _camera_of(data: dict[Any, Any], placed: bool) -> Camera:
+    transform = _transform_of(data) if placed else np.eye(4)
+    std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
+    std = None if std_key is None else _deviations_of(data, std_key, (4, 4))
     shapes = [shape for count in (4, *COUNTS) for shape in ((1, count), (count, 1))]
     distortion = _matrix_of(data, "distortion_coefficients", *shapes).ravel()
     return Camera(
@@ -209,10 +214,8 @@ def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Cali
     """
     data = _read_mapping(Path(path))
     placed = not alone or any(key in data for key in TRANSFORM_KEYS)
-    if not placed:
-        data[TRANSFORM_KEYS[0]] = _entry(np.eye(4))
     with naming(os.fspath(path), CalibrationError):
-        camera = _camera_of(data)
+        camera = _camera_of(data, placed)
         matrix = _deviations_of(data, _MATRIX_KEY, (3, 3)) if _MATRIX_KEY in data else None
         bent = _deviations_of(data, _DISTORTION_KEY, (1, 5)).ravel() if _DISTORTION_KEY in data else None
     return Calibrated(camera, matrix, bent, placed)
