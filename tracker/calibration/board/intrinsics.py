@@ -200,6 +200,11 @@ def _require_belief(lens: Lens, std: FloatArray, normals: FloatArray) -> None:
             f"{camera.name}: photos left out miss by {lens.left_out:.2f} px RMS, expected at most "
             f"{limit:.2f}: the board is not flat, or the photos are not of one camera and focus"
         )
+    if not lens.rms <= MANY_TIMES * lens.left_out:  # the fit to all of them diverged
+        raise CalibrationError(
+            f"{camera.name}: photos miss by {lens.rms:.2f} px RMS, photos left out by {lens.left_out:.2f}: "
+            f"the photos are too alike; {_MORE_TILT}"
+        )
     if not (std[:2] <= MOST_FOCAL_STD * focal).all():
         raise CalibrationError(
             f"{camera.name}: the focal length is {focal[0]:.0f} ± {std[:2].max():.0f} px, expected it to "
