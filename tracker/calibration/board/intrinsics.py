@@ -105,9 +105,12 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
     kept = [number for number in enough if number not in faults]
     optics, std = _fit([cleaned[n] for n in kept], size)
     residuals = [one.least_misses(optics) for one in cleaned]
+    both = rms([residuals[n] for n in kept]), float(np.sqrt(np.mean(left_out[kept] ** 2)))
+    normals = np.array([cleaned[n].pose(optics)[:3, 2] for n in kept])
+    _require_belief(name, optics[0][(0, 1), (0, 1)], std, normals, *both)
     center = (np.array(size) - 1) / 2
     farthest = max(np.linalg.norm(cleaned[n].pixels - center, axis=1).max() for n in kept)
-    lens = Lens(
+    return Lens(
         Calibrated(
             Camera(name, *size, *optics, np.eye(4)),
             np.array([[std[0], 0, std[2]], [0, std[1], std[3]], [0, 0, 0]]),
@@ -118,12 +121,9 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
             PhotoFit(one, residuals[n], left_out[n], len(sightings[n]) - len(one), faults.get(n))
             for n, one in enumerate(cleaned)
         ),
-        rms([residuals[n] for n in kept]),
-        float(np.sqrt(np.mean(left_out[kept] ** 2))),
+        *both,
         float(farthest / np.linalg.norm(center)),
     )
-    _require_belief(lens, std, np.array([cleaned[n].pose(optics)[:3, 2] for n in kept]))
-    return lens
 
 
 def _judged(
@@ -184,29 +184,29 @@ def _require_photos(name: str, found: int, all_photos: int) -> None:
         )
 
 
-def _require_belief(lens: Lens, std: FloatArray, normals: FloatArray) -> None:
+def _require_belief(
+    name: str, focal: FloatArray, std: FloatArray, normals: FloatArray, missed: float, left_out: float
+) -> None:
     """Raise if the photos are too similar, by the boards' normals (N, 3), or the lens fits them badly."""
-    camera = lens.calibrated.camera
-    focal = camera.matrix[(0, 1), (0, 1)]
     limit = MOST_LEFT_OUT * float(focal.min())
     spread = float(np.rad2deg(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
     if spread < LEAST_TILT:
         raise CalibrationError(
-            f"{camera.name}: the board is tilted by no more than {spread:.0f}° from photo to photo, expected "
+            f"{name}: the board is tilted by no more than {spread:.0f}° from photo to photo, expected "
             f"at least {LEAST_TILT:.0f}°: the photos are too alike; {_MORE_TILT}"
         )
-    if not lens.left_out <= limit:
+    if not left_out <= limit:
         raise CalibrationError(
-            f"{camera.name}: photos left out miss by {lens.left_out:.2f} px RMS, expected at most "
+            f"{name}: photos left out miss by {left_out:.2f} px RMS, expected at most "
             f"{limit:.2f}: the board is not flat, or the photos are not of one camera and focus"
         )
-    if not lens.rms <= MANY_TIMES * lens.left_out:  # the fit to all of them diverged
+    if not missed <= MANY_TIMES * left_out:  # the fit to all of them diverged
         raise CalibrationError(
-            f"{camera.name}: photos miss by {lens.rms:.2f} px RMS, photos left out by {lens.left_out:.2f}: "
+            f"{name}: photos miss by {missed:.2f} px RMS, photos left out by {left_out:.2f}: "
             f"the photos are too alike; {_MORE_TILT}"
         )
     if not (std[:2] <= MOST_FOCAL_STD * focal).all():
         raise CalibrationError(
-            f"{camera.name}: the focal length is {focal[0]:.0f} ± {std[:2].max():.0f} px, expected it to "
+            f"{name}: the focal length is {focal[0]:.0f} ± {std[:2].max():.0f} px, expected it to "
             f"{MOST_FOCAL_STD:.0%}: the photos are too alike; {_MORE_TILT}"
         )
