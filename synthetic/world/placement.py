@@ -43,8 +43,9 @@ def place(platform: Platform, rng: np.random.Generator, kind: str) -> tuple[Pose
         about["clearance"] = clearance
     else:
         face = int(rng.integers(6))
-        tilt = rng.uniform(-np.pi / 4, np.pi / 4) if kind == "tilted" else 0.0
-        rotation = so3.exp([0.0, 0.0, rng.uniform(0, 2 * np.pi)]) @ so3.exp([tilt, 0.0, 0.0]) @ face_up(face)
+        tilt, axis = (rng.uniform(-np.pi / 4, np.pi / 4), rng.integers(2)) if kind == "tilted" else (0.0, 0)
+        rotation = so3.exp([0.0, 0.0, rng.uniform(0, 2 * np.pi)])
+        rotation = rotation @ so3.exp(tilt * np.eye(3)[axis]) @ face_up(face)
         about.update(face_up=face, tilt=tilt)
     position = np.array([*random_place(rng, platform.size, rotation), 0.0])
     position[2] = clearance - lowest(platform.size, rotation)

@@ -95,6 +95,16 @@ def test_resting_objects_are_level_on_every_face(name):
     assert faces == set(range(6))
 
 
+def test_objects_are_tilted_about_both_edges_below_every_face():
+    tilted = set()
+    for seed in range(120):
+        scene = random_scene(platform_of("cuboid_2x2x8_v2"), default_rng(seed), kind="tilted", near=None)
+        heights = np.abs(scene.objects[0].rotation[2])
+        assert heights.min() == pytest.approx(0.0, abs=1e-9)
+        tilted.add((scene.about["face_up"], int(heights.argmin())))
+    assert len(tilted) == 12
+
+
 def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to():
     platform = platform_of("cube_v2")
     near = [random_scene(platform, default_rng(seed), near=1.0).about for seed in range(20)]
