@@ -31,4 +31,4 @@ for step in range(100):
     for _, seen in coming:
         seen.found[ended] = False  # what is on its way is of the episode before
 off = 1e3 * np.linalg.norm(known - position, axis=1)
-print(f"{np.isfinite(off).mean():.0%} known, median error {np.nanmedian(off):.1f} mm")
+print(f"{100 * np.isfinite(off).mean():.0f} % known, median error {np.nanmedian(off):.1f} mm")

@@ -237,7 +237,7 @@ def test_a_calibration_is_named_where_cameras_contradict_each_other_for_long():
 
     (first, *_) = _calibration_rows(statuses(0.5, 1.0))
     assert first[0] == "calibration"
-    assert "50.0%" in first[1]
+    assert "50.0 %" in first[1]
     # Without poses the status says that there is no object.
     assert not _calibration_rows(statuses(1.0, 0.0))
     assert not _calibration_rows(statuses(CONTRADICTED / 2, 1.0))

@@ -226,7 +226,7 @@ def _found(lens: Lens) -> list[list[str]]:
         ["RMS", f"{lens.rms:.3f} px; with a lens fitted without them {lens.left_out:.3f} px"],
     ]
     if lens.reach < 0.9:
-        beyond = f"beyond {lens.reach:.0%} of the way from the centre to the image's corners"
+        beyond = f"beyond {100 * lens.reach:.0f} % of the way from the centre to the image's corners"
         rows.append(["note", f"no corner {beyond}: beyond that the distortion is a guess"])
     return rows
 

@@ -313,7 +313,7 @@ def _print_confusion(counts: Array) -> None:
     for label in [*LABELS, 0]:
         if total := counts[label].sum():
             shares = np.roll(counts[label], -1) / total
-            rows.append([COLOR_NAMES[label], *(f"{share:.2%}" if share else "-" for share in shares)])
+            rows.append([COLOR_NAMES[label], *(f"{100 * share:.2f} %" if share else "-" for share in shares)])
     click.echo(f"\nfound as\n{table(rows)}")
 
 
@@ -324,11 +324,11 @@ def _print_weak(counts: Array) -> None:
         name, right = COLOR_NAMES[label], counts[label, label]
         if (share := right / counts[label].sum()) < WEAK:
             taken = COLOR_NAMES[int(others[label].argmax())]
-            weak.append(f"weak: {name}: {share:.0%} is found, most of the rest as {taken}")
+            weak.append(f"weak: {name}: {100 * share:.0f} % is found, most of the rest as {taken}")
         false = 1 - right / max(counts[:, label].sum(), right, 1)
         if false > FALSE and others[:, label].any():
             of = COLOR_NAMES[int(others[:, label].argmax())]
-            weak.append(f"weak: {name}: {false:.0%} of the pixels found are something else, mostly {of}")
+            weak.append(f"weak: {name}: {100 * false:.0f} % of what is found is something else, mostly {of}")
     click.echo("\n".join(["", *(weak or ["no colour is weak"])]))
 
 

@@ -148,16 +148,16 @@ def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[lis
     uses = tracker.CameraUse
     moved = "did it move after its calibration? Is it mirrored, late or swapped with another?"
     remarks = {
-        uses.CONTRADICTING: ("contradicts the others in {:.1%} of the frames with a measured pose:", moved),
-        uses.NO_IMAGE: ("gave no image in {:.1%} of the frames:", "is it connected? Is the log complete?"),
-        uses.FROZEN: ("repeated an old image in {:.1%} of the frames:", "did the camera or its driver stop?"),
-        uses.BLACK: ("gave a black image in {:.1%} of the frames:", "is it covered? Is there light?"),
+        uses.CONTRADICTING: ("contradicts the others in {} of the frames with a measured pose:", moved),
+        uses.NO_IMAGE: ("gave no image in {} of the frames:", "is it connected? Is the log complete?"),
+        uses.FROZEN: ("repeated an old image in {} of the frames:", "did the camera or its driver stop?"),
+        uses.BLACK: ("gave a black image in {} of the frames:", "is it covered? Is there light?"),
     }
     rows = []
     for name, shares in to_look_at(cameras or {}).items():
         for number, (use, share) in enumerate(shares.items()):
             found, look = remarks[use]
-            rows += [["" if number else name, found.format(share)], ["", f"  {look}"]]
+            rows += [["" if number else name, found.format(f"{100 * share:.1f} %")], ["", f"  {look}"]]
     return rows
 
 
@@ -166,13 +166,13 @@ def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
     share = numbers["share"] * numbers["with_pose"]
     if share < CONTRADICTED:
         return []
-    why = f"does not fit: cameras contradict each other in {share:.1%} of the frames."
+    why = f"does not fit: cameras contradict each other in {100 * share:.1f} % of the frames."
     ask = "  does it belong to these cameras? tracker calibrate check names the one that moved"
     return [["calibration", why], ["", ask]]
 
 
 def _text(result: dict[str, Any]) -> str:
-    rows = [["log", result["log"]], ["poses", result["output"]], ["frames", str(result["frames"])]]
+    rows = [["recording", result["log"]], ["poses", result["output"]], ["frames", str(result["frames"])]]
     if frames := result["frames"]:
         counts = (f"{round(result[kind] * frames)} of {frames} {kind}" for kind in ("measured", "filtered"))
         rows.append(["with a pose", ", ".join(counts)])

@@ -74,7 +74,7 @@ class Judgement:
     frames: int
 
     def __str__(self) -> str:
-        return f"{self.explained:.1%} explained, {self.posed:.1%} posed"
+        return f"{100 * self.explained:.1f} % explained, {100 * self.posed:.1f} % posed"
 
 
 def judge(model: CuboidModel, footage: Sequence[Frames], colors: ColorModel) -> Judgement:

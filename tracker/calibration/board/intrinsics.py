@@ -208,5 +208,5 @@ def _require_belief(
     if not (std[:2] <= MOST_FOCAL_STD * focal).all():
         raise CalibrationError(
             f"{name}: the focal length is {focal[0]:.0f} ± {std[:2].max():.0f} px, expected it to "
-            f"{MOST_FOCAL_STD:.0%}: the photos are too alike; {_MORE_TILT}"
+            f"{100 * MOST_FOCAL_STD:.0f} %: the photos are too alike; {_MORE_TILT}"
         )

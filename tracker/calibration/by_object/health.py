@@ -124,7 +124,7 @@ class Health:
         for key, quantity in QUANTITIES.items():
             for name, share in zip(self.cameras, self.beyond(key), strict=True):
                 if share > OFTEN:
-                    result.append(f"{name}: {key} beyond its limit in {share:.0%}: {quantity.advice}")
+                    result.append(f"{name}: {key} beyond its limit in {100 * share:.0f} %: {quantity.advice}")
         heights = self.height[np.isfinite(self.height)]
         height = np.median(heights) if heights.size else 0.0
         if not HEIGHT.limits[0] <= height <= HEIGHT.limits[1]:

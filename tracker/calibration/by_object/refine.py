@@ -359,8 +359,8 @@ def refine_cameras(
     if not after < (1.0 - GAIN) * before:
         raise NotBetterError(
             f"refine: refused: edges in {len(judges)} frames held out are {before:.3f} px off with the "
-            f"calibration as it is, and {after:.3f} px with the one found; expected {GAIN:.0%} less: it is "
-            "as good as these recordings can tell"
+            f"calibration as it is, and {after:.3f} px with the one found; expected {100 * GAIN:.0f} % less: "
+            "it is as good as these recordings can tell"
         )
     now, step = adjust(edges, frames, rim, focal=focal)
     covariances = relative_covariance(step.covariance) + np.diag(np.repeat(np.square(FLOOR), 3))
