@@ -264,7 +264,7 @@ class FrameMaker(Closing):
     def _crew(self, number: int) -> Crew:
         """Draw the cameras of a chunk."""
         rng = self._rng(_CAMERAS, number)
-        sensor = self._quality.sensor(rng, self.options.path)
+        sensor = self._quality.sensor(rng, self.options.path, self.options.size)
         film = self.options.sequence
         return crew_of(self.rig, sensor, rng, self.options.effects, self.options.seed, number, film=film)
 

@@ -32,10 +32,10 @@ class Quality:
     shadows: bool
     """Whether lamps cast shadows."""
 
-    def sensor(self, rng: np.random.Generator, path: str | None) -> Sensor:
-        """Draw a kind of camera; its figures are scaled where it works at half the resolution."""
+    def sensor(self, rng: np.random.Generator, path: str | None, height: int) -> Sensor:
+        """Draw a kind of camera for images of `height` [px]; figures are scaled for half the resolution."""
         sensor = Sensor.sample(rng, path)
-        if self.full:
+        if self.full or height >= SENSOR_HEIGHT:
             return sensor
         # One pixel collects the charge of four: less noise, and half the blur in pixels twice as wide.
         return dataclasses.replace(

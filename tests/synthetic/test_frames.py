@@ -77,6 +77,13 @@ def test_default_quality_halves_and_540_does_not():
     assert np.abs(half.astype(int) - small.images[0]).mean() < 1.0
 
 
+def test_quality_changes_neither_the_blur_nor_the_noise_of_a_camera():
+    options = {"rig": RIG, "shadows": False, "path": "new", "size": 540}
+    (one,), (other,) = (frames("cube_v2", 1, 5, quality=name, **options) for name in ("fast", "default"))
+    # Same light and the same draws of noise; only edges are sampled more finely.
+    assert np.mean(one.images[0] != other.images[0]) < 0.2
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
