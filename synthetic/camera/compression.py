@@ -40,12 +40,13 @@ class Compression:
         kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
         return cls(kind, int(rng.integers(80, 99)), int(rng.integers(17, 27)))
 
-    def applied(self, pictures: Sequence[Image]) -> Image:
+    def applied(self, pictures: Sequence[Image], *, raw: bool = False) -> Image:
         """Return the last of these images (H, W, 3) BGR, compressed and decompressed.
 
         Args:
             pictures: consecutive images of one camera, beginning at a key frame: H.264 predicts each image
                 from the one before.
+            raw: the recording holds mosaics, so JPEG is that of the mosaic, whatever the image.
 
         Raises:
             EffectError: PyAV, the extra `video`, is missing.
@@ -53,11 +54,11 @@ class Compression:
         if self.kind == "h264":
             return _filmed(pictures, self.crf)
         picture = pictures[-1]
-        if self.kind == "mosaic":
-            raw = mosaicked(picture)
+        if raw or self.kind == "mosaic":
+            mosaic = mosaicked(picture)
             inner = np.s_[2:-2, 2:-2]  # OpenCV copies values to the border
-            if np.array_equal(demosaicked(raw)[inner], picture[inner]):
-                return demosaicked(_joined(_jpeg(_quadrants(raw), self.quality)))
+            if raw or np.array_equal(demosaicked(mosaic)[inner], picture[inner]):
+                return demosaicked(_joined(_jpeg(_quadrants(mosaic), self.quality)))
         return _jpeg(picture, self.quality)
 
 

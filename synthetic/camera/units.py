@@ -176,10 +176,8 @@ class Crew:
         """
         images = taken[-1]
         if self.compression is not None:
-            own = self.compression
-            if raw and own.kind == "jpeg":
-                own = dataclasses.replace(own, kind="mosaic")
-            images = tuple(own.applied(pictures) for pictures in zip(*taken, strict=True))
+            cameras = zip(*taken, strict=True)
+            images = tuple(self.compression.applied(pictures, raw=raw) for pictures in cameras)
         return tuple(mosaicked(image) for image in images) if raw else images
 
 

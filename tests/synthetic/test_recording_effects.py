@@ -8,9 +8,10 @@ from numpy.random import default_rng as rng
 
 from synthetic.camera import shot
 from synthetic.camera.compression import Compression
-from synthetic.camera.miscalibration import FLOAT, TILT, miscalibrated
+from synthetic.camera.miscalibration import FLOAT, TILT, Calibrated, miscalibrated
+from synthetic.camera.response import Sharpening
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, mosaicked
-from synthetic.camera.units import MOST, PERIOD, Timing, Unit
+from synthetic.camera.units import MOST, PERIOD, Crew, Timing, Unit
 from synthetic.frames import FrameMaker, FrameOptions, frames
 from synthetic.render.raster import Layers
 from synthetic.scene import ObjectState
@@ -83,6 +84,22 @@ def test_compression_repeats_to_the_bit_and_stays_near_the_picture(kind, path):
     assert np.abs(one.astype(float) - image).mean() < 6
     if kind == "mosaic":  # what was a mosaic is one still
         assert np.array_equal(demosaicked(mosaicked(one))[2:-2, 2:-2], one[2:-2, 2:-2])
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "mosaic"])
+@pytest.mark.parametrize("path", ["plain", "new"])
+def test_jpeg_of_a_raw_recording_is_that_of_its_mosaic_even_if_the_camera_sharpens(kind, path):
+    image = Sharpening(0.4, 1.0).applied(picture(path=path))
+    crew = Crew((), Calibrated(ONE, ONE), compression=Compression(kind, 90, 20))
+    (mosaic,) = crew.recorded([(image,)], raw=True)
+    planes = [mosaicked(image)[row::2, column::2] for row, column in ((0, 0), (0, 1), (1, 1), (1, 0))]
+    sheet = np.vstack([np.hstack(planes[:2]), np.hstack(planes[2:])])
+    _, data = cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 90])
+    expected = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    # Red and green above blue and the other green; OpenCV copies values to the border.
+    for row, column, left, top in ((0, 0, 0, 0), (0, 1, 135, 0), (1, 1, 0, 135), (1, 0, 135, 135)):
+        plane = expected[top : top + 135, left : left + 135]
+        assert np.array_equal(mosaic[row::2, column::2][1:-1, 1:-1], plane[1:-1, 1:-1])
 
 
 @pytest.mark.parametrize(
