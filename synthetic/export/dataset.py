@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from synthetic.camera.rigs import KNOWN, choose_rig, sized
 from synthetic.export.bop import finish_bop, write_bop_frame, write_png
@@ -200,7 +201,9 @@ class _Truth:
     def save(self) -> None:
         """Replace the file."""
         start = time.monotonic()
-        write_whole(self._path, json.dumps({**self._head, "frames": self.entries()}, indent=1) + "\n")
+        content = {**self._head, "frames": self.entries()}
+        # Options may be numbers of NumPy's types.
+        write_whole(self._path, json.dumps(content, indent=1, default=np.generic.item) + "\n")
         now = time.monotonic()
         self._next_save = now + max(_SAVE_EVERY, 20 * (now - start))
 

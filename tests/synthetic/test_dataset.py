@@ -132,6 +132,12 @@ def test_a_folder_of_other_options_is_refused(made, generate):
         assert contents(made) == before
 
 
+def test_a_data_set_may_be_chosen_by_numbers_of_numpy_and_continued_by_others(tmp_path):
+    options = FrameOptions("cube_v2", np.int64(4), "fast", size=np.int64(270), rate=np.float32(10))
+    assert make_dataset(DatasetOptions(options, 1), tmp_path) == 1
+    assert make_dataset(DatasetOptions(FrameOptions("cube_v2", 4, "fast"), 1), tmp_path) == 0
+
+
 @pytest.mark.parametrize("name", ["camera60", "north_camera0"])
 def test_a_data_set_has_frames_of_one_calibration(name, tmp_path):
     rig = CameraRig((dataclasses.replace(standard_rig()[0], name=name),))
