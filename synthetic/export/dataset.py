@@ -125,10 +125,10 @@ def make_dataset(
     root = Path(folder)
     rig = options.rig()
     truth = _Truth.open(root, options)
-    _save_rig(root, rig)
+    done = truth.done(root)
+    _save_rig(root, rig, begun=bool(done))
     for path in filter(_is_left, root.iterdir()):
         shutil.rmtree(path, ignore_errors=True)
-    done = truth.done(root)
     missing = (number for number in range(options.count) if number not in done)
     tasks = [list(numbers) for _, numbers in itertools.groupby(missing, lambda n: n // options.frames.chunk)]
     if progress:
@@ -220,8 +220,12 @@ def _is_left(path: Path) -> bool:
     return False
 
 
-def _save_rig(root: Path, rig: CameraRig) -> None:
-    if any(root.glob("*camera*.yml")) and not CameraRig.load(root).agrees_with(rig):
+def _save_rig(root: Path, rig: CameraRig, *, begun: bool) -> None:
+    files = list(root.glob("*camera*.yml"))
+    if not begun:  # files of a run that ended before its first frame
+        for path in files:
+            path.unlink()
+    elif files and not CameraRig.load(root).agrees_with(rig):
         raise DatasetError(f"{root}: found frames of another calibration, expected the one asked for")
     rig.save(root)
 

@@ -23,6 +23,7 @@ from tests.helpers import contents, nudged, opencv_pixels
 from tests.helpers.command import begin, until, well, workers_of
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig, load_object, open_log
+from tracker.errors import CalibrationError
 from tracker.geometry.arena import Arena
 from tracker.geometry.cuboid import corners
 from tracker.logs.pictures import from_bayer
@@ -150,6 +151,18 @@ def test_a_data_set_has_frames_of_one_calibration(name, tmp_path):
         make_dataset(DatasetOptions(options, 2, str(tmp_path / "other")), tmp_path / "set")
     assert contents(tmp_path / "set") == before
     make_dataset(DatasetOptions(options, 2, str(tmp_path / "one")), tmp_path / "set")
+
+
+def test_a_run_that_ended_before_its_first_frame_ties_a_folder_to_no_calibration(tmp_path):
+    (camera,) = standard_rig().cameras[:1]
+    folded = dataclasses.replace(camera, name="north_camera0", distortion=np.array([-2.0, 0, 0, 0, 0]))
+    for folder, one in (("folded", folded), ("right", camera)):
+        CameraRig((one,)).save(tmp_path / folder)
+    options = FrameOptions("cube_v2", 4, "fast")
+    with pytest.raises(CalibrationError, match="no inverse"):
+        make_dataset(DatasetOptions(options, 1, str(tmp_path / "folded")), tmp_path / "set")
+    assert make_dataset(DatasetOptions(options, 1, str(tmp_path / "right")), tmp_path / "set") == 1
+    assert CameraRig.load(tmp_path / "set").names == (camera.name,)
 
 
 def test_errors_are_one_line_with_exit_code_2(tmp_path, run_here, monkeypatch):
