@@ -1,6 +1,7 @@
 """The platform in PyBullet, without a window: table, wall, robot and objects."""
 
 import functools
+import weakref
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -59,13 +60,10 @@ class World(Closing):
         self.time_step = 2 * TIME_STEP if fast else TIME_STEP
         self._iterations = 15 if fast else 50
         self.client: int = pybullet.connect(pybullet.DIRECT)
+        # Also frees a world that nobody closes.
+        self._free = weakref.finalize(self, pybullet.disconnect, physicsClientId=self.client)
         self._bullet: Any = _Client(self.client)
-        self._open = True
-        try:
-            self._fill(assets, np.asarray(size, dtype=np.float64), count, robot)
-        except BaseException:
-            self.close()
-            raise
+        self._fill(assets, np.asarray(size, dtype=np.float64), count, robot)
 
     def _fill(self, assets: Path, size: FloatArray, count: int, robot: bool) -> None:
         p = self._bullet
@@ -115,9 +113,7 @@ class World(Closing):
 
     def close(self) -> None:
         """Free the world; it must not be used afterwards."""
-        if self._open:
-            self._open = False
-            pybullet.disconnect(physicsClientId=self.client)
+        self._free()
 
     def set_joints(self, joints: Array) -> None:
         """Put the fingers at joint angles (9,) [rad], at rest."""

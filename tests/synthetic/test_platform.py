@@ -73,6 +73,11 @@ def test_several_platforms_live_side_by_side(platform):
     np.testing.assert_allclose(platform.world.joint_angles(), 1.0)
 
 
+def test_a_world_that_nobody_closes_is_freed(platform):
+    client = platform.new_world(robot=False).client
+    assert not pybullet.isConnected(client)
+
+
 def test_a_chosen_folder_without_the_files_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv(assets.VARIABLE, str(tmp_path))
     with pytest.raises(assets.AssetError, match=r"TRIFINGER_ASSETS.*trifingerpro\.urdf"):
