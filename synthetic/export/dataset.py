@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from synthetic.camera.rigs import KNOWN, choose_rig, sized
@@ -66,7 +65,6 @@ class DatasetOptions:
 
 def make_worker(options: DatasetOptions, folder: Path) -> Callable[[Sequence[int]], Iterator[dict[str, Any]]]:
     """Return a function that makes and writes frames of a chunk, given their numbers; yields their truth."""
-    cv2.setNumThreads(1)  # the workers already share the machine
     maker = FrameMaker(options.frames, options.rig())
 
     def work(numbers: Sequence[int]) -> Iterator[dict[str, Any]]:

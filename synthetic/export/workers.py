@@ -6,6 +6,8 @@ import signal
 from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
+import cv2
+
 from tracker.errors import TrackerError
 from tracker.processes import end_with_parent
 
@@ -79,6 +81,7 @@ def _work(factory: Factory, todo: Any, results: Any) -> None:
     # An interrupt also reaches the parent process, which ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
+    cv2.setNumThreads(1)  # the workers already share the machine
     try:
         work = factory()
         while (task := todo.get()) is not None:

@@ -153,6 +153,16 @@ def test_a_data_set_has_frames_of_one_calibration(name, tmp_path):
     make_dataset(DatasetOptions(options, 2, str(tmp_path / "one")), tmp_path / "set")
 
 
+def test_a_run_in_this_process_leaves_opencv_its_threads(tmp_path):
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        make_dataset(DatasetOptions(FrameOptions("cube_v2", 4, "fast"), 1), tmp_path)
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(threads)
+
+
 def test_a_run_that_ended_before_its_first_frame_ties_a_folder_to_no_calibration(tmp_path):
     (camera,) = standard_rig().cameras[:1]
     folded = dataclasses.replace(camera, name="north_camera0", distortion=np.array([-2.0, 0, 0, 0, 0]))
