@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from synthetic.look.face_colors import reflectances
 from synthetic.scene import Body, Mesh, PlatformScene, direction
 from synthetic.world import meshes
+from synthetic.world.placement import face_up
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3
@@ -220,12 +221,15 @@ def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
 
 
 def _photo(own: Body, rng: np.random.Generator) -> list[Body]:
-    """Return a photo of the object from above, cut out or on white paper, that lies or leans on the table."""
+    """Return a photo of the object from above, cut out or on white paper, that lies or leans on the table.
+
+    The object in the photo rests on any face, whatever the object does: a film shows one photo.
+    """
     elevation, azimuth = rng.uniform([np.radians(25), 0.0], [np.radians(65), 2 * np.pi])
     towards = direction(azimuth, elevation)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     axes = np.stack([right, np.cross(towards, right), towards])
-    turned = own.world_from_body[:3, :3]
+    turned = face_up(int(rng.integers(6)))
     points = corners(own.size) @ turned.T @ axes.T
     flat = points[:, :2] / (1 - points[:, 2:] / 0.5)
     normals = FACE_NORMALS @ turned.T

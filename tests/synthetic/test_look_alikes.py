@@ -124,6 +124,16 @@ def test_sizes_plates_photos_and_prisms_are_what_their_names_say(name):
         assert all(np.ptp(body.mesh.vertices, axis=0).min() < 0.005 for body in bodies)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_look_alike_is_the_same_thing_whatever_the_pose_of_the_object(kind):
+    scenes = [scene for scene, _ in bare_scenes("cube_v2", 6)]
+    things = [marked(look_alike(scene, kind, np.random.default_rng(1))) for scene in scenes]
+    for others in things[1:]:
+        for one, other in zip(things[0], others, strict=True):
+            assert np.array_equal(one.labels, other.labels)
+            np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+
+
 def test_a_mirrored_object_and_one_in_pairs_keep_what_their_names_say():
     true = np.asarray(platform("cube_v2").model.face_labels)
     for scene, rng in bare_scenes("cube_v2", 10):
