@@ -36,6 +36,7 @@ def faults(image, change=lambda one, _: one, skew=0.0):
         (lambda one, n: None if n % 5 == 0 else one, "4 of 20 images are missing; 4 ×: buffer torn"),
         (lambda one, n: None, "20 of 20 images are missing"),
         (lambda one, n: one // 8, "dark, median grey level"),
+        (lambda one, n: one // 255 + np.uint8(n % 2), "dark, median grey level"),  # shows no edge
         (lambda one, n: np.minimum(one.astype(int) * 6, 255).astype(np.uint8), "over-exposed"),
         (lambda one, n: cv2.GaussianBlur(one, (0, 0), 4), "blurred by"),
         (lambda one, n: cv2.blur(one, (15, 1)), "blurred by"),

@@ -285,6 +285,10 @@ def test_noise_on_corners_averages_out():
         (pose_from_keypoints, (CORNERS[:7], BOX), r"shape \(7, 3\)"),
         (pose_from_keypoints, (np.full((8, 3), np.inf), BOX), "expected finite numbers"),
         (pose_from_keypoints, ("box", BOX), "expected numbers"),
+        *[
+            (partial(pose_from_keypoints, tolerance=far), (CORNERS, BOX), f"tolerance: found {far}, expected")
+            for far in (-1, np.inf, None)
+        ],
         (pose_from_keypoints, (CORNERS, [0.02, 0.08]), "three lengths"),
         (pose_from_keypoints, (CORNERS, [0.02, 0.08, 0.0]), "above 0 m"),
         (keypoints, ([0.0, 0.0], UNIT, BOX), r"position: found shape \(2,\)"),

@@ -1,8 +1,10 @@
 """Check cameras for faults by watching their images for a few seconds, without searching for an object."""
 
 import contextlib
+import math
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +28,12 @@ MOST_AGE = 0.1
 
 LOOK_EVERY = 0.5
 """Interval between measurements of brightness, clipping and blur [s], which take longer than a frame."""
+
+
+def _median(values: Sequence[float]) -> float:
+    """Return the median of what is known; NaN if nothing is."""
+    known = [value for value in values if not math.isnan(value)]
+    return float(np.median(known)) if known else math.nan
 
 
 @dataclass
@@ -66,12 +74,13 @@ class CameraLooks:
     @property
     def look(self) -> PictureLook:
         """Medians of `looks`; NaN without an image."""
-        return PictureLook(*(np.nanmedian(self.looks, axis=0) if self.looks else np.full(3, np.nan)))
+        columns = zip(*self.looks, strict=True) if self.looks else [()] * 3
+        return PictureLook(*map(_median, columns))
 
     @property
     def skew(self) -> float:
         """Median of `skews` [s]; NaN without an image."""
-        return float(np.median(self.skews)) if self.skews else float("nan")
+        return _median(self.skews)
 
     def faults(self) -> list[str]:
         """Return what is wrong, with hints on what may help."""

@@ -254,8 +254,8 @@ def pose_from_keypoints(
         TaskError: an argument is malformed, or the corners are not those of a box of this size: one is
             farther away than `tolerance`, or they are in another order.
     """
-    if not is_number(tolerance):
-        raise TaskError(f"tolerance: found {shown(tolerance)}, expected a finite distance [m]")
+    if not is_number(tolerance) or tolerance < 0:
+        raise TaskError(f"tolerance: found {shown(tolerance)}, expected a finite distance [m], not negative")
     found, edges = numbers("keypoints", corners), _size(size)
     if found.shape[-2:] != (8, 3):
         raise TaskError(f"keypoints: found shape {found.shape}, expected (..., 8, 3)")
