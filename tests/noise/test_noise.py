@@ -49,7 +49,10 @@ def test_a_model_without_errors_gives_the_truth():
         seen = state_of().step(p, q, v, 0.1)
         assert seen.found.all()
         assert np.array_equal(seen.position, p)
-        np.testing.assert_allclose(seen.orientation, q / np.linalg.norm(q, axis=1)[:, None], atol=1e-15)
+        # The sign is the tracker's, whatever that of the simulator.
+        own = q / np.linalg.norm(q, axis=1)[:, None] * np.sign(q[:, 3:])
+        np.testing.assert_allclose(seen.orientation, own, atol=1e-15)
+        assert (seen.orientation[:, 3] >= 0).all()
         assert (seen.confidence == 1.0).all()
         assert (seen.delay == 0.0).all()
 

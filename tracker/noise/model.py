@@ -160,7 +160,7 @@ class Seen:
     position: FloatArray
     """(N, 3) [m] in the world; nan where nothing was found."""
     orientation: FloatArray
-    """(N, 4) xyzw, world from object; nan where nothing was found."""
+    """(N, 4) xyzw, world from object, w ≥ 0 as the tracker's; nan where nothing was found."""
     found: Array
     """(N,) bool: whether the object was found; an old pose is never repeated."""
     confidence: FloatArray
@@ -341,7 +341,7 @@ class NoiseState:
 
 
 def _turned(turn: FloatArray, q: FloatArray) -> FloatArray:
-    """Turn orientations (N, 4) xyzw by rotation vectors (3, N) [rad] along world axes."""
+    """Turn orientations (N, 4) xyzw by rotation vectors (3, N) [rad] along world axes; give w ≥ 0."""
     half = np.maximum(0.5 * np.sqrt(np.einsum("ij,ij->j", turn, turn)), 1e-300)
     x, y, z = turn * (0.5 * np.sin(half) / half)
     w = np.cos(half)
@@ -351,4 +351,4 @@ def _turned(turn: FloatArray, q: FloatArray) -> FloatArray:
     result[:, 1] = w * b - x * c + y * d + z * a
     result[:, 2] = w * c + x * b - y * a + z * d
     result[:, 3] = w * d - x * a - y * b - z * c
-    return result
+    return np.where(result[:, 3:] < 0.0, -result, result)
