@@ -120,6 +120,7 @@ NO_PICTURES = ("camera60/a.txt", "0/other.png", "camera60.txt")
     [
         ({"1/camera60.png": np.zeros((20, 31, 3), np.uint8)}, "31×20 px, expected 30×20"),
         ({"0/camera60.jpg": picture(0, 0)}, "one image of a camera"),
+        ({"01/camera60.png": picture(0, 0)}, "images called 01 and 1, expected one name of each moment"),
         *[({"ground_truth.json": text}, r"ground_truth\.json") for text in NO_TRUTHS],
         *[({place: ""}, "no images of cameras.*begin with camera") for place in NO_PICTURES],
     ],

@@ -334,6 +334,11 @@ def _of_streams(root: Path, streams: _Streams, rate: float, *, by_name: bool = F
     if not by_name and len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
         streams = _numbered(root, streams, set(), {})
     names = sorted({name for files in streams.values() for name in files}, key=_natural)
+    numbers: dict[int, str] = {}
+    for name in filter(str.isdecimal, names):
+        if (other := numbers.setdefault(int(name), name)) != name:
+            both = " and ".join(sorted((other, name)))
+            raise LogError(f"{root}: found images called {both}, expected one name of each moment")
     stamps = stamps_of_names(names)
     counted = (number / rate for number in _numbers(names) or range(len(names)))
     times = dict(zip(names, stamps or counted, strict=True))
