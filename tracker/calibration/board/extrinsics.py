@@ -79,12 +79,13 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
                 f"images of {lens.width}x{lens.height} px"
             )
     # Remove outliers from every photo at its own best pose; at least two thirds of its corners must remain.
-    photos, faults = dict(sightings), dict[Photo, str]()
-    least = [2 * len(one) / 3 for one in photos.values()]
-    for _ in range(3) if photos else ():  # a gross outlier can mask others
-        residuals = [one.least_misses(_optics(lenses[at[0]])) for at, one in photos.items()]
-        cleaned = without_wrong(list(photos.values()), residuals, least)
-        photos = dict(zip(sightings, cleaned, strict=True))
+    views, optics = list(sightings.values()), [_optics(lenses[number]) for number, _ in sightings]
+
+    def misses(views: Sequence[BoardView]) -> list[FloatArray]:
+        return [one.least_misses(own) for one, own in zip(views, optics, strict=True)]
+
+    cleaned = without_wrong(views, misses, [2 * len(one) / 3 for one in views]) if views else []
+    photos, faults = dict(zip(sightings, cleaned, strict=True)), dict[Photo, str]()
     fit = _fitted(lenses, photos, world_from_board)
     used = photos
     while (odd := _odd_one(lenses, used, world_from_board, fit)) is not None:

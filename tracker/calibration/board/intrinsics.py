@@ -155,14 +155,12 @@ def _fit(sightings: Sequence[BoardView], size: tuple[int, int]) -> tuple[Optics,
 
 def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
     """Return the views without corners that were detected in the wrong place."""
-    cleaned = list(sightings)
-    for _ in range(3):  # a gross outlier can mask others
-        optics, _ = _fit(cleaned, size)
-        residuals = [one.least_misses(optics) for one in cleaned]
-        before, cleaned = cleaned, without_wrong(cleaned, residuals, [FEWEST_CORNERS] * len(cleaned))
-        if list(map(len, cleaned)) == list(map(len, before)):
-            break
-    return cleaned
+
+    def misses(views: Sequence[BoardView]) -> list[FloatArray]:
+        optics, _ = _fit(views, size)
+        return [one.least_misses(optics) for one in views]
+
+    return without_wrong(sightings, misses, [FEWEST_CORNERS] * len(sightings))
 
 
 def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[float]:

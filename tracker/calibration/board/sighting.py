@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
@@ -113,21 +113,28 @@ def rms(residuals: Sequence[FloatArray]) -> float:
 
 
 def without_wrong(
-    views: Sequence[BoardView], residuals: Sequence[FloatArray], least: Sequence[float]
+    views: Sequence[BoardView],
+    misses: Callable[[Sequence[BoardView]], Sequence[FloatArray]],
+    least: Sequence[float],
 ) -> list[BoardView]:
     """Return the views without outlying corners; one that would keep too few corners is left as it is.
 
-    Too few are fewer than its `least`, and those that do not fix the board's pose. The standard deviation is
-    estimated from the median residual, which a few outliers hardly affect. If a photo's own is larger, it is
-    used, so a photo that fits badly keeps its corners and is judged as a whole.
+    Too few are fewer than its `least`, and those that do not fix the board's pose. `misses` returns the
+    residuals (N, 2) of each view. The standard deviation is estimated from their median, which a few outliers
+    hardly affect. If a photo's own is larger, it is used, so a photo that fits badly keeps its corners and is
+    judged as a whole.
     """
-    spread = _spread(np.concatenate(residuals))
-    result = []
-    for view, missed, count in zip(views, residuals, least, strict=True):
-        own = max(spread, _spread(missed) if len(missed) else 0.0)
-        fewer = view.without(np.linalg.norm(missed, axis=1) > _WRONG_CORNER * own)
-        result.append(fewer if fewer.fixes_pose and len(fewer) >= count else view)
-    return result
+    cleaned = list(views)
+    for _ in range(3):  # a gross outlier can mask others
+        before, cleaned, residuals = cleaned, [], misses(cleaned)
+        spread = _spread(np.concatenate(residuals))
+        for view, missed, count in zip(before, residuals, least, strict=True):
+            own = max(spread, _spread(missed) if len(missed) else 0.0)
+            fewer = view.without(np.linalg.norm(missed, axis=1) > _WRONG_CORNER * own)
+            cleaned.append(fewer if fewer.fixes_pose and len(fewer) >= count else view)
+        if list(map(len, cleaned)) == list(map(len, before)):
+            break
+    return cleaned
 
 
 def _spread(residuals: FloatArray) -> float:
