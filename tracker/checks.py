@@ -143,9 +143,14 @@ def is_black(image: Array) -> bool:
     return bool(rows[len(rows) // 2, 0, 0] < BLACK and rows.max() < BLACK)
 
 
+def shows(image: Array | None) -> TypeGuard[Array]:
+    """Whether there is an image (H, W, 3), and it is not black."""
+    return image is not None and not is_black(image)
+
+
 def shown_in(images: Sequence[Array | None]) -> list[bool]:
     """Return whether each image is there and not black; if all of them are black, whether it is there."""
-    lit = [image is not None and not is_black(image) for image in images]
+    lit = [shows(image) for image in images]
     return lit if any(lit) else [image is not None for image in images]
 
 

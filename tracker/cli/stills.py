@@ -16,7 +16,7 @@ import click
 import numpy as np
 
 import tracker
-from tracker.checks import is_black
+from tracker.checks import shows
 from tracker.cli import options
 from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import DRAWN, InFile, OutFolder, Recording, is_recording, refuse_overwriting
@@ -129,7 +129,7 @@ def read_images(
 
 def unless_black(image: Image | None) -> Image | None:
     """Return an image; None if it is black: so is a camera's first image in HDF5 logs if it gave none."""
-    return None if image is None or is_black(image) else image
+    return image if shows(image) else None
 
 
 @contextlib.contextmanager

@@ -15,7 +15,7 @@ import numpy as np
 from tracker.calibration.board.sighting import grey, photo_blur
 from tracker.calibration.by_object import health
 from tracker.calibration.rig import CameraRig
-from tracker.checks import is_black
+from tracker.checks import shows
 from tracker.conventions import Image
 from tracker.errors import TrackerError
 from tracker.geometry.arena import SLACK, Arena
@@ -114,7 +114,7 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
         return OUT_OF_VIEW  # even of a certain pose: the cameras left may be sure of a wrong one
     if _confidence(answer) >= UNSURE:
         return None
-    lit = [image for image in images if image is not None and not is_black(image)]
+    lit = [image for image in images if shows(image)]
     if lit and not any(np.ptp(image, axis=2).any() for image in lit):
         return GREY
     remark, own = swapped(tracker, images, answer), answer.object_pose
@@ -145,7 +145,7 @@ def lasting_remark(tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]
     """Like `likely_cause` for a recording, without exposure and sharpness: two sets of images must agree."""
     found: list[str | None] = []
     # A driver error leaves a frame without images; black ones show nothing.
-    some = (images for images in sets if any(image is not None and not is_black(image) for image in images))
+    some = (images for images in sets if any(map(shows, images)))
     for images in itertools.islice(some, _MOST_SETS):
         answer = tracker.detect(images)
         if _confidence(answer) >= SURE:
