@@ -1,3 +1,4 @@
+import ast
 import contextlib
 import gc
 import importlib
@@ -5,6 +6,7 @@ import io
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import sys
 
@@ -103,6 +105,30 @@ def test_kernels_free_all_arrays_that_they_create():
     # Caches of judgements fill in the first rounds, and replace arrays of earlier tests: there may be fewer.
     assert kept[-1][0] <= kept[-2][0]
     assert kept[-1][1] <= kept[-2][1]
+
+
+def test_kernels_assign_nothing_but_numbers_to_slices():
+    # Numba compiles the error message of arrays that do not match as well, which takes two seconds.
+    number, slow = re.compile(r"-?[\d.e]+|np\.(nan|inf|float32\(0\.0\))|False"), []
+    for path in (ROOT / "tracker").rglob("*.py"):
+        for kernel in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            decorators = map(ast.unparse, getattr(kernel, "decorator_list", []))
+            if not any(name.startswith("compiled") for name in decorators):
+                continue
+            for node in ast.walk(kernel):
+                if not isinstance(node, (ast.Assign, ast.AugAssign)):
+                    continue
+                target = node.target if isinstance(node, ast.AugAssign) else node.targets[-1]
+                both = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
+                pairs = zip(target.elts, node.value.elts, strict=True) if both else [(target, node.value)]
+                slow += [
+                    f"{path.name}: {ast.unparse(node)}"
+                    for part, value in pairs
+                    if isinstance(part, ast.Subscript)
+                    and any(isinstance(index, ast.Slice) for index in ast.walk(part.slice))
+                    and not (number.fullmatch(ast.unparse(value)) and isinstance(node, ast.Assign))
+                ]
+    assert slow == []
 
 
 SCRIPT = """

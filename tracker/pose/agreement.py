@@ -73,7 +73,9 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
                 sight[i] = lens.position[i] - position[i]
                 distance += sight[i] ** 2
             distance = math.sqrt(distance)
-            full[:, :] = known
+            for i in range(6):
+                for j in range(6):
+                    full[i, j] = known[i, j]
             for first, scale, errors in (
                 (0, SCALES[s], (ACROSS * distance, ALONG * distance)),
                 (3, SCALES[s] / distance, (TILT, ROLL)),

@@ -184,9 +184,9 @@ def _outside(one, numbers):  # type: ignore[no-untyped-def]
 @compiled
 def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
     """Log likelihood of `count` cameras, each either whole or broken: whole (C,), broken (C,)."""
-    ways, none = np.empty(count + 1), -1e300
-    ways[:] = none
-    ways[0] = 0.0
+    none, ways = -1e300, np.empty(count + 1)
+    for k in range(count + 1):
+        ways[k] = none if k > 0 else 0.0
     for c in range(count):
         for k in range(c + 1, -1, -1):
             ways[k] = np.logaddexp(ways[k] + whole[c], ways[k - 1] + broken[c] if k > 0 else none)

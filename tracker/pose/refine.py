@@ -111,7 +111,8 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
         for i in range(3):
             camera.sight[i] = model.lenses[c].position[i] - solution.position[i]
             length += camera.sight[i] ** 2
-        camera.sight[:] /= math.sqrt(length)
+        for i in range(3):
+            camera.sight[i] /= math.sqrt(length)
     return doubtful
 
 

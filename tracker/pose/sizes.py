@@ -140,9 +140,9 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
     if not several:
         # A single camera cannot tell how far it is off, and an exact calibration is not off.
         with_edges(cameras, solution.feet, solution.own, solution.foot)
-        shares[:] = solve(solution, cameras, 1.0)
+        misfit = solve(solution, cameras, 1.0)
         for k in range(len(SHARES)):
-            shares[k] -= 2.0 * math.log(SHARES_PRIOR[k])
+            shares[k] = misfit - 2.0 * math.log(SHARES_PRIOR[k])
     least = shares[smallest(shares)]
     if not math.isfinite(least):
         if ask:

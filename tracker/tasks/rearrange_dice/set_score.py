@@ -257,7 +257,8 @@ def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def
                 # Rotations move the corners by the step; heights, which are known best, move by half of it.
                 size = step if axis < 2 else 0.5 * step if axis == 2 else step / (0.7 * DIE_WIDTH)
                 for sign in (-1.0, 1.0):
-                    trial[:] = die
+                    for i in range(4):
+                        trial[i] = die[i]
                     trial[axis] += sign * size
                     if trial[0] ** 2 + trial[1] ** 2 > ARENA_RADIUS * ARENA_RADIUS:
                         continue
@@ -268,5 +269,6 @@ def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def
             if best <= before:
                 break
             _draw_around(views, dice, k, die, canvas)
-    dice[k] = die
+    for i in range(4):
+        dice[k, i] = die[i]
     return best
