@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite.binding import parse_assembly
 from numba.core import compiler, config, sigutils, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.codegen import JITCodeLibrary
@@ -252,6 +253,14 @@ class _Implementation(CompileResultCacheImpl):
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
         self._locator = _Locator(self._locator, function)
+
+    def reduce(self, result: Any) -> Any:
+        # Kernels compile what they call: of the bitcode that is kept to be linked into other code, only the
+        # name of the function that Python calls is of use. Environments serve errors whose text is made
+        # when they occur, which kernels do not raise; loading them imports numba's arrays.
+        (name, kind, (code, _)), *others, _envs = super().reduce(result)  # type: ignore[no-untyped-call]
+        entry = f'define void @"{result.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
+        return (name, kind, (code, parse_assembly(entry).as_bitcode())), *others, ()
 
 
 class _Cache(FunctionCache):
