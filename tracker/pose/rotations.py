@@ -139,7 +139,9 @@ def rotation_grid() -> tuple[FloatArray, Array, Array]:
     flat = rotations.reshape(ROTATIONS, 9)
     # The trace of R R2ᵀ is 1 + 2 cos of the angle between them.
     close = flat @ flat.T > 1 + 2 * math.cos(APART)
-    near = np.argsort(~close, axis=1, kind="stable")[:, : close.sum(axis=1).max()]
-    near = np.where(np.take_along_axis(close, near, axis=1), near, near[:, :1])
+    rows, columns = np.nonzero(close)
+    counts = np.bincount(rows)
+    k = np.arange(counts.max())
+    near = columns[np.cumsum(counts)[:, None] - counts[:, None] + np.where(k < counts[:, None], k, 0)]
     single = np.ascontiguousarray(rotations.transpose(2, 1, 0).astype(np.float32))
-    return rotations, single, np.ascontiguousarray(near)
+    return rotations, single, near
