@@ -6,7 +6,7 @@ from scipy.optimize import nnls
 
 from tests.helpers import make_camera, make_rig, numerical_jacobian, random_rotations
 from tracker.calibration.by_object.edges import Contour, pose_errors, pose_information, seen_motion
-from tracker.calibration.by_object.table import Rest, _equations, fit_table, levelled
+from tracker.calibration.by_object.table import FLOOR, Rest, _equations, fit_table, levelled
 from tracker.calibration.deviations import calibration_covariance, element_std, rotation_vector_variance
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
@@ -170,6 +170,20 @@ def in_a_line(rng):
 def test_rests_that_give_no_plane_are_refused_with_the_reason(seen, message, rng):
     with pytest.raises(CalibrationError, match=message):
         fit_table(seen(rng), SIZES[0], RIG)
+
+
+def test_five_rests_that_err_as_is_assumed_are_enough():
+    errors = np.array([0.0, 0.0, FLOOR[0], FLOOR[1], FLOOR[1], 0.0])
+    for seed in range(40):
+        rng = np.random.default_rng([7, seed])
+        seen = []
+        for rest, azimuth in zip(rests(5, rng, placed=world(0, 0)), np.arange(5) * 0.4 * np.pi, strict=True):
+            error, place = errors * rng.normal(size=6), 0.1 * np.array([np.cos(azimuth), np.sin(azimuth), 0])
+            height = rest.position * [0, 0, 1]
+            turn = so3.exp(error[3:])
+            moved = place + turn @ height + error[:3]  # turned about where it stands
+            seen.append(dataclasses.replace(rest, position=moved, rotation=turn @ rest.rotation))
+        assert np.count_nonzero(fit_table(seen, SIZES[0], RIG).used) == 5
 
 
 POSITION = np.array([0.06, -0.09, 0.03])

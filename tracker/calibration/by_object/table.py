@@ -107,7 +107,7 @@ def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TableP
         left = values - designs @ found
         distance = np.einsum("ni,nij,nj->n", left, known, left) / wider**2
         weights = np.clip(1.0 - distance / OUTLIER, 0.0, None) ** 2
-        if weights.sum() < LEAST - 1.0:
+        if np.count_nonzero(weights) < LEAST:
             continue
         weighted = np.einsum("n,nji,njk->nik", weights, designs, known)
         normal = np.einsum("nij,njk->ik", weighted, designs)
@@ -197,7 +197,7 @@ def _start(values: FloatArray, designs: FloatArray) -> FloatArray:
 
 def _refuse(weights: FloatArray, designs: FloatArray, center: tuple[float, float]) -> None:
     """Raise CalibrationError if too few poses rest on the plane, or all lie near one line."""
-    if weights.sum() < LEAST - 1.0:
+    if np.count_nonzero(weights) < LEAST:
         raise CalibrationError(
             f"table: found {np.count_nonzero(weights)} of {len(weights)} poses at rest to lie on one plane, "
             f"expected {LEAST} or more; was the object held, or did the cameras move?"
