@@ -157,6 +157,21 @@ def test_errors_as_large_as_files_state_are_no_motion():
     assert named <= 1
 
 
+@pytest.mark.parametrize("count", [3, 20])
+def test_errors_as_large_as_files_of_rougher_calibrations_state_are_no_motion_either(count):
+    rough = 1.1e-3, 2.7e-3  # of the recorded cubes
+    covariance, named = np.diag(np.repeat(np.square(rough), 3)), 0
+    for seed in range(20):
+        rng = np.random.default_rng([8, seed])
+        given = []
+        for camera in CAMERAS:
+            std = element_std(camera.camera_from_world[:3, :3], covariance)
+            given.append(dataclasses.replace(misplaced(camera, rng, *rough), camera_from_world_std=std))
+        found = check_calibration(looks(CAMERAS, given, count=count, seed=seed), given)
+        named += any(one.moved for one in found.cameras)
+    assert named <= 3
+
+
 def test_many_looks_in_few_places_accuse_no_camera():
     named = 0
     for seed in range(12):
