@@ -8,8 +8,8 @@ too near or too far. For each width of the rim, taken as exact, the script print
 farther away a single camera puts the object than all cameras together.
 
 The last line of each triplet is the rim estimated by all cameras together, whatever the object's file states:
-0.2 mm for cube_v1, 0.6 mm for cube_v2 and 0.9 mm for the cuboid. `tracker/objects/data` states these values,
-with a standard deviation for other objects of the kind.
+0.3 mm for cube_v1, 0.6 mm for cube_v2 and 0.9 mm for the cuboid. `tracker/objects/data` states values within
+one standard deviation of these, with a standard deviation for other objects of the kind.
 """
 
 import dataclasses
