@@ -42,7 +42,7 @@ def figures(camera: Camera) -> list[float]:
         distance,
         np.degrees(np.arcsin(-axis[2])),
         *target[:2],
-        np.degrees(np.arcsin(rotation[0, 2])),
+        np.degrees(np.arctan2(rotation[0, 2], -rotation[1, 2])),
         camera.matrix[0, 0],
         camera.matrix[1, 1] / camera.matrix[0, 0],
         *(camera.matrix[:2, 2] - 134.5),

@@ -141,8 +141,9 @@ def random_rig(rng: np.random.Generator) -> CameraRig:
     """Draw three cameras around the arena, 540×540, which obey their calibration exactly.
 
     Lenses vary like the 21 lenses of seven robots (`scripts/fit_rigs.py`). Those robots share one design;
-    distances, heights and directions vary two to three times as much here, and each camera is anywhere in its
-    gap between the bases of two fingers, which those robots have at 90, 210 and 330 degrees.
+    distances vary three times as much here, rolls and where cameras look about twice, elevations a little
+    more, and each camera is anywhere in its gap between the bases of two fingers, which those robots have at
+    90, 210 and 330 degrees.
     """
     azimuths = _GAPS_DEG + rng.uniform(-25.0, 25.0, 3)
     names = (f"camera{nominal}" for nominal in _AZIMUTHS_DEG)

@@ -3,11 +3,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from scripts.fit_rigs import NAMES, figures
 from synthetic.camera import rigs
 from synthetic.camera.lens import Lens, seen_at
 from synthetic.camera.rigs import ROBOTS, choose_rig, default_cameras
 from tests.helpers import opencv_pixels
 from tracker.errors import CalibrationError
+from tracker.geometry import so3
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -46,6 +48,14 @@ def test_a_robots_name_is_its_recorded_calibration(name, real):
     rig = choose_rig(name, 0)
     assert rig.names == ("camera60", "camera180", "camera300")
     assert all(camera.height == 270 for camera in rig)
+
+
+def test_how_far_a_camera_is_rolled_is_measured_about_its_axis():
+    for camera in default_cameras():
+        roll = so3.transform(so3.exp([0.0, 0.0, np.radians(3.0)]), [0.0, 0.0, 0.0])
+        rolled = dataclasses.replace(camera, camera_from_world=roll @ camera.camera_from_world)
+        found = dict(zip(NAMES, figures(rolled), strict=True))
+        assert found["roll about its axis [deg]"] == pytest.approx(3.0)
 
 
 def test_a_name_that_is_none_is_distinguished_from_a_robot_whose_files_are_missing(monkeypatch, tmp_path):
