@@ -16,7 +16,7 @@ from tests.helpers.command import assert_refused, well
 from tests.helpers.filmed import write_recording
 from tests.helpers.kept_stills import bare
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
-from tracker.calibration.by_object.table import moved
+from tracker.calibration.by_object.table import TablePlane, moved
 from tracker.calibration.files import Calibrated, calibration_text, file_name, read_calibrated
 from tracker.calibration.rig import save_rig
 from tracker.cli.board import Smaller
@@ -272,6 +272,14 @@ def test_a_calibration_on_the_table_is_written_and_summarised(resting, tmp_path,
         kept, before = (read_calibrated(folder / f"{one.name}.yml") for folder in (target, resting))
         np.testing.assert_array_equal(kept.matrix_std, before.matrix_std)
         np.testing.assert_array_equal(kept.distortion_std, before.distortion_std)
+
+
+def test_places_that_make_up_the_table_are_the_places_at_rest(resting, tmp_path, run_here, monkeypatch):
+    doubted = np.array([1.0, 1.0, 1.0, 1.0, 0.4, 0.0])
+    plane = TablePlane((0.0, 0.0), 0.004, np.zeros(2), 1e-8 * np.eye(3), doubted, 1e-4)
+    monkeypatch.setattr("tracker.cli.calibrate.find_table", lambda *_: (RIG, plane, 6))
+    result = well(run_here("table", resting, "--stills", *CUBE, "-o", tmp_path / "mended"))
+    assert "in 5 of 6 places" in result.stdout
 
 
 def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):

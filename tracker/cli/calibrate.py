@@ -315,7 +315,7 @@ def table_command(filmed: Filmed, output: Path = _output) -> None:
     save_rig(rig, output, filmed.lenses(given[2]))
     if filmed.quiet:
         return
-    used, still, (height, tilt) = np.count_nonzero(plane.used > 0.5), len(plane.used), plane.std
+    used, still, (height, tilt) = np.count_nonzero(plane.used), len(plane.used), plane.std
     slopes = np.degrees(np.arctan(plane.slope))
     rows = [
         ["at rest", f"in {used} of {still} places where it was still; seen in {shots} frames"],
