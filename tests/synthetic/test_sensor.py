@@ -6,6 +6,7 @@ import pytest
 from numpy.random import default_rng as rng
 from scipy.ndimage import center_of_mass
 
+from scripts.camera_measures import noise_curve
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, linear, mosaicked
 
 NEUTRAL = CameraSettings(np.ones(3), np.zeros(2))
@@ -31,6 +32,13 @@ def test_noise_of_a_mosaic_is_greatest_in_the_dark_as_in_recorded_pictures():
     # Measured on recorded pictures: red, green and blue 5.6, 4.0, 7.0 at level 40 and 2.0, 2.2, 2.4 at 120.
     assert noise[40] == pytest.approx([5.6, 4.0, 7.0], rel=0.35)
     assert noise[120] == pytest.approx([2.2, 2.2, 2.6], rel=0.5)
+
+
+@pytest.mark.parametrize("std", [2.5, 5.0])
+def test_noise_is_measured_without_bias(std):
+    image = np.round(rng(4).normal(100.0, std, (396, 396, 3))).astype(np.uint8)
+    (_, found, _), *_ = noise_curve(image, 1)
+    assert found == pytest.approx(np.sqrt(std**2 + 1 / 12), rel=0.006)  # with what rounding adds
 
 
 @pytest.mark.parametrize(("path", "size", "own"), [("new", 60, True), ("old", 30, True), ("new", 30, False)])
