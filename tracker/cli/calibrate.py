@@ -250,8 +250,9 @@ def refine(
     Fits the object's edges in RECORDINGs, or in many IMAGEs. Move the object all over the arena and turn it.
     A third of the frames is held out: if these fit no better, nothing is written, and the exit code is 1.
 
-    Edges do not show where the world is. The cameras' mean x, y and yaw are kept. So are their mean z and
-    tilt, unless the object rests in at least five places (see `table`).
+    Edges do not show where the world is. The cameras' mean x, y and yaw are kept, weighted by what the files
+    state of their accuracy. So are their mean z and tilt, unless the object rests in at least five places
+    (see `table`).
 
     Also writes object.toml with the object's rim: how far inside the nominal edges its colours end. Give this
     file as --object from then on.

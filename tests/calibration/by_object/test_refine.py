@@ -98,6 +98,16 @@ def test_without_noise_cameras_and_rim_are_found(rng):
     assert np.degrees(np.abs(mean[3:]).max()) < 0.005
 
 
+def test_of_cameras_that_state_unlike_deviations_the_weighted_mean_stays(rng):
+    rough = 16.0 * TRUE[2].camera_from_world_std
+    start = CameraRig((*TRUE[:2], dataclasses.replace(TRUE[2], camera_from_world_std=rough)))
+    now, _ = adjusted(World(rng, 20, noise=0.0), knocked(start, seed=2))
+    known, off = now.information[:, :6, :6], now.errors[:, :6]
+    weighted = np.linalg.solve(known.sum(axis=0), np.einsum("cij,cj->i", known, off))
+    np.testing.assert_allclose(weighted, 0.0, atol=1e-5)
+    assert np.abs(off.mean(axis=0)).max() > 1e-4
+
+
 def test_the_least_deviations_are_added_once_to_those_that_a_file_states():
     for stated in (None, np.zeros((4, 4)), TRUE[0].camera_from_world_std):
         given = dataclasses.replace(TRUE[0], camera_from_world_std=stated)

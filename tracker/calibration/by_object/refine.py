@@ -329,8 +329,8 @@ def refine_cameras(
 
     Cameras are fitted to two thirds of the frames and judged by the others. If those fit better, the final
     cameras are fitted to all. The world frame is not observable: x, y and yaw stay as they are on average
-    over the old cameras, and so do z and tilt unless the object rested in enough places. `progress` receives
-    the number of new shots that show the object.
+    over the old cameras, weighted by the deviations that they state, and so do z and tilt unless the object
+    rested in enough places. `progress` receives the number of new shots that show the object.
 
     CalibrationError: there is only one camera, or the object was seen in too few poses, or by a camera in too
     few frames. NotBetterError: the refined cameras do not fit the held-out frames better.
