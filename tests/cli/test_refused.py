@@ -349,9 +349,13 @@ def test_a_file_to_write_has_its_suffix_and_a_folder_to_be_in_and_is_none(option
     monkeypatch.chdir(tmp_path)
     last = option.type.suffixes[-1]
     (tmp_path / f"folder{last}").mkdir()
+    os.mkfifo(tmp_path / f"pipe{last}")
+    (tmp_path / f"link{last}").symlink_to(f"away/x{last}")
     faults = {"x.zip": f"found suffix '.zip', expected .*{last}", f"folder{last}": "found a folder, expected"}
+    faults[f"pipe{last}"] = "found a pipe or a device, expected a file"
     if not option.type.new_folders:
         faults[f"nowhere/x{last}"] = "there is no folder nowhere"
+        faults[f"link{last}"] = "there is no folder /.*/away"
     for path, fault in faults.items():
         with pytest.raises(click.UsageError, match=f"{option.opts[0]} {path}: {fault}"):
             option.type.convert(path, option, None)
@@ -363,3 +367,9 @@ def test_a_folder_of_results_that_exists_may_be_in_one_that_may_not_be_written(t
     assert OutFolder().convert(tmp_path / "old", None, None) == tmp_path / "old"
     with pytest.raises(click.UsageError, match="may not be written"):
         OutFolder().convert(tmp_path / "new", None, None)
+
+
+def test_a_link_to_nothing_is_no_folder_of_results(tmp_path):
+    (tmp_path / "link").symlink_to("away")
+    with pytest.raises(click.UsageError, match="link: found a link to nothing, expected a folder"):
+        OutFolder(new=True).convert(tmp_path / "link", None, None)

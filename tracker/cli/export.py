@@ -16,7 +16,7 @@ import tracker
 from tracker.calibration.by_object.health import Sample, sample, surely_still
 from tracker.cli import options
 from tracker.cli.options import argument, command, file_option, flag, option
-from tracker.cli.outputs import AnyPath, InFile, Recording, refuse_overwriting, require_folder
+from tracker.cli.outputs import AnyPath, InFile, Recording, parent_of, refuse_overwriting, require_folder
 from tracker.cli.terminal import bar, say
 from tracker.conventions import Array, Image
 from tracker.logs import LogFrame, read_robot_log
@@ -211,7 +211,7 @@ def convert(
         raise click.UsageError(f"-o {output}: found suffix {suffix!r}, expected {expected}")
     if suffix == ".mp4" and any(astuple(cameras)):
         raise click.UsageError(f"-o {output}: a film keeps no calibration, expected no options about it")
-    require_folder("-o", output, output.absolute().parent, made=False)
+    require_folder("-o", output, parent_of(output), made=False)
     if output.exists():
         raise click.UsageError(f"-o {output}: exists, expected a new name")
     with tracker.open_log(source, recover=part.recover) as log:

@@ -60,9 +60,10 @@ class OutFile(AnyPath):
     def check(self, name: str, path: Path) -> None:
         """See AnyPath."""
         check_suffix(path, self.suffixes, name, click.UsageError)
-        if path.is_dir():
-            raise click.UsageError(f"{name} {path}: found a folder, expected a file")
-        require_folder(name, path, path.absolute().parent, made=self.new_folders)
+        if path.exists() and not path.is_file():
+            found = "a folder" if path.is_dir() else "a pipe or a device"
+            raise click.UsageError(f"{name} {path}: found {found}, expected a file")
+        require_folder(name, path, parent_of(path), made=self.new_folders)
         package = _PACKAGES.get(self.extra)
         if package is not None and find_spec(package) is None:
             raise click.ClickException(f"{name} needs the package {package}: {install(self.extra)}")
@@ -77,9 +78,10 @@ class OutFolder(AnyPath):
 
     def check(self, name: str, path: Path) -> None:
         """See AnyPath."""
-        if path.exists() and not path.is_dir():
-            raise click.UsageError(f"{name} {path}: found a file, expected a folder")
-        require_folder(name, path, path.absolute(), made=True)
+        if os.path.lexists(path) and not path.is_dir():
+            found = "a file" if path.exists() else "a link to nothing"
+            raise click.UsageError(f"{name} {path}: found {found}, expected a folder")
+        require_folder(name, path, path, made=True)
         if self.new and path.is_dir() and any(path.iterdir()):
             raise click.UsageError(f"{name} {path}: in use, expected a new or an empty folder")
 
@@ -140,6 +142,11 @@ def refuse_overwriting(
     _refuse_new_recordings(files, recordings)
 
 
+def parent_of(path: Path) -> Path:
+    """Return the folder that a file at the path is written to: of a link, that of its target."""
+    return Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
+
+
 def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
     """Raise UsageError unless `folder` is a writable folder or, if `made`, can be created.
 
@@ -148,9 +155,9 @@ def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
     while made and not folder.exists():
         folder = folder.parent
     if not folder.is_dir():
-        raise click.UsageError(f"{name} {path}: there is no folder {path.parent if not made else folder}")
+        raise click.UsageError(f"{name} {path}: there is no folder {folder}")
     if not os.access(folder, os.W_OK):
-        raise click.UsageError(f"{name} {path}: the folder {folder} may not be written")
+        raise click.UsageError(f"{name} {path}: the folder {folder.absolute()} may not be written")
 
 
 def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:
