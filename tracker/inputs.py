@@ -2,7 +2,9 @@
 
 import math
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -23,6 +25,10 @@ Images: TypeAlias = Sequence[Array | None] | Mapping[str, Array | None]
 Stamp: TypeAlias = float | Sequence[float | None] | Mapping[str, float] | FloatArray
 """One timestamp [s] for all cameras, or one per camera, in the rig's order or by camera name; None without an
 image."""
+
+
+NO_IMAGE = "none"
+"""Stands for a missing image among files."""
 
 
 def object_of(model: CuboidModel | PathLike) -> CuboidModel:
@@ -50,6 +56,53 @@ def colors_of(colors: ColorModel | PathLike | None, model: CuboidModel) -> Color
         return load_colors(model.colors)
     valid = "a ColorModel (tracker.load_colors gives one), or its name or file"
     return load_colors(path_of(colors, "colors", TrackerError, valid))
+
+
+def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Return one set of files in the order of the cameras that they or their folders are named after.
+
+    If there is no such name, in the given order. NO_IMAGE stands for a missing image. ImageError if there are
+    too few or too many, or if names contradict the cameras.
+    """
+    each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' where a camera gave none)"
+    if len(paths) != len(names):
+        raise ImageError(f"images: found {len(paths)}, expected {len(names)}, {each}")
+    given = [Path(path) for path in paths if path != NO_IMAGE]
+    if not given:
+        raise ImageError(f"images: found only '{NO_IMAGE}', expected at least one file")
+    shared = len(given) > 1 and len({path.parent for path in given}) == 1  # a common folder names none
+    called = [
+        camera_in(path.stem, names) or (None if shared else camera_in(path.parent.name, names))
+        for path in given
+    ]
+    if not any(called):
+        return list(paths)
+    found: dict[str, Path] = {}
+    for path, camera in zip(given, called, strict=True):
+        if camera is None or camera not in names:
+            whose = f"named after {camera}" if camera else "named after no camera, where others are"
+            raise ImageError(f"{path}: {whose}; expected {each}")
+        if camera in found:
+            raise ImageError(f"{path}: named after {camera}, as {found[camera]} is; expected {each}")
+        found[camera] = path
+    return [str(found.get(name, NO_IMAGE)) for name in names]
+
+
+def camera_in(text: str, names: Sequence[str]) -> str | None:
+    """Return the camera named in a file's or folder's name, not as part of a longer word or number.
+
+    A name that differs from one of `names` only in its number is another camera. Several are joined by "and".
+    """
+    words = {name.rstrip("0123456789") for name in names if name[-1].isdigit()} - {""}
+    patterns = [*map(re.escape, names), *(rf"{re.escape(word)}\d+" for word in words)]
+    found = set()
+    for pattern in patterns:
+        for match in re.finditer(rf"(?<![0-9A-Za-z])(?:{pattern})", text):
+            after = text[match.end() :][:1]
+            if not (after.isdigit() if match[0][-1].isdigit() else after.isalpha()):
+                found.add(match[0])
+    whole = sorted(one for one in found if not any(one in other for other in found - {one}))
+    return " and ".join(whole) or None
 
 
 def check_images(images: Images, rig: CameraRig, least: int = 1) -> list[Image | None]:

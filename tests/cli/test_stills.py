@@ -16,7 +16,7 @@ from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.dice_scenes import EDGE, painted
 from tracker.calibration.rig import CameraRig
 from tracker.cli.demo import DATA as DEMO
-from tracker.cli.stills import of_cameras
+from tracker.inputs import of_cameras
 from tracker.tasks import rearrange_dice
 
 PHOTOS = DEMO / "000003"

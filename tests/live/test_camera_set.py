@@ -11,7 +11,7 @@ import pytest
 
 from tests.helpers import make_rig
 from tracker.calibration.rig import CameraRig
-from tracker.errors import LiveError
+from tracker.errors import ImageError, LiveError
 from tracker.live import SourceEnded, drivers
 from tracker.live.cameras import CameraLost, CameraSet, CameraUnfit, Grabbed
 from tracker.live.sources import open_cameras
@@ -319,6 +319,17 @@ def test_films_are_read_by_opencv_picture_by_picture_from_the_first_at_even_time
     assert levels == sorted(levels)
     assert set(levels) <= {6, 7, 8, 9, 10}
     assert given[1].stamps[0] - given[0].stamps[0] > 0.08
+
+
+def test_films_go_to_the_cameras_that_they_are_named_after(tmp_path):
+    rig = CameraRig(make_rig(64, 48).cameras[:2])
+    films = [write_film(tmp_path / f"camera{name}.avi", [level]) for name, level in ((180, 90), (60, 160))]
+    given = until_the_end(open_cameras(f"opencv:{','.join(films)}", rig))
+    levels = [round(float(image.mean()) / 10) for image in given[0].images]
+    assert (rig.names, levels) == (("camera60", "camera180"), [16, 9])
+    other = write_film(tmp_path / "camera300.avi", [0])
+    with pytest.raises(ImageError, match=r"camera300.avi: named after camera300; expected one for each of"):
+        open_cameras(f"opencv:{films[0]},{other}", rig)
 
 
 def test_a_camera_by_its_number_is_asked_for_pictures_of_the_calibrations_size(monkeypatch):

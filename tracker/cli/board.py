@@ -20,13 +20,14 @@ from tracker.calibration.board.sighting import BoardView, rms, squares_shown
 from tracker.calibration.files import Calibrated, calibration_text, file_name, read_all_calibrated
 from tracker.cli.options import Range, command, file_option, flag, numbers, option, several
 from tracker.cli.outputs import DRAWN, IMAGES, InFile, OutFolder, Recording, refuse_repeated
-from tracker.cli.stills import camera_in, silent_libraries
+from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.color_learning.labelled import read_image
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
 from tracker.files import told_as, write_together, write_whole
 from tracker.geometry.camera import check_name
+from tracker.inputs import camera_in
 from tracker.viz.calibration import residual_picture
 
 

@@ -25,9 +25,10 @@ from tracker.cli import options
 from tracker.cli.board import board, extrinsics, intrinsics
 from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import DRAWN, OutFolder, Recording, is_recording
-from tracker.cli.stills import NO_IMAGE, read_images
+from tracker.cli.stills import read_images
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import CalibrationError, ImageError, TrackerError
+from tracker.inputs import NO_IMAGE
 from tracker.logs.opening import calibration_files
 from tracker.objects.model import to_toml
 from tracker.summaries.remarks import OUT_OF_VIEW, in_view

@@ -5,7 +5,6 @@ import dataclasses
 import json
 import math
 import os
-import re
 import sys
 import time
 from collections.abc import Container, Iterator, Mapping, Sequence
@@ -24,11 +23,10 @@ from tracker.cli.terminal import listing, say, table
 from tracker.color_learning.labelled import read_image
 from tracker.conventions import FloatArray, Image
 from tracker.errors import ImageError, LogError
+from tracker.inputs import NO_IMAGE, of_cameras
 from tracker.logs.opening import sized_for
 from tracker.summaries.remarks import DOUBTFUL, likely_cause, off_table
 from tracker.tasks.rearrange_dice import Assignment
-
-NO_IMAGE = "none"  # stands for a missing image
 
 _images = several("IMAGE", Recording(str))
 _frame = options.whole("Which frame of a recording or folder.  [default: 0]", least=0)
@@ -57,53 +55,6 @@ def _one_set(
         )
     rig = cameras.load()
     return read_images(images, rig, resize=rig.names if cameras.resize_calibration else ())
-
-
-def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Return one set of files in the order of the cameras that they or their folders are named after.
-
-    If there is no such name, in the given order. NO_IMAGE stands for a missing image. ImageError if there are
-    too few or too many, or if names contradict the cameras.
-    """
-    each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' where a camera gave none)"
-    if len(paths) != len(names):
-        raise ImageError(f"images: found {len(paths)}, expected {len(names)}, {each}")
-    given = [Path(path) for path in paths if path != NO_IMAGE]
-    if not given:
-        raise ImageError(f"images: found only '{NO_IMAGE}', expected at least one file")
-    shared = len(given) > 1 and len({path.parent for path in given}) == 1  # a common folder names none
-    called = [
-        camera_in(path.stem, names) or (None if shared else camera_in(path.parent.name, names))
-        for path in given
-    ]
-    if not any(called):
-        return list(paths)
-    found: dict[str, Path] = {}
-    for path, camera in zip(given, called, strict=True):
-        if camera is None or camera not in names:
-            whose = f"named after {camera}" if camera else "named after no camera, where others are"
-            raise ImageError(f"{path}: {whose}; expected {each}")
-        if camera in found:
-            raise ImageError(f"{path}: named after {camera}, as {found[camera]} is; expected {each}")
-        found[camera] = path
-    return [str(found.get(name, NO_IMAGE)) for name in names]
-
-
-def camera_in(text: str, names: Sequence[str]) -> str | None:
-    """Return the camera named in a file's or folder's name, not as part of a longer word or number.
-
-    A name that differs from one of `names` only in its number is another camera. Several are joined by "and".
-    """
-    words = {name.rstrip("0123456789") for name in names if name[-1].isdigit()} - {""}
-    patterns = [*map(re.escape, names), *(rf"{re.escape(word)}\d+" for word in words)]
-    found = set()
-    for pattern in patterns:
-        for match in re.finditer(rf"(?<![0-9A-Za-z])(?:{pattern})", text):
-            after = text[match.end() :][:1]
-            if not (after.isdigit() if match[0][-1].isdigit() else after.isalpha()):
-                found.add(match[0])
-    whole = sorted(one for one in found if not any(one in other for other in found - {one}))
-    return " and ".join(whole) or None
 
 
 def read_images(

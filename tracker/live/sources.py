@@ -21,6 +21,7 @@ from tracker.checks import UNSTAMPED, check_sequence, in_range, is_number, of_ki
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LiveError, TrackerError, install, shown
 from tracker.files.toml import read_toml
+from tracker.inputs import of_cameras
 from tracker.live.cameras import RATE, CameraSet, LiveCamera
 from tracker.live.drivers import OpenCvCamera, PylonCamera, pylon_serials
 from tracker.live.moment import ImageSet, ImageSource, SourceEnded
@@ -287,7 +288,7 @@ def open_cameras(
 
     Args:
         source: `pylon`, for cameras whose DeviceUserIDs are the rig's names; `pylon:SERIAL,…`; or `opencv:…`
-            with numbers, films or addresses.
+            with numbers, films or addresses. Films named after the cameras may come in any order.
         rig: gives the names and image sizes.
         rate: sets of images per second [Hz].
         settings: a TOML file of settings for `pylon`: features by their GenICam names; those in a table
@@ -296,6 +297,7 @@ def open_cameras(
     Raises:
         LiveError: the text is malformed or names the wrong number of cameras, the settings cannot be read,
             or a camera with a name of the rig is missing.
+        ImageError: films' names contradict the cameras.
     """
     of_kind(rig, CameraRig, "rig", LiveError, "tracker.CameraRig.load")
     kind, _, listed = of_kind(source, str, "source", LiveError).partition(":")
@@ -307,6 +309,8 @@ def open_cameras(
         chosen = settings_of(settings, which)
         openers = [functools.partial(PylonCamera, serial, chosen[serial]) for serial in which]
     elif kind == "opencv" and settings is None:
+        if len(which) == len(rig) and all(map(os.path.isfile, which)):
+            which = of_cameras(which, rig.names)
         openers = [functools.partial(OpenCvCamera, *one) for one in zip(which, sizes, strict=False)]
     else:
         found = f"settings for {kind}" if kind == "opencv" else repr(source)
