@@ -119,6 +119,19 @@ def test_results_of_other_options_do_not_count_as_done(recordings):
     assert len(do(batch_of(recordings))[0]) == COUNT
 
 
+@pytest.mark.parametrize("suffix", [".h5", ""])
+def test_poses_of_another_object_are_not_replaced(recordings, suffix):
+    do(batch_of(recordings))
+    for path in (recordings.parent / "out").rglob("*"):
+        if path.is_file() and not path.name.endswith(suffix):
+            path.unlink()
+    before = contents(recordings.parent / "out")
+    other = batch_of(recordings, options=Options("cuboid_2x2x8_v2", make_tracker=NoiseTracker))
+    with pytest.raises(LogError, match=r"found poses of cube_v2, expected those of cuboid_2x2x8_v2, or anot"):
+        do(other)
+    assert contents(recordings.parent / "out") == before
+
+
 def test_a_run_on_a_part_does_not_make_the_rest_count_as_of_its_options(recordings):
     options = Options("cube_v2", stop=3, make_tracker=NoiseTracker)
     do(batch_of(recordings))

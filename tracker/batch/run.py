@@ -21,6 +21,7 @@ from tracker.batch.workers import Engine
 from tracker.checks import path_of
 from tracker.errors import LogError, TrackerError, reason
 from tracker.files import claimed, lock_of, read_bounded, write_whole
+from tracker.files.hdf5 import text_of
 from tracker.recordings.track import Job, Options, Recipe, Tracked, fingerprint, run
 from tracker.summaries.remarks import remark_on_recording
 from tracker.summaries.summary import goal_file, row, summary
@@ -185,12 +186,14 @@ def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
 
     work: the batch's. Leftovers of killed runs and workers are removed, and so are table rows of other
     options. BlockingIOError if another run is active, LogError if the folder holds other files by the names
-    of a batch's own, or results of other recordings.
+    of a batch's own, or results of other recordings or objects.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
     tasks = [task for task, _ in work]
     content = {"options": batch.options.plain(), "recordings": batch.pairs}
     with claimed(batch.folder / results.ASKED):
+        for task, recipe in work:
+            _refuse_other_object(task, recipe.model.name)
         if (batch.folder / results.ASKED).exists():
             _refuse_results_of_others(batch, tasks, read_batch(batch.folder))
             _remove_old_lines(tasks)
@@ -279,6 +282,16 @@ def _refuse_results_of_others(batch: Batch, tasks: Iterable[Task], before: Batch
         if there and not os.path.samefile(other, task.log):  # nor is it one that was moved
             found = f"found the result of {other} under the same name"
             raise LogError(f"{task.log}: {found} in {batch.folder}, expected another folder")
+
+
+def _refuse_other_object(task: Task, name: str) -> None:
+    """Raise LogError if a recording has poses of another object, which would be replaced."""
+    output = Path(task.output)
+    its = (results.read_line(output) or {}).get("object")
+    if its is None and os.path.exists(output):
+        its = text_of(output, "object")
+    if its not in (None, name):
+        raise LogError(f"{output}: found poses of {its}, expected those of {name}, or another folder")
 
 
 def _remove_old_lines(tasks: Iterable[Task]) -> None:
