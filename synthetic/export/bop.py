@@ -16,7 +16,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import trimesh
 
 from synthetic.camera.sensor import demosaicked
 from synthetic.frames import Frame
@@ -30,6 +29,10 @@ from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import load_object
+from tracker.processes import uninterrupted
+
+with uninterrupted():  # see meshes
+    import trimesh
 
 OBJECT_ID = 1
 SCENE_FOLDER = Path("test") / "000001"

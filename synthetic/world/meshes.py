@@ -5,11 +5,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import trimesh
 
 from synthetic.scene import Mesh
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import FACE_CORNERS, corners
+from tracker.processes import uninterrupted
+
+with uninterrupted():  # it would take an interrupt for a missing package of its own
+    import trimesh
 
 _PIP_CORNERS = 12
 """Corners of the polygon that approximates a pip, about two pixels wide in an image; a multiple of 4."""

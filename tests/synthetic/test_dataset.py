@@ -6,6 +6,7 @@ import re
 import runpy
 import shutil
 import signal
+import subprocess
 import sys
 from functools import partial
 from pathlib import Path
@@ -103,6 +104,24 @@ def test_workers_end_with_a_run_that_is_ended(number, code, tmp_path):
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
+
+
+INTERRUPTED = """
+import signal, sys
+class Finder:
+    def find_spec(name, *_):
+        if name == "networkx":  # which trimesh looks for, ready to do without it
+            signal.raise_signal(signal.SIGTERM)
+sys.meta_path.insert(0, Finder)
+from synthetic.cli import main
+main(["dataset", "--object", "cube_v2", "--frames", "1", "--seed", "4", "--out", sys.argv[1]])
+"""
+
+
+def test_a_signal_that_comes_while_libraries_are_imported_ends_the_run(tmp_path):
+    command = [sys.executable, "-c", INTERRUPTED, tmp_path / "set"]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (143, "synthetic: interrupted; the same command continues\n")
 
 
 def test_an_interrupted_run_continues_where_it_stopped(made, generate, tmp_path):

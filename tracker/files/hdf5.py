@@ -14,9 +14,7 @@ import contextlib
 import io
 import math
 import os
-import signal
 import struct
-import threading
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -257,31 +255,6 @@ def _check_stored(dataset: h5py.Dataset) -> None:
     # If damage hides that chunks are compressed, the library reads beyond their end.
     if not properties.get_nfilters() and stored % block:
         raise LogError(f"found {stored} bytes stored, expected blocks of {block}")
-
-
-@contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Defer signals that have a Python handler until the `with` block ends.
-
-    If a handler raises during a write, the HDF5 library drops the exception, loses track of the file, and
-    crashes. Only the main thread receives signals, so nothing changes in others.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before: dict[signal.Signals, Any] = {}
-    try:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if callable(handler := signal.getsignal(number)):
-                before[number] = handler
-                signal.signal(number, lambda its, _: came.append(its))
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        if came:
-            signal.raise_signal(came[0])
 
 
 class Disk(io.FileIO):

@@ -19,11 +19,12 @@ from tracker.checks import check_sequence, float_array, is_number, naming, of_ki
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, shown
 from tracker.files import told_as, whole_file
-from tracker.files.hdf5 import Disk, uninterrupted
+from tracker.files.hdf5 import Disk
 from tracker.logs.frame import StampOrder, checked_stamp, pose_from_record
 from tracker.logs.hdf5_reader import FLUSHED, MAGIC, POSE
 from tracker.logs.log import Log, Progress, Settings
 from tracker.logs.pictures import to_bayer
+from tracker.processes import uninterrupted
 
 VERSION = (2, 1)
 """Values of the attributes `format_version` and `format_version_minor`."""
