@@ -1,6 +1,7 @@
 import json
 import re
 import runpy
+import signal
 import sys
 
 import numpy as np
@@ -239,6 +240,15 @@ def test_errors_are_one_line_and_say_what_to_install(tmp_path, monkeypatch, caps
         assert out == ""
         assert re.fullmatch(line, err)
         monkeypatch.setitem(sys.modules, "benchmarks.program", None)
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_is_no_verdict(number, code, monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("benchmarks.program.measure", lambda *_, **__: signal.raise_signal(number))
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "gate", "-o", str(tmp_path)])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_module("benchmarks", run_name="__main__")
+    assert (stop.value.code, capsys.readouterr().err) == (code, "benchmarks: interrupted\n")
 
 
 SMALL = ("accuracy", "--quick", "--only", "realistic", "--object", "cube_v2", "--workers", 1)
