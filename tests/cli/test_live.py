@@ -104,6 +104,8 @@ def test_cameras_that_never_give_an_image_are_an_error(tmp_path, live, monkeypat
     assert result.returncode == 2
     assert "no camera ever gave an image" in result.stdout
     assert "no camera ever gave an image" in live(*arguments, "--seconds", "0.1", "-q").stderr
+    checked = live(*arguments, "--check", "--seconds", "1")
+    assert (checked.returncode, "images are missing" in checked.stdout) == (2, True)
     (tmp_path / "empty.dat").write_bytes(struct.pack("<IQ", 1, 0))
     empty = live(tmp_path / "empty.dat", *arguments[1:], "-q")
     assert (empty.returncode, empty.stderr.count("no camera ever gave an image")) == (2, 1)

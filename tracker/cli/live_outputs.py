@@ -257,7 +257,7 @@ class Lookout:
 
 
 def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:
-    """Print a table of the cameras and their faults; exit with 1 if there are any."""
+    """Print a table of the cameras and their faults; exit with 1 if there are any, 2 without any image."""
     looks = look_at(source, rig, seconds or 10.0)
     rows = [["camera", "images", "missing", "late [ms]", "grey level", "clipped [%]", "blur [px]"]]
     for one in looks.cameras:
@@ -269,4 +269,4 @@ def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | 
     click.echo(f"{looks.sets} sets in {looks.seconds:.1f} s{pace}\n{table(rows)}\n")
     click.echo("\n".join(faults) if faults else "nothing is wrong with the cameras")
     if faults:
-        raise click.exceptions.Exit(1)
+        raise click.exceptions.Exit(1 if any(one.pictures for one in looks.cameras) else 2)
