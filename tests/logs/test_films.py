@@ -181,6 +181,16 @@ def test_films_and_pictures_go_together_and_stamps_may_be_given(tmp_path):
         tracker.open_log(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["recording.toml", "stamps.csv", "ground_truth.json"])
+def test_a_description_whose_link_leads_nowhere_is_not_passed_over(tmp_path, name):
+    write_numbers(tmp_path / "camera60", 1, 3)
+    (tmp_path / "recording.toml").write_text("[cameras]\ncamera60 = 'camera60/*.png'\n")
+    (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / name).symlink_to("moved")
+    with pytest.raises(LogError, match=f"{name}: cannot be read: No such file"):
+        tracker.open_log(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("rate", "name", "first", "period"),
     [

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -45,7 +46,7 @@ class FolderSource(Source):
         # (n,) of the frames. Without the image of a late camera, the mean alone might go back.
         self._times: FloatArray = np.maximum.accumulate(np.nanmean(layout.stamps, axis=1))
         self._given: CameraRig | None = None
-        if (path / TRUTH_FILE).is_file():
+        if os.path.lexists(path / TRUTH_FILE):
             self._read_truth(path / TRUTH_FILE)
         self.image_sizes = tuple(map(_first_size, zip(*layout.files, strict=True)))
 

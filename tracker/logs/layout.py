@@ -113,7 +113,7 @@ def find_layout(root: Path, rate: float) -> Layout:
     """
     if root.is_file():
         return _of_streams(root, {_name_of_lone_camera(root.stem): _film(root)}, rate)
-    if (root / RECORDING_FILE).is_file():
+    if os.path.lexists(root / RECORDING_FILE):
         return _of_stated(root, rate)
     folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
     streams = _of_folders(folder for folder in folders if CAMERA.fullmatch(folder.name))
@@ -297,7 +297,7 @@ def _stream(path: Path, camera: str, fitting: list[tuple[str, Path]]) -> Mapping
 
 def _stamps(path: Path, cameras: int) -> FloatArray | None:
     """Read (frames, 1) or (frames, cameras) times [s]; None if there is no such file."""
-    if not path.is_file():
+    if not os.path.lexists(path):
         return None
     with told_of(path):
         content = read_bounded(path, _MAX_STAMPS)
