@@ -1,4 +1,5 @@
 import io
+import os
 import zipfile
 
 import cv2
@@ -258,6 +259,8 @@ def test_images_have_the_same_names_and_so_the_same_draws_wherever_they_are_read
         (lambda folder: read_labelled(folder / "capital"), r"R60\.png: found no camera60\.png for it, or no"),
         (lambda folder: read_image(folder / "nothing.png"), r"nothing\.png"),
         (lambda folder: read_image(folder / "text.png"), r"text\.png"),
+        (lambda folder: read_image(folder / "pipe.png"), r"pipe\.png: cannot be read: found a pipe"),
+        (lambda folder: read_labelled(folder / "piped"), r"g60\.png: cannot be read: found a pipe"),
         (lambda folder: read_image(folder / "image.png"), r"image\.png"),
         (lambda folder: image_histograms(COVERED, OPTIONS), "covered.*background"),
     ],
@@ -267,10 +270,12 @@ def test_what_cannot_be_read_or_taught_is_named(given, message, tmp_path):
     (tmp_path / "unused").mkdir()
     for name in ("02_image", "02_mask_green", "02_mask_Red"):
         cv2.imwrite(str(tmp_path / "unused" / f"{name}.png"), np.zeros((20, 20, 3), np.uint8))
-    for folder, mask in (("lone", "r300"), ("capital", "R60")):
+    for folder, masks in (("lone", ("g60", "r300")), ("capital", ("g60", "R60")), ("piped", ())):
         (tmp_path / folder).mkdir()
-        for name in ("camera60", "g60", mask):
+        for name in ("camera60", *masks):
             cv2.imwrite(str(tmp_path / folder / f"{name}.png"), np.zeros((20, 20, 3), np.uint8))
+    for name in ("pipe.png", "piped/g60.png"):
+        os.mkfifo(tmp_path / name)
     (tmp_path / "nothing.png").write_bytes(b"")
     (tmp_path / "text.png").write_bytes(b"text")
     cv2.imwrite(str(tmp_path / "01_image.png"), np.zeros((20, 20, 3), np.uint8))

@@ -41,7 +41,7 @@ class LabelledImage:
 
 def read_image(path: Path) -> Image:
     """Read an 8-bit BGR image; ImageError, which names the file, if that fails."""
-    if not path.is_file():
+    if path.is_dir() or not path.exists():
         raise ImageError(f"image {path}: no such file{', but a folder' if path.is_dir() else ''}")
     with told_of(f"image {path}", ImageError):
         content = read_bounded(path, MAX_FILE_SIZE)
@@ -69,7 +69,7 @@ def _masks(path: Path) -> dict[int, Path]:
     for label, color in list(enumerate(COLOR_NAMES))[1:]:
         words = f"{path.name.removesuffix('_image.png')}_mask_{color}.png"
         mask = path.with_name(f"{color[0]}{platform[1]}{path.suffix}" if platform else words)
-        if mask != path and mask.is_file():
+        if mask != path and mask.exists():
             found[label] = mask
     return found
 
