@@ -242,7 +242,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
             with pytest.raises(LogError, match=f"{place}.*{message}"):
                 writer.append(given, stamp, stamps)
         writer.append(images, 2.0, [2.0, float("nan"), 2.5])
-    with pytest.raises(LogError, match="frame 2: the log is closed"):
+    with pytest.raises(LogError, match="frame 2: the recording is closed"):
         writer.append(images, 3.0)
     writer.flush()
     with Hdf5LogWriter(tmp_path / "poses.h5", tiny_rig(), poses=True) as writer:

@@ -57,7 +57,7 @@ class Filmed:
     inputs: tuple[str, ...] = several("RECORDING|IMAGE", Recording(str))
     subject: options.Subject
     cameras: options.Cameras
-    stills: bool = flag("The folders hold single images, not films.")
+    stills: bool = flag("The folders hold single images, not a recording.")
     recover: bool = options.recover
     quiet: bool = flag("Print errors only.")
 

@@ -43,7 +43,7 @@ def track(
     health: Path | None = file_option(
         "A page on cameras, light and calibration (.html).", ".html", extra="plot"
     ),
-    jobs: int = options.whole("Processes that share the LOGs.", default=1),
+    jobs: int = options.whole("Processes that share the recordings.", default=1),
     as_json: bool = flag("Print the summary as one JSON object per recording.", name="--json"),
     quiet: bool = flag("No progress bar, and no summary unless with --json."),
 ) -> None:
@@ -57,7 +57,9 @@ def track(
     are not replaced without --overwrite. docs/poses.md describes the files.
     """
     if len(logs) > 1 and (outputs or health):
-        raise click.UsageError(f"found {len(logs)} LOGs, expected one for other files than those of poses")
+        raise click.UsageError(
+            f"found {len(logs)} recordings, expected one for other files than those of poses"
+        )
     inside = len(logs) > 1 or output.is_dir()
     if inside:
         OutFolder().check("-o", output)
@@ -149,7 +151,7 @@ def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[lis
     moved = "did it move after its calibration? Is it mirrored, late or swapped with another?"
     remarks = {
         uses.CONTRADICTING: ("contradicts the others in {} of the frames with a measured pose:", moved),
-        uses.NO_IMAGE: ("gave no image in {} of the frames:", "is it connected? Is the log complete?"),
+        uses.NO_IMAGE: ("gave no image in {} of the frames:", "is it connected? Is the recording complete?"),
         uses.FROZEN: ("repeated an old image in {} of the frames:", "did the camera or its driver stop?"),
         uses.BLACK: ("gave a black image in {} of the frames:", "is it covered? Is there light?"),
     }

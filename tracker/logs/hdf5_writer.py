@@ -127,7 +127,7 @@ class Hdf5LogWriter:
         """
         where = f"{self._path}: frame {self._count}"
         if not self._file:
-            raise LogError(f"{where}: the log is closed")
+            raise LogError(f"{where}: the recording is closed")
         raw = self._raw(images, where)
         stamp = checked_stamp(timestamp, what=where)
         given = stamps = np.full(len(self._rig), np.nan)

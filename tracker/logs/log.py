@@ -233,7 +233,7 @@ class Log:
         if not isinstance(key, slice):
             return self.frame(key)
         if key.step is not None and key.step < 1:
-            raise LogError(f"part of a log: found the step {key.step}, expected at least 1")
+            raise LogError(f"part of a recording: found the step {key.step}, expected at least 1")
         part = Log.__new__(Log)
         part.__dict__.update(self.__dict__, _indices=self._indices[key])
         return part
@@ -308,7 +308,7 @@ class Log:
 
     def _refuse_closed(self) -> None:
         if not self._open[0]:
-            raise LogError(f"{self._source.path}: the log is closed")
+            raise LogError(f"{self._source.path}: the recording is closed")
 
     def _note(self, index: int, error: LogError) -> None:
         """Remember the fault if the log is open with `recover`, else raise it."""
