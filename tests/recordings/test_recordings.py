@@ -371,6 +371,12 @@ def test_what_is_no_path_is_named(path, name, whole):
         WRITERS[name](path, *whole)
 
 
+@pytest.mark.parametrize("path", ["nothing.dat", 300 * "a"])
+def test_a_recording_that_is_missing_is_an_error_of_the_tracker(path):
+    with pytest.raises(LogError, match=f"^{path}: cannot be read: "):
+        tracker.track(path, "cube_v2")
+
+
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_is_reported_in_one_line_and_leaves_what_was_there(name, tmp_path, whole):
     (tmp_path / "out").mkdir()

@@ -24,7 +24,7 @@ import scipy
 from tracker.calibration.rig import CameraRig
 from tracker.checks import is_whole, naming, path_of
 from tracker.errors import LogError, TrackerError, shown
-from tracker.files import claimed
+from tracker.files import claimed, told_of
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, LogFrame, open_log
 from tracker.logs.log import Progress, by_episode
@@ -232,13 +232,16 @@ def track(
         progress: callback that takes the number of frames done since the last call.
 
     Raises:
-        LogError: the recording is damaged (without `recover`) or changed while it was read, or the file
-            cannot be written, or is the recording, its calibration, or another without poses of the object.
+        LogError: the recording is missing, damaged (without `recover`) or changed while it was read, or the
+            file cannot be written, or is the recording, its calibration, or another without poses of the
+            object.
         TrackerError: a name is unknown, or a calibration is missing or does not fit.
         OSError: a file cannot be read or written; BlockingIOError: another run is writing the file.
     """
     log = path_of(path, "path of a recording", LogError)
     target = path_of(os.devnull if output is None else output, "output", LogError)
+    with told_of(log):
+        log.stat()
     found = object_of(model)
     cameras = None if rig is None else rig_of(rig)
     recipe = Recipe(found, colors_of(colors, found), cameras, start=start, stop=stop, recover=recover)
