@@ -116,6 +116,7 @@ def test_cameras_whose_files_would_have_one_name_are_refused(tmp_path):
         (["camera60"], "one", ["camera180, top", "found no photo of the board in its given place"]),
         (["camera60", "camera60b"], "two", ["camera60.tif, camera60b.tif", "one photo of camera60"]),
         (["camera60", "camera90"], "other", ["camera90.tif: named after camera90", ", ".join(NAMES)]),
+        (["camera60", "cam180"], "stray", ["cam180.tif: named after no camera", ", ".join(NAMES)]),
         ([], "0 -o lenses", ["lenses: in use, expected a new or an empty folder"]),
         ([], "0 --plot lenses", ["lenses: in use, expected a new or an empty folder"]),
     ],

@@ -300,10 +300,10 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
         found: dict[str, list[Path]] = {camera: [] for camera in cameras}
         for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGES):
             named = camera_in(path.stem, cameras)
-            if named not in (None, *cameras):
-                raise CalibrationError(f"{path}: named after {named}, expected {', '.join(cameras)} alone")
-            if named is not None:
-                found[named].append(path)
+            if named is None or named not in found:
+                whose = named or "no camera"
+                raise CalibrationError(f"{path}: named after {whose}, expected {', '.join(cameras)} alone")
+            found[named].append(path)
         for number, (camera, own) in enumerate(found.items()):
             if len(own) > 1:
                 names = ", ".join(path.name for path in own)
