@@ -186,6 +186,10 @@ def intrinsics(
     check_name(name, "--name", CalibrationError)
     refuse_repeated(images)
     board = printed.board()
+    for path in images:
+        named = camera_in(path.stem, [name]) or camera_in(path.absolute().parent.name, [name])
+        if named not in (None, name):
+            raise CalibrationError(f"{path}: named after {named}, expected photos of {name} alone")
     board, found, faults = _sightings_of(images, board)
     with _naming(faults):
         lens = fit_lens(name, [one for one in found if one is not None], board)
