@@ -19,6 +19,7 @@ from tracker.batch.results import OF_STORE
 from tracker.batch.run import only_run, run_batch
 from tracker.batch.stores import Retracking, _taken
 from tracker.batch.workers import engine
+from tracker.errors import LogError
 from tracker.poses.file import PosesBuilder, read_poses
 from tracker.recordings import Options
 from tracker.summaries.against_stored import delay
@@ -218,6 +219,15 @@ def test_a_store_that_is_none_is_named_before_the_calibration(robots, tmp_path, 
     result = run_here("batch", "run", tmp_path / "a.zarr", *options)
     assert result.returncode == 2
     assert re.search(r"a\.zarr: found (nothing|no image store) there", result.stderr), result.stderr
+
+
+def test_results_are_never_inside_of_a_store(robots, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "a.zarr")
+    asked = Options("cube_v2", calibration=(str(robots),))
+    with pytest.raises(LogError, match=r"a\.zarr: found its results inside of it in \.; expected another"):
+        Retracking.of(["a.zarr"], Path(), asked)
+    assert Retracking.of(["a.zarr"], Path("out"), asked).pairs
 
 
 def test_all_nan_of_an_array_have_the_same_bits():

@@ -69,8 +69,8 @@ class Retracking(Batch):
         The calibration of `robot` is used for all episodes; None: that of each episode's robot.
 
         Raises:
-            TrackerError: a store is damaged or does not state the robots, one of these has no calibration, or
-                a package is missing.
+            TrackerError: a store is damaged or does not state the robots, one of these has no calibration, a
+                package is missing, or results would be inside of a store.
         """
         if find_spec("pyarrow") is None:
             raise TrackerError(f"tables of image stores need the package pyarrow: {install('cluster')}")
@@ -94,6 +94,9 @@ class Retracking(Batch):
 
         paths = results.recordings_of(recordings, folder)
         results.outputs_of(paths, folder)  # raises if a path is given twice
+        for path in paths:
+            if os.path.realpath(results.output_of_episode(path, 0, folder).parent) == os.path.realpath(path):
+                raise LogError(f"{path}: found its results inside of it in {folder}; expected another folder")
         stores = {path: [planned(path, episode) for episode in _episodes(path, options)] for path in paths}
         tasks = [one.task for episodes in stores.values() for one in episodes]
         pairs = tuple((task.name, os.path.relpath(task.output, folder)) for task in tasks)
