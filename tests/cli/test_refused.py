@@ -271,6 +271,7 @@ REFUSED = {
         (f"--size .1,.1,.1 --faces {FACES},+x=red", "+x|twice"),
         ("--size .1,.1,.1 --object cube_v2", "--object|--size"),
         (f"--size .1,.1,.1 --faces {FACES} -o mine.npz", "mine.toml|--object"),
+        (f"--size .1,.1,.1 --faces {FACES} -o broken.npz", "broken.toml: exists"),
     ],
 }
 """By the beginning of commands: their ends, and words of the messages."""
@@ -317,6 +318,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tracker.load_colors("cube_v2").save(root / "mine.npz")
     (root / "poses.csv").symlink_to("poses.h5")
     (root / "linked.h5").symlink_to(log)
+    (root / "broken.toml").symlink_to("away")
     links = {"hard.h5": "log/camera60.yml", "calibration.csv": "log/camera60.yml", "goal.h5": "log/goal.json"}
     for name, to in {**links, "mine.csv": "mine.toml"}.items():
         os.link(root / to, root / name)

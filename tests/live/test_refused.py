@@ -68,6 +68,12 @@ def test_what_is_none_is_refused(make, words):
         make()
 
 
+def test_nothing_is_recorded_through_a_link_to_nothing(tmp_path):
+    (tmp_path / "link.h5").symlink_to("new.h5")
+    with pytest.raises(LiveError, match=r"record .*link\.h5: there is such a file, expected a new one"):
+        Recorder(tmp_path / "link.h5", RIG)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -1,6 +1,7 @@
 """`tracker colors`: learn colours from recordings or from labelled images, and measure them."""
 
 import functools
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,7 +128,7 @@ def new(
     description = lesson.output.with_suffix(".toml")
     if known is not None and (size is not None or faces is not None):
         raise click.UsageError("found --object with --size or --faces, expected one or the other")
-    if known is None and description.exists():
+    if known is None and os.path.lexists(description):
         raise click.UsageError(f"{description}: exists; expected --object to use it, or another -o")
     model = described(lesson.output, size, faces) if known is None else tracker.load_object(known)
     text = to_toml(model) if known is None else ""

@@ -1,6 +1,7 @@
 """Process moments in separate threads, so that tracking never waits."""
 
 import math
+import os
 import threading
 import time
 from collections import deque
@@ -99,7 +100,7 @@ class Recorder(Listener):
     def __init__(
         self, path: Path, rig: CameraRig, settings: Callable[[], Sequence[Settings]] = tuple
     ) -> None:
-        if path.exists():
+        if os.path.lexists(path):
             raise LiveError(f"record {path}: there is such a file, expected a new one")
         self._size, *others = {(camera.width, camera.height) for camera in rig}
         if others:
