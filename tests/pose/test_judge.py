@@ -101,7 +101,7 @@ def test_what_noise_explains_does_not_speak_against_the_object():
 
 
 def test_a_clear_fit_is_sure_and_settled_and_one_camera_settles_nothing():
-    assert judge.trust(GOOD) > judge.SURE
+    assert judge.trust(GOOD) > judge.SETTLED
     assert judge.settled(GOOD)
     assert judge.trust(ALONE) > 0.95
     assert judge.alone(ALONE)

@@ -43,7 +43,7 @@ def colors() -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lesson:
+class Learning:
     """Inputs and options for learning colours."""
 
     recordings: tuple[Path, ...] = several("RECORDING", Recording())
@@ -91,7 +91,7 @@ class Lesson:
 
 @command(colors)
 def adapt(
-    lesson: Lesson,
+    lesson: Learning,
     object_name: str = options.object_name(),
     colors_name: str | None = options.colors("start with the one that explains most"),
 ) -> None:
@@ -110,7 +110,7 @@ def adapt(
 
 @command(colors)
 def new(
-    lesson: Lesson,
+    lesson: Learning,
     size: tuple[float, float, float] | None = option(
         "X,Y,Z", "Edge lengths along the object's axes [m].", options.numbers(3)
     ),

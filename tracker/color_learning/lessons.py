@@ -58,7 +58,7 @@ def shares(lengths: Sequence[int], count: int) -> list[int]:
     return result
 
 
-SURE = 0.5
+POSED = 0.5
 """Confidence above which a frame counts as posed."""
 
 
@@ -70,7 +70,7 @@ class Judgement:
     """Mean over the frames, from 0 to 1, of confidence times IoU of the face colours found with those that
     the pose predicts; 0 for a frame without a pose."""
     posed: float
-    """Share of the frames with a pose of a confidence above SURE."""
+    """Share of the frames with a pose of a confidence above POSED."""
     frames: int
 
     def __str__(self) -> str:
@@ -86,7 +86,7 @@ def judge(model: CuboidModel, footage: Sequence[Frames], colors: ColorModel) -> 
             fit = tracker.fit(images)
             sure, alike = (confidence(fit), overlap(fit)) if isinstance(fit, Fit) else (0.0, 0.0)
             explained.append(sure * alike)
-            posed.append(sure > SURE)
+            posed.append(sure > POSED)
     return Judgement(float(np.mean(explained)), float(np.mean(posed)), len(posed))
 
 

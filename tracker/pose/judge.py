@@ -22,7 +22,7 @@ MIN_VIEW = 4.0
 MIN_TRUST = 0.2
 """Smallest probability that a fit is the object for it to be accepted."""
 
-SURE = 0.95
+SETTLED = 0.95
 """Probability that a fit is the object, above which no other hypothesis is tried."""
 
 CLEAR = 0.5
@@ -111,7 +111,7 @@ def trust(fit: Fit) -> float:
 
 def settled(fit: Fit) -> bool:
     """Whether no other hypothesis needs to be tried; a single camera never settles it."""
-    return trust(fit) > SURE and fit.converged and fit.inside and not alone(fit)
+    return trust(fit) > SETTLED and fit.converged and fit.inside and not alone(fit)
 
 
 @_once

@@ -245,7 +245,7 @@ def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, f
 MOST, APART = 40, 5
 """Largest number of looks per recording or list of images, and smallest distance between two [shots]."""
 
-SURE = 0.3
+LOOK_CONFIDENCE = 0.3
 """Smallest confidence of a pose that becomes a look, computed as if the calibration fitted; otherwise, few
 poses would reach it."""
 
@@ -272,7 +272,7 @@ def check(
             raise CalibrationError(another)
         for images in one.images(numbers):
             fit = tracker.fit(images)
-            if isinstance(fit, Fit) and fit.own is not None and apparent(fit) >= SURE:
+            if isinstance(fit, Fit) and fit.own is not None and apparent(fit) >= LOOK_CONFIDENCE:
                 looks.append(look_of(fit, model.size))
     return check_calibration(looks, rig.cameras, focal_std)
 

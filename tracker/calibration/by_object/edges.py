@@ -20,6 +20,7 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.objects.model import Box, CuboidModel
 from tracker.pose.fit import Fit, Start
+from tracker.pose.refine import EXPONENT_STD
 from tracker.pose.refiner import Refiner
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.sizes import FOOT_STD
@@ -74,9 +75,6 @@ class Contour:
 
 OWN = 0.05
 """Standard deviation of the offset that all pieces of an edge share [px]."""
-
-EXPONENT_STD = 0.5
-"""Standard deviation of the exponent of a camera's response."""
 
 FAR = 2.0
 """Offset beyond which a piece is assumed to be an edge of something else [px]."""

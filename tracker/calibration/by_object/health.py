@@ -11,7 +11,7 @@ import numpy as np
 from tracker.calibration.by_object.check import (
     APART,
     LIMIT,
-    SURE,
+    LOOK_CONFIDENCE,
     CalibrationCheck,
     check_calibration,
     look_of,
@@ -212,7 +212,7 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
     """
     values, height, look = of_pictures(images), float("nan"), None
     fit = tracker.fit(images) if any(image is not None for image in images) else None
-    if isinstance(fit, Fit) and apparent(fit) >= SURE:
+    if isinstance(fit, Fit) and apparent(fit) >= LOOK_CONFIDENCE:
         for c, (camera, seen) in enumerate(zip(tracker.rig, fit.cameras, strict=True)):
             if seen["inliers"] >= 1.0:
                 values["residual"][c] = np.sqrt(seen["squares"] / seen["inliers"])

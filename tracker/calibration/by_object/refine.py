@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from tracker.calibration.by_object.edges import EXPONENT_STD, OWN, Contour, EdgeReader, Frame, seen_motion
+from tracker.calibration.by_object.edges import OWN, Contour, EdgeReader, Frame, seen_motion
 from tracker.calibration.by_object.sightings import (
     LEAST,
     UNSEEN,
@@ -42,6 +42,7 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
+from tracker.pose.refine import EXPONENT_STD
 from tracker.segmentation.color_model import ColorModel
 
 EXTRINSIC, EXPONENT, FOCAL = slice(0, 6), 6, slice(7, 10)
@@ -276,7 +277,7 @@ def wider(camera: Camera) -> FloatArray:
     return least if std is None else np.hypot(std, least)
 
 
-SURE = 0.15
+REFINE_CONFIDENCE = 0.15
 """Smallest confidence of a pose that is used; it is low since the calibration to refine lowers confidence."""
 
 JUDGED, GAIN = 3, 0.05
@@ -341,7 +342,7 @@ def refine_cameras(
     rig = with_origin(rig, middle)
     wide = _stating(broad(rig), rig.cameras, map(wider, rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
-    seen = all_sightings(tracker, footage, SURE, progress)
+    seen = all_sightings(tracker, footage, REFINE_CONFIDENCE, progress)
     frames = list(edges.sights(different(model.name, seen, most)))
     shown = [[one is not None for one in edges.fitted(frame)[1]] for frame in frames]
     for name, count in zip(rig.names, np.sum(shown, axis=0).tolist(), strict=True):

@@ -218,7 +218,7 @@ def _refuse(weights: FloatArray, designs: FloatArray, center: tuple[float, float
 BROAD = 0.015, 0.05
 """Standard deviations of the table's height [m] and tilt [rad] before it is estimated."""
 
-SURE, PIECES = 0.5, 8
+TABLE_CONFIDENCE, PIECES = 0.5, 8
 """Smallest confidence of a pose that is used, and number of edge pieces of a camera that sees the object."""
 
 
@@ -238,7 +238,7 @@ def find_table(
     require_two(rig.cameras, "table", ": one camera's depth is not the table's height")
     loose = broad(rig)
     tracker, edges = ObjectTracker(model, loose, colors, table_prior=False), EdgeReader(model, loose, colors)
-    seen = all_sightings(tracker, footage, SURE, progress)
+    seen = all_sightings(tracker, footage, TABLE_CONFIDENCE, progress)
     if not seen:
         raise CalibrationError(f"table: found no set of images in which {model.name} is surely seen")
     plane = plane_of(edges, seen)
