@@ -245,8 +245,8 @@ REFUSED = {
         ("--name camera60 --squares 5by7", "--squares|5x7"),
         ("--name camera60 --marker 0.05", "markers of 0.05|less than"),
         ("--name camera60", "void/camera180.png: named after camera180, expected photos of camera60"),
-        ("--name camera60 camera300/a.jpg", "named after camera180"),
-        ("--name camera180 camera300/a.jpg", "camera300/a.jpg: named after camera300, expected"),
+        ("--name camera180 camera300/a.jpg camera300/b.jpg", "camera300/a.jpg: named after camera300"),
+        ("--name camera60 camera61.png", "camera180.png: found 0 bytes"),
     ],
     "colors adapt": [
         ("log --object cube_v9 -o x.npz", "cube_v9|cube_v2"),

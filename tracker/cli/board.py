@@ -186,10 +186,13 @@ def intrinsics(
     check_name(name, "--name", CalibrationError)
     refuse_repeated(images)
     board = printed.board()
-    for path in images:
-        named = camera_in(path.stem, [name]) or camera_in(path.absolute().parent.name, [name])
-        if named not in (None, name):
-            raise CalibrationError(f"{path}: named after {named}, expected photos of {name} alone")
+    named = [
+        camera_in(path.stem, [name]) or camera_in(path.absolute().parent.name, [name]) for path in images
+    ]
+    for path, its in zip(images, named, strict=True):
+        # Photos may be numbered: camera1.png, camera2.png.
+        if its not in (None, name) and (named.count(its) > 1 or len(images) == 1):
+            raise CalibrationError(f"{path}: named after {its}, expected photos of {name} alone")
     board, found, faults = _sightings_of(images, board)
     with _naming(faults):
         lens = fit_lens(name, [one for one in found if one is not None], board)
