@@ -208,6 +208,15 @@ def test_a_prediction_for_the_time_of_images_without_the_object_is_the_filtered_
         assert estimate.confidence < 0.95 * one.belief.trust
 
 
+def test_a_forecast_is_as_sure_as_the_object_probably_does_not_begin_to_move_until_then(track):
+    trusted = track.belief.trust
+    # A rest lasts two seconds on average; one that has just ended leaves the object near.
+    for dt in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5):
+        forecast = track.belief.forecast(1.0 + dt, BOX, -math.inf)
+        assert forecast.confidence == pytest.approx(trusted * math.exp(-dt / 2.0), abs=0.025), dt
+        np.testing.assert_allclose(forecast.position, HOME, atol=1e-4)
+
+
 def test_an_unseen_object_moves_on_ever_slower_as_its_velocity_says():
     for steps in ([0.01] * 40, [0.35, 0.05]):
         _, _, estimates = passing(steps, [0.3, 0.0, 0.0])

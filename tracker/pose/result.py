@@ -178,7 +178,9 @@ class MotionEstimate(PoseEstimate):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Forecast(MotionEstimate):
-    """Pose and velocity at a later moment: the covariance is that of the likely kinds of motion.
+    """Pose and velocity at a later moment.
+
+    The covariance is that of the likely kinds of motion if they continue; the confidence allows for changes.
 
     Attributes:
         kinds: the forecast for each kind of motion, the likeliest first.

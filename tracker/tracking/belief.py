@@ -195,12 +195,12 @@ class Belief(NamedTuple):
         if self.basis is None or (passed := self._seconds_since(timestamp)) is None:
             return None
         if self._unseen:
-            motion = self.basis.unseen(passed)
+            motion = changed = self.basis.unseen(passed)
             fused = motion.state
-            near = self._near(motion, fused)
         else:
-            motion = self.basis.forecast(passed)
-            fused, near = motion.likeliest(), None
+            motion, changed = self.basis.forecast(passed), self.basis.forecast(passed, changing=True)
+            fused = motion.likeliest()
+        near = self._near(changed, fused)
         kinds = tuple(
             MotionKind(**self._told(self._raised(state, box, ground), box), name=KINDS[k], probability=weight)
             for k, weight, state in motion.kinds()
@@ -220,7 +220,10 @@ class Belief(NamedTuple):
         return MotionEstimate(**self._told(state, box, near))
 
     def _near(self, motion: MotionFilter, fused: MotionState) -> float:
-        """Nearness of an unseen object: it probably rests where it was, but may have moved far."""
+        """Nearness of a predicted pose: the object probably rests where it was, but may have moved far.
+
+        motion: the object's, which may have changed its kind; fused: the state that tells the pose.
+        """
         return sum(weight * nearness(spread, self._single) for weight, spread in motion.parts(fused))
 
     def _raised(self, state: MotionState, box: Box, ground: float) -> MotionState:

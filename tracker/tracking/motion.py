@@ -340,15 +340,15 @@ class MotionFilter(NamedTuple):
         update(position, rotation, (1 - CONSTANT) * noise, old, modes)
         return MotionFilter(modes, noise)
 
-    def forecast(self, dt: float) -> MotionFilter:
+    def forecast(self, dt: float, *, changing: bool = False) -> MotionFilter:
         """Return the filter after dt [s] if each kind of motion continues.
 
-        Changes of the kind are predicted between images but not here: rare changes would hide what is nearly
-        certain.
+        changing: whether the kind may change, as between images: for confidences. In poses, rare changes
+            would hide what is nearly certain.
         """
         # Displaced by a dt²/2, the variance is that of white noise of this strength.
         push = np.sqrt(MOTIONS.push**2 + 0.75 * dt * ACCELERATION**2)
-        return self._after(dt, self.modes, MOTIONS._replace(push=push), mixed=False)
+        return self._after(dt, self.modes, MOTIONS._replace(push=push), mixed=changing)
 
     def kinds(self) -> list[tuple[int, float, MotionState]]:
         """Return (kind, weight, state) of each kind of motion, the likeliest first."""
