@@ -51,8 +51,9 @@ def test_writing_and_reading_keeps_every_bit(coefficients, tmp_path):
     assert_same_bits(read_camera(file), silent)
 
 
-def test_the_current_variant_is_written_which_opencv_reads(tmp_path):
-    camera = make_camera()
+@pytest.mark.parametrize("name", ["camera60", "60", "2L", "22881234-1", "1.5e3", "12e4", "-a", "--", "0 b"])
+def test_the_current_variant_is_written_which_opencv_reads(tmp_path, name):
+    camera = dataclasses.replace(make_camera(), name=name)
     file, text = written(tmp_path, camera)
     assert text.startswith("%YAML 1.1\n---\n")
     data = yaml.safe_load(text)
@@ -60,6 +61,7 @@ def test_the_current_variant_is_written_which_opencv_reads(tmp_path):
     assert data["camera_matrix"]["dt"] == "d"
     assert data["distortion_coefficients"]["rows"] == 1
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
+    assert storage.getNode("camera_name").string() == name == read_camera(file).name
     np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), camera.matrix)
     np.testing.assert_array_equal(storage.getNode("tf_world_to_camera").mat(), camera.camera_from_world)
     storage.release()
