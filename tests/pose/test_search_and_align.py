@@ -193,6 +193,9 @@ def test_points_fill_the_arena_however_small_and_nothing_else():
         points = PositionSearch(default_cameras(), BOX, Arena(radius=float(radius))).points
         assert len(points) > 0
         assert np.hypot(points[:, 0], points[:, 1]).max() <= max(radius, 0.36 * BOX.radius)
+    low = PositionSearch(default_cameras(), BOX, Arena(height=1e-17, table=1.0, table_std=(0.0, 0.0))).points
+    assert len(low) > 0
+    assert (low[:, 2] == 1.0).all()
     arena = Arena(center=(0.1, -0.2), radius=0.3, height=0.2)
     points = PositionSearch(default_cameras(), BOX, arena).points
     away = points - [*arena.center, 0.0]

@@ -237,7 +237,8 @@ def _grid(arena: Arena, step: float) -> FloatArray:
     """Grid points (N, 3) over the arena [m]."""
     bottom, top = arena.lowest, arena.ground + arena.height
     step = max(step, (4 * arena.radius**2 * (top - bottom) / MOST_POINTS) ** (1 / 3))
-    across, up = math.ceil(2 * arena.radius / step), math.ceil((top - bottom) / step)
+    # In floating point, a low arena may end where it begins.
+    across, up = math.ceil(2 * arena.radius / step), max(1, math.ceil((top - bottom) / step))
     side = (np.arange(across) - (across - 1) / 2) * step
     heights = (bottom + top) / 2 + (np.arange(up) - (up - 1) / 2) * step
     x, y, z = np.meshgrid(side, side, heights, indexing="ij")
