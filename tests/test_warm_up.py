@@ -32,6 +32,7 @@ before = known()
 print(len(before))
 one = tracker.CameraRig([rig[0]], arena=rig.arena)
 dark = [0 * image for image in frames[0].images]
+veiled = [np.maximum(image, 40) for image in frames[5].images]
 for name in ("cube_v2", "cuboid_2x2x8_v2"):
     for cameras in (rig, one):
         follower = tracker.ObjectTracker(tracker.load_object(name), cameras)
@@ -42,6 +43,8 @@ for name in ("cube_v2", "cuboid_2x2x8_v2"):
         last = frames[2].timestamp
         follower.update(frames[3].images[:n], [last + 0.1 + 0.005 * c for c in range(n)])
         follower.update([None, *frames[4].images[1:n]], last + 0.2)
+        uses = follower.update([frames[3].images[0], *veiled[1:n]], last + 0.25).cameras
+        assert uses[0] == ("frozen" if n > 1 else "used")
         follower.update(dark[:n], last + 0.3)
         follower.predict(last + 0.4)
         print(name, n, found is not None)

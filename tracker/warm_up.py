@@ -34,13 +34,14 @@ from tracker.pose.refine import refine
 from tracker.pose.views import PICTURE, Sight
 from tracker.processes import python_command
 from tracker.segmentation.color_model import load_colors
+from tracker.segmentation.sensor import find_mosaic, noise_level
 from tracker.tracking.motion import MotionFilter
 
 _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
-KERNELS = 21
+KERNELS = 23
 """Number of machine code files that compilation produces."""
 
 _THRESHOLDS = (100_000, 50, 100)
@@ -199,6 +200,9 @@ def use_others() -> None:
     estimator, sight, place = _estimator(), _sight(), (np.eye(3), _POSITION, np.zeros((1, 6)))
     image = np.random.default_rng(0).integers(0, 255, (_SIZE, _SIZE, 3)).astype(np.uint8)
     estimator.reader([image])
+    # Called by themselves for an image with a veil, and for one that may be frozen.
+    find_mosaic(image)
+    noise_level(image)
     positions = estimator.search.positions
     views = positions.views(sight.labels, sight.pictures)
     next(positions(views, sight.labels, sight.pictures, 1), None)
