@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from tests.helpers import random_rotations
-from tracker.geometry.probability import probability_within
+from tracker.geometry.probability import mass_within, probability_within
 
 CLOSE = 0.01
 """Of a probability, more than what its sum over directions leaves open."""
@@ -104,3 +104,12 @@ def test_tiny_errors_are_certainly_within_the_limits_and_huge_ones_hardly_ever(s
 )
 def test_a_covariance_that_is_none_gives_no_probability(variances):
     assert probability_within(np.diag(variances), 5e-3, math.radians(5)) == 0.0
+
+
+def test_neither_a_covariance_that_cannot_be_written_nor_whole_limits_compile_anything_again():
+    covariance = random_covariance(np.random.default_rng(75))
+    expected, count = probability_within(covariance, 1.0, 2.0), len(mass_within.signatures)
+    covariance.flags.writeable = False
+    for same in (covariance, np.asfortranarray(covariance)):
+        assert probability_within(same, 1, 2) == expected
+    assert len(mass_within.signatures) == count

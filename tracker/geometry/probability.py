@@ -84,4 +84,6 @@ def probability_within(covariance: FloatArray, near: float, turned: float) -> fl
     freedom. The limits hold up to r² = min(near²/‖L_p w‖², turned²/‖L_θ w‖²); the result is the mean of the
     χ² distribution function there over all directions w. It is 0 if the covariance is not positive definite.
     """
-    return float(mass_within(np.ascontiguousarray(covariance, dtype=np.float64), near, turned, _SPHERE))
+    # Numba would compile the function once more for a read-only array, and for whole numbers.
+    one = np.array(covariance, dtype=np.float64, order="C")
+    return float(mass_within(one, float(near), float(turned), _SPHERE))
