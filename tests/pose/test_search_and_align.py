@@ -26,7 +26,7 @@ from tracker.pose.scale import label_camera, label_factors
 from tracker.pose.schedule import FIRST
 from tracker.pose.strips import MAX_STRIPS, STRIP
 from tracker.pose.views import PICTURE
-from tracker.pose.votes import CELL, DOUBT, TIGHT, PositionSearch, vote
+from tracker.pose.votes import CELL, DOUBT, MOST_POINTS, TIGHT, PositionSearch, _grid, vote
 
 BOX = Box.of(MODEL)
 FACES = BOX.half, BOX.face_labels
@@ -196,6 +196,9 @@ def test_points_fill_the_arena_however_small_and_nothing_else():
     low = PositionSearch(default_cameras(), BOX, Arena(height=1e-17, table=1.0, table_std=(0.0, 0.0))).points
     assert len(low) > 0
     assert (low[:, 2] == 1.0).all()
+    for height in np.geomspace(1e-6, 10.0, 40):
+        wide = Arena(radius=10.0, height=float(height), table_std=(0.0, 0.0))
+        assert 0.1 * MOST_POINTS < len(_grid(wide, 0.01)) <= MOST_POINTS
     arena = Arena(center=(0.1, -0.2), radius=0.3, height=0.2)
     points = PositionSearch(default_cameras(), BOX, arena).points
     away = points - [*arena.center, 0.0]

@@ -236,7 +236,9 @@ def next_place(points, votes, lenses, labels, pictures, sizes, position):  # typ
 def _grid(arena: Arena, step: float) -> FloatArray:
     """Grid points (N, 3) over the arena [m]."""
     bottom, top = arena.lowest, arena.ground + arena.height
-    step = max(step, (4 * arena.radius**2 * (top - bottom) / MOST_POINTS) ** (1 / 3))
+    share = 4 * arena.radius**2 / MOST_POINTS
+    step = max(step, share**0.5)  # as far apart as in a single layer
+    step = max(step, (share * (top - bottom + step)) ** (1 / 3))
     # In floating point, a low arena may end where it begins.
     across, up = math.ceil(2 * arena.radius / step), max(1, math.ceil((top - bottom) / step))
     side = (np.arange(across) - (across - 1) / 2) * step
