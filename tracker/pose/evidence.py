@@ -198,24 +198,16 @@ def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untyped-def]
-    """Log evidence for the object here, for other face colours, for another shape, and for nothing.
+def _weigh_faces(seen, numbers, closer, options, tied, unknowns):  # type: ignore[no-untyped-def]
+    """Fill options (C, 6, 8), log likelihoods of faces' counts if they have each colour, and unknowns (C, 6).
 
-    See equation (21) of docs/how-it-works.md.
-
-    Args:
-        seen: (C,) of SEEN; `shows` and `broken` are filled in.
-        face_labels: (6,) of the object.
-        stands: log odds that it stands on the table.
-        numbers: Numbers.
-        closer: whether only pixels wholly inside a face count, and image noise is not a misfit of edges.
+    options and tied (6, 8), their sums over the cameras, are initially zero; other arguments as in `weigh`.
     """
-    count, prices = len(seen), np.empty((len(HIDDEN_SHARES), 5))
+    prices = np.empty((len(HIDDEN_SHARES), 5))
     _prices(numbers, prices)
-    options, tied, unknowns = np.zeros((count, 6, 8)), np.zeros((6, 8)), np.empty((count, 6))
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     unseen = _unknown(tied[0])
-    for c in range(count):
+    for c in range(len(seen)):
         for face in range(6):
             counts, pixel = seen[c].faces[face], numbers.whole
             if closer:
@@ -233,9 +225,26 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
                     value = np.logaddexp(before + correct, unknowns[c, face] + lost)
                 option[k] = value
                 tied[face, k] += value
+
+
+@compiled
+def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untyped-def]
+    """Log evidence for the object here, for other face colours, for another shape, and for nothing.
+
+    See equation (21) of docs/how-it-works.md.
+
+    Args:
+        seen: (C,) of SEEN; `shows` and `broken` are filled in.
+        face_labels: (6,) of the object.
+        stands: log odds that it stands on the table.
+        numbers: Numbers.
+        closer: whether only pixels wholly inside a face count, and image noise is not a misfit of edges.
+    """
+    count, count_seen, nothing = len(seen), 0, 0.0
+    options, tied, unknowns = np.zeros((count, 6, 8)), np.zeros((6, 8)), np.empty((count, 6))
+    _weigh_faces(seen, numbers, closer, options, tied, unknowns)
+    lone = np.empty((4, count))
     shows, blind = math.log(1.0 - numbers.hidden), math.log(numbers.hidden)
-    count_seen, lone = 0, np.empty((4, count))
-    nothing = 0.0
     for c in range(count):
         one = seen[c]
         one.shows, one.broken = 0.0, 0.0
@@ -355,7 +364,7 @@ def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignor
 
 
 @compiled
-def log_odds(logs, seen, numbers):  # type: ignore[no-untyped-def]
+def evidence_of(logs, seen, numbers):  # type: ignore[no-untyped-def]
     """Return the fields of Evidence that follow from the results of `weighed` for seen (C,) of SEEN."""
     (here, body, shape, nothing, ahead), count = logs, 0
     for one in seen:
@@ -368,7 +377,7 @@ def log_odds(logs, seen, numbers):  # type: ignore[no-untyped-def]
 
 @compiled
 def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  # type: ignore[no-untyped-def]
-    """Count what label maps show of an object, and return the evidence for it: see `log_odds`.
+    """Count what label maps show of an object, and return the evidence for it: see `evidence_of`.
 
     Label maps and place (rotation, position, lags) are as in `count_labels`, which fills seen (C,) of SEEN.
     In images that the pose was found without, which `used` (C,) of PICTURE leaves out, colours beside the
@@ -379,4 +388,4 @@ def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  #
     for c in range(len(seen)):
         if pictures[c].used and not used[c].used:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
-    return log_odds(weighed(seen, box[1], stands, numbers), seen, numbers)
+    return evidence_of(weighed(seen, box[1], stands, numbers), seen, numbers)
