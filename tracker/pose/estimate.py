@@ -50,7 +50,7 @@ of 970 that led to the object scored higher, 94 % of 234 others lower."""
 COMPETING, BEHIND = 4, 10.0
 """Maximum number of competing hypotheses, and how far one may rank behind the best after a step to stay."""
 
-ALIKE = 0.95
+RIVAL = 0.95
 """A pose that looks like the best fit is refined, too, if it explains the label maps at least this well,
 relative to that fit."""
 
@@ -254,7 +254,7 @@ class PoseEstimator:
         poses += [(other, position) for other in turned_about_face(rotation, position, half, camera)]
         if not poses:
             return []
-        least = ALIKE * explanation_score(self.search.counted(sight, rotation, position), sight.pictures)
+        least = RIVAL * explanation_score(self.search.counted(sight, rotation, position), sight.pictures)
         others = [one for one in self.search.near(sight, poses, NO_REACHES) if one.score > least][:REFINED]
         return [self._fitted(sight, one._replace(left_out=fit.left_out), SCHEDULE, lag) for one in others]
 

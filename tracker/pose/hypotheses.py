@@ -25,7 +25,7 @@ REACHES = np.array([5, 4, 3])
 FAR_REACHES, NO_REACHES = np.array([8, 6, 4, 3]), REACHES[:0]
 """The same, starting from a predicted pose, and to score poses where they are."""
 
-BESIDE = 6.0 * np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4])
+AROUND = 6.0 * np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4])
 """Displacements (8, 2) from which a camera's own search also starts [px of the label map]: a narrow object is
 not aligned from a place where it does not overlap what the camera sees."""
 
@@ -156,7 +156,7 @@ class Search:
         """Return the best hypothesis near a pose (3, 3), (3,) [m] for camera c, the only one of `sight`."""
         lens = self.lenses[c]
         size = float(np.linalg.norm(lens["position"] - position) / lens["focal"][0])
-        beside = position + size * (BESIDE @ lens["rotation"][:2])
+        beside = position + size * (AROUND @ lens["rotation"][:2])
         return next(iter(self.near(sight, [(rotation, place) for place in (position, *beside)])), None)
 
     def near(

@@ -39,7 +39,7 @@ MIN_TILT, MAX_TILT = 0.05, 1.2
 """Slope of the log chromaticity from middle to corner below which the light counts as even, and above which
 other pixels must have been mistaken for greys."""
 
-FLOOR = 8
+LEAST_BLACK = 8
 """Smallest level of an image's darkest pixels that a veil may have lifted."""
 
 DENSEST = 128
@@ -56,7 +56,7 @@ _LOG = np.log(np.maximum(np.arange(256), 0.5))
 
 @compiled
 def black_level(image):  # type: ignore[no-untyped-def]
-    """Return the level of the darkest channel of an image's darkest pixels; 0 if it is below FLOOR."""
+    """Return the level of the darkest channel of an image's darkest pixels; 0 if it is below LEAST_BLACK."""
     step = max(1, min(image.shape[0], image.shape[1]) // 270)
     enough = image.shape[0] * image.shape[1] // (DARKEST * step * step) + 1
     levels, dark = np.zeros(256, np.int64), 0
@@ -64,10 +64,10 @@ def black_level(image):  # type: ignore[no-untyped-def]
         for i in range(0, image.shape[1], step):
             low = min(image[j, i, 0], image[j, i, 1], image[j, i, 2])
             levels[low] += 1
-            dark += low < FLOOR
+            dark += low < LEAST_BLACK
             if dark == enough:
                 return 0
-    level = FLOOR
+    level = LEAST_BLACK
     while dark + levels[level] < enough:
         dark += levels[level]
         level += 1
@@ -80,7 +80,7 @@ def unveiled(image: Image) -> Image:
     An interpolated mosaic stays one.
     """
     black = black_level(image)
-    veil = min(black, 2 * (black - FLOOR))  # less of a faint one, so that images do not flicker
+    veil = min(black, 2 * (black - LEAST_BLACK))  # less of a faint one, so that images do not flicker
     if not 0 < veil <= DENSEST:
         return image
     levels = np.rint(np.arange(-veil, 256 - veil) * (255 / (255 - veil)))
