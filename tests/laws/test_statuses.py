@@ -7,7 +7,7 @@ import pytest
 import tracker
 from synthetic.camera.sensor import Sensor
 from tests.helpers import RIG, exposed
-from tests.helpers.kept_stills import take
+from tests.helpers.kept_stills import bare, take
 from tests.helpers.stills import posed_scene
 from tracker import Status
 from tracker.geometry import so3
@@ -134,6 +134,17 @@ def test_what_refuses_a_fit_is_the_status(truth, monkeypatch, status):
     assert answer.object_pose is None
     answer = one.update(truth.images, 0.0)
     assert (answer.status, answer.reason) == (Status.LOST, status)
+
+
+def test_another_cubes_faces_are_the_reason_even_where_a_fit_is_not_refused_at_once():
+    found, one = [], new()
+    for seed in (0, 5, 8, 20):
+        images = bare("cube_v1", RIG.cameras, [77, seed]).images
+        found.append(one.detect(images).object_pose is not None)
+        answer = one.update(images, 0.0)
+        assert (answer.object_pose, answer.status, answer.reason) == (None, Status.LOST, Status.OTHER_OBJECT)
+        one.reset()
+    assert any(found)
 
 
 FOLLOWED = [Status.FOUND, Status.TRACKING, Status.COASTING, Status.REFOUND, Status.LOST]

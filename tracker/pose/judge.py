@@ -124,7 +124,7 @@ def refusal(fit: Fit) -> Status | None:
         # A single camera may mistake an occluder's edges for the object's and put it too far away.
         return Status.AMBIGUOUS if alone(fit) else Status.INCONSISTENT_VIEWS
     if trust(fit) < MIN_TRUST:
-        return _against(fit)
+        return against(fit)
     # Markov's inequality shows most poses to be accurate enough.
     far = sum(variances[:3]) / VAGUE[0] ** 2 + sum(variances[3:]) / VAGUE[1] ** 2
     if far < 1.0 - MIN_DEFINITE or probability_within(fit.covariance, *VAGUE) >= MIN_DEFINITE:
@@ -132,7 +132,7 @@ def refusal(fit: Fit) -> Status | None:
     return Status.AMBIGUOUS
 
 
-def _against(fit: Fit) -> Status:
+def against(fit: Fit) -> Status:
     """The strongest evidence against a fit."""
     nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.evidence.resized)
     if -fit.lead > max(body, nothing):

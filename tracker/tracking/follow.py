@@ -17,7 +17,7 @@ from tracker.pose.agreement import spread
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Seen, Start
 from tracker.pose.hypotheses import ENOUGH
-from tracker.pose.judge import alone, log_odds, rank, refusal, supporters
+from tracker.pose.judge import against, alone, log_odds, rank, refusal, supporters, trust
 from tracker.pose.result import Observation, Status
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.views import Hidden
@@ -150,7 +150,8 @@ class Follower:
             belief, status = belief.see(outcome, expected, agreement.fitting, wide)
             uses = after(uses, outcome)
             if status is Status.COASTING:  # found, but not accepted yet: does not update the agreement
-                reason = Status.AMBIGUOUS
+                unlikely = trust(outcome) < belief.options.min_confidence
+                reason = against(outcome) if unlikely else Status.AMBIGUOUS
             else:
                 memory = memory._replace(agreement=agreement)
                 pose = measured(outcome, agreement.fitting, wide, self._size)
