@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -6,6 +8,7 @@ from hypothesis import strategies as st
 from tests.helpers import RIG
 from tests.helpers.dice_scenes import EDGE, dice_at, painted
 from tracker.geometry import so3
+from tracker.geometry.lens import stack_lenses
 from tracker.tasks.rearrange_dice import set_score
 from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence
 from tracker.tasks.rearrange_dice.finder import STEPS, Search
@@ -51,6 +54,25 @@ def test_dice_cover_the_pixels_that_opencv_paints_with_tops_where_rays_meet_the_
             assert (kind in (set_score.TOP, set_score.TOP_RIM)) == (reach < EDGE / 2)
         if kind in (set_score.TOP, set_score.TOP_RIM) and abs(reach - set_score.PIPS * EDGE / 2) > 1e-5:
             assert (kind == set_score.TOP) == (reach < set_score.PIPS * EDGE / 2)
+
+
+def test_a_die_that_reaches_behind_a_low_camera_is_drawn():
+    down, place = 0.506, np.array([0.0, 0.0, 0.0355])
+    ahead = np.array([np.cos(down), 0.0, -np.sin(down)])
+    axes = np.stack([[0.0, -1.0, 0.0], np.cross(ahead, [0.0, -1.0, 0.0]), ahead])
+    camera = dataclasses.replace(RIG[0], camera_from_world=so3.transform(axes, -axes @ place))
+    die, window = np.array([0.0026, 0.0152, 0.0, 0.0]), np.empty(4, np.int64)
+    set_score.bounds(stack_lenses([camera]), 0, die, 0, window)
+    columns, rows = (index.ravel() for index in np.meshgrid(range(270), range(270)))
+    rays = camera.rays(np.stack([columns, rows], axis=1))
+    top = place + rays * (die[2] + EDGE - place[2]) / rays[:, 2:]
+    met = (np.abs(top[:, :2] - die[:2]) < EDGE / 2).all(axis=1) & (rays[:, 2] < 0)
+    assert met.any()
+    left, upper, right, lower = window
+    assert (columns[met] >= left).all()
+    assert (columns[met] < right).all()
+    assert (rows[met] >= upper).all()
+    assert (rows[met] < lower).all()
 
 
 def test_the_nearer_of_two_dice_hides_the_other(views):

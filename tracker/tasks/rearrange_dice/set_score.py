@@ -19,7 +19,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
-from tracker.geometry.lens import project
+from tracker.geometry.lens import clamped, project
 from tracker.tasks.rearrange_dice.goals import ARENA_RADIUS, DIE_WIDTH
 
 NONE, SIDE, SIDE_RIM, TOP, TOP_RIM = range(5)
@@ -118,10 +118,8 @@ def bounds(lenses, c, die, margin, out):  # type: ignore[no-untyped-def]
         u, v, _ = project(lenses, c, x, y, die[2] + (DIE_WIDTH if k & 4 else 0.0))
         left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
     width, height = lenses[c].width, lenses[c].height
-    out[0] = min(max(math.floor(left) - margin, 0), width)
-    out[1] = min(max(math.floor(top) - margin, 0), height)
-    out[2] = min(max(math.ceil(right) + 1 + margin, out[0]), width)
-    out[3] = min(max(math.ceil(bottom) + 1 + margin, out[1]), height)
+    out[0], out[1] = clamped(left - margin, width), clamped(top - margin, height)
+    out[2], out[3] = clamped(right + margin + 2.0, width), clamped(bottom + margin + 2.0, height)
 
 
 @compiled
