@@ -350,19 +350,7 @@ def refine_cameras(
             few = f"found that {count} of {len(frames)} frames show {model.name}"
             raise CalibrationError(f"refine: {name}: {few}, expected {LEAST // 3} or more: {UNSEEN}")
     rim = model.rim, model.rim_std
-    taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
-    judges = frames[::JUDGED]
-    lesson, _ = adjust(edges, taught, rim, focal=focal)
-    before, after = (
-        misfit(edges.of(_stating(rig, cameras, [None] * len(rig))), judges)
-        for cameras in (rig.cameras, lesson.cameras)
-    )
-    if not after < (1.0 - GAIN) * before:
-        raise NotBetterError(
-            f"refine: refused: edges in {len(judges)} frames held out are {before:.3f} px off with the "
-            f"calibration as it is, and {after:.3f} px with the one found; expected {100 * GAIN:.0f} % less: "
-            "it is as good as these recordings can tell"
-        )
+    before, after = _judged(edges, rig, frames, rim, focal=focal)
     now, step = adjust(edges, frames, rim, focal=focal)
     covariances = relative_covariance(step.covariance) + np.diag(np.repeat(np.square(FLOOR), 3))
     rotations = [camera.camera_from_world[:3, :3] for camera in now.cameras]
@@ -385,6 +373,29 @@ def refine_cameras(
         len(frames),
         plane,
     )
+
+
+def _judged(
+    edges: EdgeReader, rig: CameraRig, frames: Sequence[Frame], rim: tuple[float, float], *, focal: bool
+) -> tuple[float, float]:
+    """Return the misfit [px], in frames held out, of a rig and of its cameras fitted to the other frames.
+
+    NotBetterError: it is no less than before.
+    """
+    taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
+    judges = frames[::JUDGED]
+    lesson, _ = adjust(edges, taught, rim, focal=focal)
+    before, after = (
+        misfit(edges.of(_stating(rig, cameras, [None] * len(rig))), judges)
+        for cameras in (rig.cameras, lesson.cameras)
+    )
+    if not after < (1.0 - GAIN) * before:
+        raise NotBetterError(
+            f"refine: refused: edges in {len(judges)} frames held out are {before:.3f} px off with the "
+            f"calibration as it is, and {after:.3f} px with the one found; expected {100 * GAIN:.0f} % less: "
+            "it is as good as these recordings can tell"
+        )
+    return before, after
 
 
 def _lens_std(camera: Camera, covariance: FloatArray) -> FloatArray:
