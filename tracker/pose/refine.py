@@ -117,7 +117,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
 
 
 @compiled
-def _lay_strips(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
+def _lay_strips(model, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
     """Lay strips along the edges at the current pose, as a step of the schedule requires."""
     mark_feet(model.table, model.half, solution)
     rotation, position = np.empty((3, 3)), np.empty(3)
@@ -309,7 +309,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
     rotation, position = np.empty((3, 3)), np.empty(3)
     while step < len(schedule.blur) and not solution.converged:
         if stray:
-            _lay_strips(model, pictures, solution, cameras, schedule, step, work)
+            _lay_strips(model, solution, cameras, schedule, step, work)
             share, stated = 1.0, 1.0
         copy_pose(solution.rotation, solution.position, rotation, position)
         _measure_all(model, pictures, cameras, schedule, step, work)

@@ -110,7 +110,7 @@ class Refiner:
         self._shaded = self.model._replace(colors=reader.colors.shade_table)
         self.likely = LIKELY._replace(rim=box.rim[0], rim_std=box.rim[1])
         self._maps, self._faces = stack_lenses(reader.label_cameras(rig)), (box.half, box.face_labels)
-        self._local, self._still = LocalSpace(len(lenses)), np.zeros((len(lenses), 6))
+        self._local = LocalSpace(len(lenses))
 
     def begun(
         self, rotation: FloatArray, position: FloatArray, lag: Lag | None = None
