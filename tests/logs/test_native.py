@@ -275,6 +275,19 @@ def test_an_empty_record_is_a_frame_without_images(write, frames, tmp_path):
     assert np.isnan(alone.timestamp)
 
 
+@pytest.mark.parametrize("write", [write_native, write_hdf5])
+@pytest.mark.parametrize("frames", [[0, 1], [3], [7]])
+def test_an_empty_record_may_hold_what_was_in_its_memory_before(write, frames, tmp_path):
+    content, clock = make_content(8), make_content(8)
+    content.camera_stamps[frames] = 0
+    for values in (clock.stamps, clock.camera_stamps):  # a clock that begins at 0 leaves no frame out
+        values -= values[0].copy()
+    for given, empty in ((content, frames), (clock, [])):
+        read = frames_of(write(tmp_path / "log", given))
+        assert [frame.timestamp for frame in read] == pytest.approx(given.stamps, abs=1e-6)
+        assert [frame.index for frame in read if all(image is None for image in frame.images)] == empty
+
+
 @pytest.mark.parametrize("stamped", [True, False])
 def test_after_the_last_image_time_goes_on(stamped, tmp_path):
     content = with_errors([5, 6, 7])

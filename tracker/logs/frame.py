@@ -24,6 +24,9 @@ EARLIEST = -MAX_GAP
 """Smallest valid timestamp [s]: a simulated clock may start below zero, but a time since the epoch with a
 damaged sign is far below."""
 
+EPOCH = 1e9
+"""Times since the epoch are later [s]: the year 2001. Simulated clocks and those of cameras begin near 0."""
+
 UNKNOWN: FloatArray = np.empty(0)
 """Stamps that follow from the images' timestamps."""
 
@@ -114,14 +117,16 @@ def recorded_frame(
 ) -> LogFrame:
     """Make a frame from values of the platform's recorder; LogError, naming `where`, if they are invalid.
 
-    After a driver error the recorder appends an empty frame: it has no images, and if its `stamp` is 0, too,
-    its timestamp is NaN.
+    After a driver error the recorder appends an empty frame, whose stamps are 0: it has no images, and if its
+    `stamp` is 0, too, its timestamp is NaN. The recorder leaves the memory of such images as it was: they are
+    black, or what was there before, such as an older image.
     `camera_stamps`: (C,) [s]; `stamp`: the frame's [ms], or None; `poses`: records (8,), up to two: the
     measured and the filtered pose.
     """
     for number, value in enumerate(camera_stamps, start=1):
         checked_stamp(value, what=f"{where}, camera number {number}")
-    if not camera_stamps.any() and not any(image is not None and image.any() for image in images):
+    late = stamp is not None and stamp / 1000 > EPOCH  # so its cameras' clocks are not at 0
+    if not camera_stamps.any() and (late or not any(image is not None and image.any() for image in images)):
         none = np.full(len(images), np.nan)
         known = checked_stamp(stamp / 1000, what=where) if stamp else np.nan
         return LogFrame(index, known, none, (None,) * len(images), None, None)
