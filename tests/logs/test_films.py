@@ -75,6 +75,23 @@ def test_every_picture_of_a_film_is_found_alone(tmp_path, suffix, codec, options
             np.testing.assert_array_equal(log[number].images[0], found[number])
 
 
+def test_a_film_that_was_cut_without_encoding_begins_at_the_cut(tmp_path):
+    av = pytest.importorskip("av", reason="video: no module av")
+    film = write_film(tmp_path / "whole.mp4", pictures(0, 12), bf="2")
+    with av.open(str(film)) as whole, av.open(str(tmp_path / "camera60.mp4"), "w") as cut:
+        taken = whole.streams.video[0]
+        stream = cut.add_stream_from_template(taken)
+        step = int(1 / (25 * taken.time_base))
+        for packet in whole.demux(taken):
+            if packet.size and packet.pts >= 5 * step:  # from the key picture before picture 8 on
+                packet.pts, packet.dts, packet.stream = packet.pts - 8 * step, packet.dts - 8 * step, stream
+                cut.mux(packet)
+    greys, stamps, _ = shades(tmp_path / "camera60.mp4")
+    assert (greys, stamps) == (expected(12, 1)[8:], [0.0, 0.04, 0.08, 0.12])
+    with tracker.open_log(tmp_path / "camera60.mp4") as log:
+        assert [round(float(log[k].images[0].mean()) / 8) * 8 for k in (3, 0, 2)] == [104, 80, 96]
+
+
 def test_films_of_different_length_leave_a_camera_without_image(tmp_path):
     for camera, count in enumerate((6, 4)):
         write_film(tmp_path / f"{CAMERAS[camera]}.mp4", pictures(camera, count))

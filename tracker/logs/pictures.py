@@ -194,7 +194,7 @@ class FilmFile:
         times: list[int] = []
         with naming(f"{self.path}: damaged", LogError, *self._faults):
             for packet in self._film.demux(self._stream):
-                if not packet.size:
+                if not packet.size or packet.is_discard:  # kept only to decode others, where a film was cut
                     continue
                 time = packet.pts if packet.pts is not None else packet.dts
                 if time is None or len(times) >= _MAX_PICTURES:
