@@ -127,6 +127,22 @@ def test_damage_costs_the_frames_that_it_meets_only(tmp_path, harm, frames, mess
     assert before == frames[: len(before)]
 
 
+@pytest.mark.parametrize("name", ["images", "timestamps", "object_pose/confidence"])
+@pytest.mark.parametrize("chunk", [None, 2])
+def test_what_was_never_written_is_not_read_as_zeros(tmp_path, name, chunk):
+    path = write_hdf5(tmp_path / "log.h5", make_content(5), poses=True)
+    with h5py.File(path, "r+") as file:
+        values = file[name][:]
+        del file[name]
+        field = file.create_dataset(
+            name, values.shape, values.dtype, chunks=chunk and (chunk, *values.shape[1:])
+        )
+        if chunk:
+            field[:4] = values[:4]
+    with pytest.raises(LogError, match=f"{name}: (found 0 bytes stored|cannot be read)"):
+        frames_of(path)
+
+
 FILTERS = {}, {"compression": "gzip", "shuffle": True}, {"fletcher32": True}
 
 

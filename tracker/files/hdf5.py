@@ -12,6 +12,7 @@ library can finish and the error can be reported.
 
 import contextlib
 import io
+import itertools
 import math
 import os
 import struct
@@ -48,7 +49,6 @@ _FILTERS = {
 }
 _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 _MAX_ATTRIBUTE = 1 << 20  # bytes
-_SMALL = 1 << 20  # bytes; a dataset up to this size may have nothing stored
 _END_OFFSET = {0: 40, 1: 44, 2: 28, 3: 28}
 """Offset of the file's stated length, by the version of the superblock."""
 
@@ -134,13 +134,18 @@ def array(file: Any, name: str, shape: tuple[int, ...], kinds: str) -> Array:
 
 
 def values(stored: h5py.Dataset, stop: int | None = None) -> Array:
-    """Read a dataset, or its rows before `stop`; LogError if its chunks do not decompress to its size."""
-    size, there = stored.size * stored.dtype.itemsize, int(stored.id.get_storage_size())
-    if size > max(_SMALL, _MAX_RATIO * there):
-        raise LogError(f"found {there} bytes stored, expected enough for {size}")
-    if h5py.h5z.FILTER_DEFLATE in filters_of(stored):
-        for number in range(stored.id.get_num_chunks()):
-            unpacked(stored, stored.id.get_chunk_info(number).chunk_offset)
+    """Read a dataset, or its rows before `stop`; LogError if chunks are missing, or not of their size.
+
+    The library fills in zeros for what was never written.
+    """
+    if stored.chunks:
+        sides = stored.shape if stop is None else (min(stop, stored.shape[0]), *stored.shape[1:])
+        size, there = math.prod(sides) * stored.dtype.itemsize, int(stored.id.get_storage_size())
+        if size > _MAX_RATIO * there:
+            raise LogError(f"found {there} bytes stored, expected enough for {size}")
+        steps = zip(sides, stored.chunks, strict=True)
+        for offset in itertools.product(*(range(0, side, step) for side, step in steps)):
+            unpacked(stored, offset)
     return np.asarray(stored[()] if stop is None else stored[:stop])
 
 
@@ -236,7 +241,7 @@ def _item(file: Any, name: str) -> Any:
 
 
 def _check_stored(dataset: h5py.Dataset) -> None:
-    """Raise LogError if a dataset has filters from plug-ins, or chunks that are too large or truncated."""
+    """Raise LogError for filters from plug-ins, chunks that are too large or truncated, or nothing stored."""
     properties, size = dataset.id.get_create_plist(), int(dataset.dtype.itemsize)
     for number in range(properties.get_nfilters()):
         code, _, settings, _ = properties.get_filter(number)
@@ -246,12 +251,15 @@ def _check_stored(dataset: h5py.Dataset) -> None:
         # Checksums do not cover filter settings: a damaged setting would scramble the pixels unnoticed.
         if code == h5py.h5z.FILTER_SHUFFLE and settings != (size,):
             raise LogError(f"found bytes shuffled by {settings}, expected {(size,)}")
+    stored = int(dataset.id.get_storage_size())
     if not dataset.chunks:
+        whole = (dataset.size or 0) * dataset.id.get_type().get_size()  # NumPy's size differs for strings
+        if stored < whole:
+            raise LogError(f"found {stored} bytes stored, expected enough for {whole}")
         return
     block = math.prod(dataset.chunks) * max(1, size)
     if not 0 < block <= MAX_CHUNK:
         raise LogError(f"found blocks of {dataset.chunks}, expected at most {MAX_CHUNK} bytes")
-    stored = int(dataset.id.get_storage_size())
     # If damage hides that chunks are compressed, the library reads beyond their end.
     if not properties.get_nfilters() and stored % block:
         raise LogError(f"found {stored} bytes stored, expected blocks of {block}")
