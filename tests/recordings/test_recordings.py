@@ -385,7 +385,7 @@ def test_a_full_disk_is_reported_in_one_line_and_leaves_what_was_there(name, tmp
         target.write_text("old")
     with no_file_longer_than(700), pytest.raises(TrackerError) as raised:
         WRITERS[name](target, *whole)
-    assert "cannot be written" in str(raised.value)
+    assert f"{target}: cannot be written" in str(raised.value)
     assert "File too large" in str(raised.value)
     assert "\n" not in str(raised.value)
     assert [path.read_text() for path in target.parent.iterdir()] == ([] if name in NEW else ["old"])

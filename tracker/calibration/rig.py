@@ -52,6 +52,20 @@ def _arena_text(arena: Arena) -> str:
     return title + "".join(lines)
 
 
+def rig_texts(rig: CameraRig, lenses: Mapping[str, Calibrated] = {}) -> dict[str, str]:
+    """Return the texts of a rig's files by name, see `save_rig`; CalibrationError: two have the same one."""
+    texts: dict[str, str] = {}
+    for camera in rig:
+        file = file_name(camera.name)
+        if file in texts:
+            raise CalibrationError(f"camera rig: found two cameras for {file}, expected other names")
+        lens = lenses.get(camera.name, Calibrated(camera))
+        texts[file] = calibration_text(dataclasses.replace(lens, camera=camera))
+    if rig.arena != Arena():
+        texts[ARENA_FILE] = _arena_text(rig.arena)
+    return texts
+
+
 def save_rig(
     rig: CameraRig,
     folder: str | os.PathLike[str],
@@ -62,15 +76,7 @@ def save_rig(
 
     lenses: how well lenses are known, by the cameras' names; others: texts of further files, by name.
     """
-    texts: dict[str, str] = {}
-    for camera in rig:
-        file = file_name(camera.name)
-        if file in texts:
-            raise CalibrationError(f"camera rig: found two cameras for {file}, expected other names")
-        lens = lenses.get(camera.name, Calibrated(camera))
-        texts[file] = calibration_text(dataclasses.replace(lens, camera=camera))
-    if rig.arena != Arena():
-        texts[ARENA_FILE] = _arena_text(rig.arena)
+    texts = rig_texts(rig, lenses)
     with told_as(CalibrationError, folder):
         root = Path(folder)
         root.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.calibration.rig import CameraRig
+from tracker.calibration.rig import CameraRig, rig_texts
 from tracker.checks import naming
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
@@ -149,7 +149,8 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> in
     with told_as(LogError, path), whole_file(path) as folder:
         for name in rig.names:
             (folder / name).mkdir(parents=True)
-        rig.save(folder)
+        for name, text in rig_texts(rig).items():
+            (folder / name).write_text(text, "utf-8")
         for frame in log:
             taken = np.array([image is not None for image in frame.images])
             for name, image in zip(rig.names, frame.images, strict=True):
