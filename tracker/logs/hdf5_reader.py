@@ -27,7 +27,7 @@ from tracker.conventions import FloatArray, Image
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, on_error, open_regular, told_of
 from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
-from tracker.logs.frame import UNKNOWN, LogFrame, recorded_frame
+from tracker.logs.frame import EPOCH, UNKNOWN, LogFrame, recorded_frame
 from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
 
@@ -200,7 +200,9 @@ class Hdf5Source(Source):
             poses = [np.concatenate([rows[index] for rows in self._poses])]
         # A missing image is recorded as black, with the timestamp of the camera's image before.
         before = self._camera_stamps[self._latest[index - 1]] if index else np.full(len(stamps), np.nan)
-        missing = [same and not one.any() for same, one in zip(stamps == before, raw, strict=True)]
+        # An empty record of the platform has stamps of 0, and what was in its images' memory before.
+        empty = not stamps.any() and self._camera_stamps.max() > EPOCH
+        missing = [empty or (same and not one.any()) for same, one in zip(stamps == before, raw, strict=True)]
         pixels = [None if no else one for no, one in zip(missing, raw, strict=True)]
         images = [None if one is None else from_bayer(one) for one in pixels]
         frame = recorded_frame(index, images, pixels, stamps, stamp, poses, where=where)
