@@ -156,7 +156,11 @@ PATTERNS = '[cameras]\nleft = "{}"\nright = "{}"\n'
 
 
 @pytest.mark.parametrize(
-    ("left", "right"), [("l/{:06d}.png", "r/{:06d}.png"), ("{}_l.png", "{}_r.png"), ("{}/x.png", "{}/y.png")]
+    ("left", "right"),
+    [
+        *[("l/{:06d}.png", "r/{:06d}.png"), ("{}_l.png", "{}_r.png"), ("{}/x.png", "{}/y.png")],
+        ("run [1]/{:06d}.png", "run?/[r]{:06d}.png"),
+    ],
 )
 def test_a_file_says_which_pictures_are_whose(tmp_path, left, right):
     for camera, name in enumerate((left, right)):
