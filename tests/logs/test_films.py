@@ -92,6 +92,26 @@ def test_a_film_that_was_cut_without_encoding_begins_at_the_cut(tmp_path):
         assert [round(float(log[k].images[0].mean()) / 8) * 8 for k in (3, 0, 2)] == [104, 80, 96]
 
 
+@pytest.mark.parametrize(("space", "red", "blue"), [(1, 0.2126, 0.0722), (5, 0.299, 0.114)])
+def test_colours_are_those_of_the_films_colour_space(tmp_path, space, red, blue):
+    """BT.709 of most cameras (1), or BT.601 (5)."""
+    av = pytest.importorskip("av", reason="video: no module av")
+    bgr = np.array([30.0, 30.0, 200.0])
+    light = bgr @ (blue, 1 - red - blue, red)
+    chroma = (bgr[[0, 2]] - light) / (2 * (1 - np.array([blue, red])))
+    planes = np.concatenate([np.full((48, 64), 16 + 219 / 255 * light), np.empty((24, 64))])
+    planes[48:60], planes[60:] = (128 + 224 / 255 * chroma)[:, None, None]
+    with av.open(str(tmp_path / "camera60.mp4"), "w") as film:
+        stream = film.add_stream("libx264", rate=25, options={"crf": "1"})
+        stream.pix_fmt, stream.width, stream.height = "yuv420p", 64, 48
+        stream.codec_context.colorspace = space
+        frame = av.VideoFrame.from_ndarray(planes.round().astype(np.uint8), format="yuv420p")
+        frame.colorspace = space
+        film.mux([*stream.encode(frame), *stream.encode()])
+    with tracker.open_log(tmp_path / "camera60.mp4") as log:
+        np.testing.assert_allclose(log[0].images[0].mean(axis=(0, 1)), bgr, atol=3)
+
+
 def test_films_of_different_length_leave_a_camera_without_image(tmp_path):
     for camera, count in enumerate((6, 4)):
         write_film(tmp_path / f"{CAMERAS[camera]}.mp4", pictures(camera, count))
