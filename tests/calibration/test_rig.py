@@ -12,6 +12,7 @@ from tests.helpers import ROOT, make_camera
 from tracker.calibration.files import Calibrated, calibration_text
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
+from tracker.files import claimed
 from tracker.geometry.arena import Arena
 
 DEMO = ROOT / "tracker" / "demo" / "camera60.yml"
@@ -196,6 +197,13 @@ def test_a_rig_that_cannot_be_saved_is_reported_and_leaves_nothing(tmp_path):
     with pytest.raises(CalibrationError, match=r"found two cameras for camera_left\.yml"):
         rig.save(tmp_path / "new")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_files_that_two_runs_write_at_once_do_not_mix(tmp_path):
+    make_rig(60, 180).save(tmp_path)
+    with claimed(tmp_path / "arena.toml"), pytest.raises(CalibrationError, match="another run is writing it"):
+        make_rig(60, 300).save(tmp_path)
+    assert sorted(os.listdir(tmp_path)) == ["camera180.yml", "camera60.yml"]
 
 
 def test_a_rig_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):

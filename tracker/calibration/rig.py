@@ -18,7 +18,7 @@ import numpy as np
 from tracker.calibration.files import Calibrated, calibration_text, file_name, read_all_calibrated
 from tracker.checks import naming, of_kind, path_of
 from tracker.errors import CalibrationError, shown
-from tracker.files import told_as, write_together
+from tracker.files import claimed, told_as, write_together
 from tracker.files.toml import read_toml
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
@@ -80,9 +80,10 @@ def save_rig(
     with told_as(CalibrationError, folder):
         root = Path(folder)
         root.mkdir(parents=True, exist_ok=True)
-        write_together((root / name, text) for name, text in {**texts, **others}.items())
-        if ARENA_FILE not in texts:
-            (root / ARENA_FILE).unlink(missing_ok=True)
+        with claimed(root / ARENA_FILE):  # the files of two runs would mix
+            write_together((root / name, text) for name, text in {**texts, **others}.items())
+            if ARENA_FILE not in texts:
+                (root / ARENA_FILE).unlink(missing_ok=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
