@@ -14,7 +14,7 @@ import pytest
 import tracker
 from tests.helpers import contents
 from tests.helpers.full_disk import no_file_longer_than
-from tests.helpers.log_writers import make_content, native_bytes, write_native
+from tests.helpers.log_writers import make_content, native_bytes, write_native, write_picture
 from tests.helpers.pose_logs import assert_same, random_poses
 from tests.helpers.reading import frames_of, peak_memory
 from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, write_log
@@ -289,6 +289,22 @@ def test_damage_is_named_and_what_is_whole_recovered(tmp_path):
     assert result.poses.index.tolist() == [k for k in range(FRAMES) if k != 7]
     assert result.new == FRAMES - 1
     assert run(make_job(log, tmp_path / "poses.h5", recover=True)).new == 0
+
+
+def test_an_image_whose_link_leads_nowhere_costs_its_frame_only(tmp_path):
+    for camera, images in zip(tiny_rig().names, make_content(4).raw.swapaxes(0, 1), strict=True):
+        for number, image in enumerate(images):
+            write_picture(tmp_path / "log" / camera / f"{number:06d}.png", image)
+    link = tmp_path / "log" / "camera180" / "000002.png"
+    link.unlink()
+    link.symlink_to(tmp_path / "elsewhere.png")
+    job = make_job(tmp_path / "log", tmp_path / "poses.h5", recover=True)
+    result = run(job)
+    assert result.fault == f"{link}: cannot be read: No such file or directory"
+    assert result.poses.index.tolist() == [0, 1, 3]
+    assert run(job).new == 0
+    shutil.copy(link.with_name("000001.png"), link.resolve())
+    assert run(job).poses.index.tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize("data", [struct.pack("<IQ", 1, 0), bytes(8)])

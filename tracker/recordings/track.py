@@ -167,7 +167,8 @@ def fingerprint(job: Job) -> str:
     if recipe.rig is None:
         files += calibration_files(job.log)
     for path in files:
-        about, name = path.stat(), os.fsencode(os.path.relpath(path, job.log))
+        about = path.stat(follow_symlinks=path.exists())  # a link may lead nowhere: reading it reports that
+        name = os.fsencode(os.path.relpath(path, job.log))
         digest.update(name + f"\0{about.st_size}\0{about.st_mtime_ns}\0".encode())
     return digest.hexdigest()
 
@@ -259,7 +260,7 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
     """
     if job.output.is_file() and job.log.exists():
         for path in (*recording_files(job.log), *calibration_files(job.log)):
-            if job.output.samefile(path):
+            if path.exists() and job.output.samefile(path):
                 found = "that is the recording or its calibration"
                 raise LogError(f"output {job.output}: {found}, expected another file")
     refuse_other_file(job.output, f"output {job.output}")
