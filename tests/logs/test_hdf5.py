@@ -80,6 +80,7 @@ def test_the_calibration_inside_is_read_and_mended(tmp_path):
         (without("timestamps"), "timestamps is missing"),
         (without("object_pose/position"), "position, orientation and confidence together"),
         (put("timestamps", np.zeros((3, 3))), r"fields of \[3, 4\] frames"),
+        (put("timestamps", np.zeros((4, 3), "f4")), r"found float32 .* expected float64, bool"),
         (put("images", np.zeros((4, 3, 24, 28))), "float64 of shape"),
         (put("images", h5py.ExternalLink("/etc/passwd", "/images")), "found a link"),
         (made("images", (4, 3, 24, 28), np.uint8, external=[("/dev/zero", 0, 8064)]), "outside"),

@@ -246,7 +246,8 @@ class Hdf5Source(Source):
             return None
         shape = field.shape or ()
         if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):
-            raise LogError(f"{name}: found {described(field)}, expected {width} numbers for each frame")
+            expected = f"float64, bool or uint8, {width} for each frame"
+            raise LogError(f"{name}: found {described(field)}, expected {expected}")
         with faults_as_log_errors(f"{self.path}: {name}"):
             # Rows after the flushed ones may be half written.
             return hdf5.values(field, self._flushed).astype(np.float64).reshape(-1, width)
