@@ -60,6 +60,9 @@ def test_jpeg_is_read_about_right(tmp_path):
         ([0] * 5 + [3] * 6 + [9] * 5 + [12] * 4, [10, 19], [0, 0.1, 0.16, 0.22, 0.32], (0, 3)),
         # No step saw the first two of ten, which change neither episodes nor the clock.
         (3 * np.repeat(np.arange(2, 10), 5), [19, 39], np.arange(-2, 8) / 10, (0, 6)),
+        # Nor the last two; the second episode may lack its end.
+        (3 * np.repeat(np.arange(8), 5), [19, 39], np.arange(10) / 10, (0, 4)),
+        (3 * np.repeat(np.arange(8), 5), [19], np.arange(10) / 10, (0, 4)),
     ],
 )
 def test_stamps_are_those_of_the_steps_that_saw_the_images(shown, ends, stamps, starts, tmp_path):

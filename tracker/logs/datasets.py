@@ -80,7 +80,8 @@ class DatasetSource(Source):
         self._stamps = steps / CONTROL_RATE
         ends = StoredArray.find(self.store, "episode_ends", str(self.path))
         if ends is not None:
-            after = np.searchsorted(steps, _checked_ends(ends, self.store, self.path), side="right")
+            numbers, last = _checked_ends(ends, self.store, self.path)
+            after = np.searchsorted(steps, numbers[numbers < last], side="right")
             self.episode_starts = tuple(sorted({0, *(int(start) for start in after if start < self.count)}))
 
     def read(self, index: int) -> LogFrame:
@@ -223,20 +224,20 @@ def read_steps(path: Path) -> StoreSteps:
             StoredArray(source.store, name, str(path)) for name in ("obs_to_image_index", "episode_ends")
         )
         frame = shown.numbers(1).astype(np.int64) // len(source.camera_names)
-        last = _checked_ends(ends, source.store, path)
+        last, _ = _checked_ends(ends, source.store, path)
         task, observed = _observed(source.store, path, len(frame))
         return StoreSteps(str(path), frame, last, source.count, task, observed)
 
 
-def _checked_ends(ends: StoredArray, store: LmdbFile, path: Path) -> Array:
-    """Return the last step of each episode; LogError if they do not increase, or exceed the last step."""
+def _checked_ends(ends: StoredArray, store: LmdbFile, path: Path) -> tuple[Array, int]:
+    """Return the last step of each episode, and of all; LogError if they do not increase, or exceed it."""
     numbers = ends.numbers(1, "iu").astype(np.int64)
     last = len(StoredArray(store, "obs_to_image_index", str(path))) - 1
     bad = (np.diff(numbers, prepend=-1) <= 0) | (numbers > last)
     if not len(numbers) or bad.any():
         found = f"{numbers[np.argmax(bad)]}" if len(numbers) else "none"
         raise LogError(f"{path}: episode_ends: found {found}, expected steps that increase, up to {last}")
-    return numbers
+    return numbers, last
 
 
 def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict[str, FloatArray]]:
