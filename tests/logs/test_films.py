@@ -6,8 +6,9 @@ import pytest
 
 import tracker
 from tests.helpers.log_writers import CAMERAS, write_picture
-from tests.helpers.reading import recovered
+from tests.helpers.reading import peak_memory, recovered
 from tracker.errors import LogError
+from tracker.logs import layout
 from tracker.logs.opening import recording_files
 
 
@@ -275,6 +276,27 @@ def test_pictures_named_after_their_cameras_go_together_by_order_unless_one_is_m
     (tmp_path / "camera180" / "camera180_01.png").unlink()  # the third would be taken with the second
     with pytest.raises(LogError, match=r"found 2 images of \w+ and 3 of \w+, whose names do not show which"):
         tracker.open_log(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1\n" * 200_000, "found 200000 lines, expected one for each of 1 frames"),
+        ("1,2\n \n3\n", "found no table of numbers: .*columns changed from 2 to 1"),
+        ("", "found no table of numbers: it is empty"),
+        ("1,2", "expected finite numbers, one or 1 in each line"),
+        ("nan", "expected finite numbers, one or 1 in each line"),
+        ("time", "found no table of numbers: .*'time'"),
+    ],
+)
+def test_stamps_that_are_no_table_are_refused_without_much_memory(tmp_path, monkeypatch, text, message):
+    monkeypatch.setattr(layout, "_MAX_STAMPS", 1_000_000)  # which are reserved
+    write_numbers(tmp_path, 0, 1)
+    (tmp_path / "recording.toml").write_text("[cameras]\na = '*.png'")
+    (tmp_path / "stamps.csv").write_text(text)
+    with peak_memory() as used, pytest.raises(LogError, match=message):
+        tracker.open_log(tmp_path)
+    assert used[0] < 20 * len(text) + 4_000_000
 
 
 def test_pictures_without_common_names_are_counted(tmp_path):

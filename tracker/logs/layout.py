@@ -15,6 +15,7 @@ docs/recordings.md describes both.
 
 import contextlib
 import dataclasses
+import io
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
@@ -302,9 +303,12 @@ def _stamps(path: Path, cameras: int) -> FloatArray | None:
     with told_of(path):
         content = read_bounded(path, _MAX_STAMPS)
     with naming(f"{path}: found no table of numbers", LogError, ValueError):
-        rows = [line.split(",") for line in content.decode("utf-8-sig").splitlines() if line.strip()]
-        stamps = np.array(rows, np.float64)
-    if stamps.ndim != 2 or stamps.shape[1] not in (1, cameras) or not np.isfinite(stamps).all():
+        text = content.decode("utf-8-sig")
+        lines = (line for line in io.StringIO(text, newline=None) if line.strip())
+        if not text.strip():
+            raise ValueError("it is empty")
+        stamps = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)  # a list of cells: 75 times as much
+    if stamps.shape[1] not in (1, cameras) or not np.isfinite(stamps).all():
         raise LogError(f"{path}: expected finite numbers, one or {cameras} in each line")
     return stamps
 
