@@ -97,6 +97,12 @@ def test_the_camera_info_of_ros_is_a_lens_that_has_to_be_placed(tmp_path):
         read_camera(file)
 
 
+@pytest.mark.parametrize("number", ["294.4", "2.944e2", "2.944E+2", ".2944e3", "2944e-1", "29440e-02"])
+def test_numbers_are_read_as_any_writer_prints_them(number, tmp_path):
+    (tmp_path / "camera60.yml").write_text(ROS.replace("[294.4, 0, 135.9,", f"[{number}, 0, 135.9,"))
+    assert read_calibrated(tmp_path / "camera60.yml").camera.matrix[0, 0] == 294.4
+
+
 @pytest.mark.parametrize("suffix", ["yml", "yaml"])
 @pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
 def test_what_opencv_writes_is_read(suffix, coefficients, tmp_path):

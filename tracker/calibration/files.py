@@ -70,10 +70,11 @@ class _Dumper(yaml.SafeDumper):
     """YAML dumper that quotes texts which `_Loader` or OpenCV would read as numbers: names like 12e4, 2L."""
 
 
-# YAML 1.1 reads 1e-05 as a string, but writers of YAML 1.2 and C++ print numbers like this. OpenCV takes
-# whatever begins like a number for one.
-for _kind, _number in ((_Loader, r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), (_Dumper, "^[-0-9]")):
-    _kind.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(_number), list("-+0123456789"))
+# YAML 1.1 reads 1e-05 and 2.5e2 as strings, but writers of YAML 1.2 and C++ print numbers like these. OpenCV
+# takes whatever begins like a number for one.
+_FLOAT = r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$"
+for _kind, _number in ((_Loader, _FLOAT), (_Dumper, rf"^[-0-9]|{_FLOAT}")):
+    _kind.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(_number), list("-+.0123456789"))
 
 
 def _read_mapping(path: Path) -> dict[Any, Any]:
