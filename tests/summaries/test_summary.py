@@ -215,6 +215,13 @@ def test_other_channels_and_other_objects_are_named(demo):
             assert word in remarks.misplaced(finder, given, answer)
 
 
+def test_a_colour_model_that_does_not_fit_is_named_not_another_object(demo):
+    one, (images, *_) = demo
+    finder = tracker.ObjectTracker("cube_v2", one.rig, "dice")
+    found = remarks.misplaced(finder, images, finder.detect(images))
+    assert found == "cube_v2 is found with the colour model cube_v2, not with dice"
+
+
 def test_a_coloured_background_is_named_unless_the_colours_were_learned_on_it(demo):
     one, sets = demo
     as_they_are = dataclasses.replace(one.colors, normalise=False)
@@ -279,7 +286,7 @@ def test_what_fits_better_is_named_of_another_object_and_swapped_channels(rig, c
         """A tracker of given confidences; BGR images are red."""
 
         def __init__(self, name, rig):
-            self.model, self.rig = load_object(name), rig
+            self.model, self.rig, self.colors = load_object(name), rig, None
 
         def detect(self, images):
             name = self.model.name + (", RGB" if images[0][0, 0, 0] else "")

@@ -84,13 +84,18 @@ def swapped(
 
 
 def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | None:
-    """Check whether images fit with red and blue swapped or fit another built-in object; return a remark."""
+    """Return a remark if images fit with swapped channels, another built-in object or its own colours."""
     turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
     # Accept a contradicting camera, unlike `_confidence`: the object may be hidden from it.
     pose = tracker.detect(turned).object_pose
     rgb, name = 0.0 if pose is None else pose.confidence, tracker.model.name
-    others = {other: type(tracker)(other, tracker.rig) for other in object_names() if other != name}
+    others = {other: type(tracker)(other, tracker.rig) for other in object_names()}
+    if name in others and others[name].colors is tracker.colors:
+        del others[name]
     fitting = [other for other, one in others.items() if _confidence(one.detect(images)) >= max(SURE, rgb)]
+    if name in fitting:
+        own = others[name].colors.name
+        return f"{name} is found with the colour model {own}, not with {tracker.colors.name}"
     if fitting:
         return f"the images show {' or '.join(fitting)} rather than {name}"
     return f"{name} is found if red and blue are swapped: images must be BGR" if rgb >= UNSURE else None
