@@ -1,7 +1,10 @@
+import dataclasses
 import importlib
+import inspect
 import re
 from functools import cache
 
+import tracker
 from scripts.public_api import SNAPSHOT, public_api
 from tests.docs.samples import PAGES
 from tests.helpers import ROOT
@@ -22,6 +25,15 @@ def test_the_public_names_and_their_signatures_are_those_of_the_snapshot_and_are
     assert len(names) > 60
     for module, name in names:
         assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
+
+
+def test_help_describes_every_field_of_a_public_class():
+    classes = [one for one in (getattr(tracker, name) for name in tracker.__all__) if inspect.isclass(one)]
+    fields = {one: dataclasses.fields(one) for one in classes if dataclasses.is_dataclass(one)}
+    assert len(fields) > 8
+    for one, its in fields.items():
+        shown = "\n".join(inspect.cleandoc(base.__doc__ or "") for base in one.__mro__)
+        assert [field.name for field in its if f"\n    {field.name}: " not in shown] == [], one
 
 
 def test_what_a_page_or_an_example_recommends_is_public_and_in_the_reference():

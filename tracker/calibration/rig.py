@@ -90,14 +90,16 @@ def save_rig(
 class CameraRig:
     """One or more cameras with different names; images are given in the order of `cameras`.
 
+    Attributes:
+        cameras: the cameras, in the order of the images.
+        arena: where the object may be, and where the table is.
+
     Raises:
         CalibrationError: there is no camera, something is not a Camera, or two have the same name.
     """
 
     cameras: tuple[Camera, ...]
-    """The cameras, in the order of the images."""
     arena: Arena = dataclasses.field(default_factory=Arena)
-    """Where the object may be, and where the table is."""
 
     def __post_init__(self) -> None:
         given: Any = self.cameras

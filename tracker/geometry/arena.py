@@ -25,20 +25,23 @@ SLACK = 2.0
 class Arena:
     """The region where the object's centre may be: a vertical cylinder on the table. Numbers become floats.
 
+    Attributes:
+        center: x and y of the cylinder's axis in the world [m].
+        radius: largest horizontal distance of the object's centre from the axis [m].
+        height: largest height of the object's centre above the table [m]; without a table, bound of |z|.
+        table: z of the table in the world, at the axis [m]; None: there is no table.
+        table_std: standard deviations of the table's height [m] and of its tilt about any horizontal axis
+            [rad].
+
     Raises:
         CalibrationError: a value has the wrong type, is not finite, or is impossible.
     """
 
     center: tuple[float, float] = (0.0, 0.0)
-    """x and y of the cylinder's axis in the world [m]."""
     radius: float = 0.235
-    """Largest horizontal distance of the object's centre from the axis [m]."""
     height: float = 0.185
-    """Largest height of the object's centre above the table [m]; without a table, bound of |z|."""
     table: float | None = 0.0
-    """z of the table in the world, at the axis [m]; None: there is no table."""
     table_std: tuple[float, float] = (0.008, 0.017)
-    """Standard deviations of the table's height [m] and of its tilt about any horizontal axis [rad]."""
 
     def __post_init__(self) -> None:
         for key in ("center", "table_std"):

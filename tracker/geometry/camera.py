@@ -68,24 +68,27 @@ def check_name(name: object, what: str, fault: type[TrackerError]) -> None:
 class Camera(Frozen):
     """One calibrated camera. Arrays are copied and read-only.
 
+    Attributes:
+        name: e.g. `camera60`; up to 100 letters, digits, '_' and '-', with '.' and ' ' in between.
+        width: image width [px].
+        height: image height [px].
+        matrix: (3, 3) `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` [px]; pixel centres are at whole numbers.
+        distortion: (5,) k1, k2, p1, p2, k3; or (8,), (12,), (14,) with k4 … k6, s1 … s4, τx and τy appended.
+        camera_from_world: (4, 4) rigid transform, p_camera = camera_from_world · p_world [m].
+        camera_from_world_std: (4, 4) element-wise standard deviations of `camera_from_world`, or None if
+            unknown.
+
     Raises:
         CalibrationError: a parameter has the wrong shape, is not finite, or is impossible.
     """
 
     name: str
-    """Name, e.g. `camera60`: up to 100 letters, digits, '_' and '-', with '.' and ' ' in between."""
     width: int
-    """Image width [px]."""
     height: int
-    """Image height [px]."""
     matrix: FloatArray
-    """(3, 3) `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` [px]; pixel centres are at whole numbers."""
     distortion: FloatArray
-    """(5,) k1, k2, p1, p2, k3; or (8,), (12,), (14,) with k4 … k6, s1 … s4, τx and τy appended."""
     camera_from_world: FloatArray
-    """(4, 4) rigid transform, p_camera = camera_from_world · p_world [m]."""
     camera_from_world_std: FloatArray | None = None
-    """(4, 4) element-wise standard deviations of `camera_from_world`, or None if unknown."""
 
     def __post_init__(self) -> None:
         check_name(self.name, "camera_name", CalibrationError)

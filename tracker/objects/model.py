@@ -54,22 +54,25 @@ _DATA = Path(__file__).parent / "data"
 class CuboidModel(Frozen):
     """A cuboid with six differently coloured faces. Arrays are copied and read-only.
 
+    Attributes:
+        name: name of the object.
+        size: (3,) edge lengths along the object's x, y, z [m].
+        face_labels: (6,) colours of the faces +x, -x, +y, -y, +z, -z: 1 red, 2 green, 3 blue, 4 cyan,
+            5 magenta, 6 yellow.
+        colors: name or file of the object's colour model.
+        rim: how far inside the nominal edges the face colours end, because edges are rounded and worn [m].
+        rim_std: standard deviation of the rim [m].
+
     Raises:
         ObjectModelError: a value is malformed or impossible.
     """
 
     name: str
-    """Name of the object."""
     size: FloatArray
-    """(3,) edge lengths along the object's x, y, z [m]."""
     face_labels: Array
-    """(6,) label of each face, in the order of `geometry.cuboid.FACE_NAMES`."""
     colors: str
-    """Name or file of the object's colour model."""
     rim: float = 0.0
-    """How far inside the nominal edges the face colours end, because edges are rounded and worn [m]."""
     rim_std: float = RIM_STD
-    """Standard deviation of the rim [m]."""
 
     def __post_init__(self) -> None:
         for key in ("name", "colors"):

@@ -81,27 +81,29 @@ class Poses(Frozen):
 
     `poses[10:20]` and `poses[mask]` are the poses of some of the frames.
 
+    Attributes:
+        index: (n,) int64: increasing frame numbers; the recording's first frame is 0.
+        timestamp: (n,) time of each frame [s].
+        status: (n,) text: status of each frame, a value of `tracker.Status`.
+        measured: poses measured in the images of each single frame.
+        filtered: poses fused over time, with velocities.
+        recorded: poses stored in the recording; None if it has none at all.
+        about: what the poses were made from.
+        cameras: (n, C) text: use of each camera's image in the order of the rig, a value of
+            `tracker.CameraUse`, or empty if unknown. None if all are unknown.
+
     Raises:
         LogError: columns differ in length, or contain impossible values.
     """
 
     index: Array
-    """(n,) int64: increasing frame numbers; the recording's first frame is 0."""
     timestamp: FloatArray
-    """(n,) time of each frame [s]."""
     status: Array
-    """(n,) text: status of each frame, a value of `tracker.Status`."""
     measured: MeasuredColumns
-    """Poses measured in the images of each single frame."""
     filtered: FilteredColumns
-    """Poses fused over time, with velocities."""
     recorded: PoseColumns | None
-    """Poses stored in the recording; None if it has none at all."""
     about: About
-    """What the poses were made from."""
     cameras: Array | None = None
-    """(n, C) text: use of each camera's image in the order of the rig, a value of `tracker.CameraUse`,
-    or empty if unknown. None if all are unknown."""
 
     def __post_init__(self) -> None:
         index = np.array(self.index)

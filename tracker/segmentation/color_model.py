@@ -59,15 +59,19 @@ def fill_channels(gains, channels):  # type: ignore[no-untyped-def]
 class ColorModel(Frozen):
     """Log posteriors of the classes over colour, and whether images are normalised to grey first.
 
+    Attributes:
+        name: name of the model.
+        log_posterior: (7, 32, 32, 32) by class, blue, green, red; at most 0, which is the best
+            class of a node.
+        normalise: whether to scale an image's channels so that its greys become grey; False: as they are.
+
     Raises:
         ColorModelError: a value has the wrong type or shape, or the log posteriors are impossible.
     """
 
     name: str
     log_posterior: FloatArray
-    """(7, 32, 32, 32) by class, blue, green, red; relative to the best class at each node, so ≤ 0."""
     normalise: bool = True
-    """Whether to scale an image's channels so that its greys become grey; False: as they are."""
 
     def __post_init__(self) -> None:
         what = f"colour model {shown(self.name)}: log posteriors"

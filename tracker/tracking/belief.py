@@ -31,24 +31,30 @@ _ALONG_POSITION = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 class TrackingOptions:
     """Limits within which `update` accepts a measurement.
 
+    Attributes:
+        coast_seconds: how long an unseen object is predicted [s]; after that it is lost.
+        max_jump: largest plausible difference between measurement and prediction [m, rad].
+        max_speed: growth of `max_jump` for each second in which the object is unseen [m/s, rad/s].
+        jump_confidence: confidence at which an implausible measurement is accepted at once; below, a second
+            must confirm it.
+        single_camera_share: factor on these limits if only one camera sees the object, since it may confuse
+            depth and rotation.
+        min_confidence: smallest confidence of an accepted measurement, assuming that the calibration is
+            right.
+        max_disagreement: largest difference between measurements that agree [m, rad], plus half of
+            `max_speed` per second.
+
     Raises:
         TrackerError: a value is not a finite number or negative, or a confidence that is none.
     """
 
     coast_seconds: float = 0.5
-    """How long an unseen object is predicted [s]; after that it is lost."""
     max_jump: tuple[float, float] = (0.04, math.radians(45))
-    """Largest plausible difference between measurement and prediction [m, rad]."""
     max_speed: tuple[float, float] = (0.8, math.radians(400))
-    """Growth of `max_jump` for each second in which the object is unseen [m/s, rad/s]."""
     jump_confidence: float = 0.95
-    """Confidence at which an implausible measurement is accepted at once; below, a second must confirm it."""
     single_camera_share: float = 0.3
-    """Factor on these limits if only one camera sees the object, since it may confuse depth and rotation."""
     min_confidence: float = 0.4
-    """Smallest confidence of an accepted measurement, assuming that the calibration is right."""
     max_disagreement: tuple[float, float] = (0.02, math.radians(15))
-    """Largest difference between measurements that agree [m, rad], plus half of `max_speed` per second."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
