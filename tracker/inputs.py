@@ -64,7 +64,7 @@ def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
     If there is no such name, in the given order. NO_IMAGE stands for a missing image. ImageError if there are
     too few or too many, or if names contradict the cameras.
     """
-    each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' where a camera gave none)"
+    each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' for a missing image)"
     if len(paths) != len(names):
         raise ImageError(f"images: found {len(paths)}, expected {len(names)}, {each}")
     given = [Path(path) for path in paths if path != NO_IMAGE]
@@ -80,7 +80,7 @@ def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
     found: dict[str, Path] = {}
     for path, camera in zip(given, called, strict=True):
         if camera is None or camera not in names:
-            whose = f"named after {camera}" if camera else "named after no camera, where others are"
+            whose = f"named after {camera}" if camera else "named after no camera, but others are"
             raise ImageError(f"{path}: {whose}; expected {each}")
         if camera in found:
             raise ImageError(f"{path}: named after {camera}, as {found[camera]} is; expected {each}")
@@ -172,7 +172,7 @@ def _by_camera(
     if found:
         raise error(
             f"{what} by camera: {'; '.join(found)}; expected one for each of {', '.join(names)} "
-            f"({nothing} where a camera gave none)"
+            f"({nothing} for a missing image)"
         )
     return [values[name] for name in names]
 

@@ -339,7 +339,7 @@ def test_a_set_without_images_has_the_time_that_is_given(rig, short):
         (-np.inf, "found -inf, expected finite"),
         ([1.0, [2.0], 3.0], "expected finite numbers of seconds"),
         ({"camera60": 1.0, "camera180": 1.0, "top": 1.0}, "unknown 'top'; missing camera300"),
-        ({"camera60": 1.0, "camera180": 1.0}, r"missing camera300; .*\(nan where a camera gave none\)$"),
+        ({"camera60": 1.0, "camera180": 1.0}, r"missing camera300; .*\(nan for a missing image\)$"),
     ],
 )
 def test_wrong_stamps_are_named(rig, short, given, says):

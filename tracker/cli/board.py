@@ -71,7 +71,7 @@ def _sightings_of(
         why = "; ".join(f"{fault} ({count} ×)" for fault, count in Counter(faults.values()).most_common(3))
         raise CalibrationError(
             f"board: found in none of {len(paths)} photos: {why}; expected photos of the board that "
-            "--dictionary, --squares, --square and --marker say"
+            "--dictionary, --squares, --square and --marker describe"
         )
     clearest = max(range(len(found)), key=lambda n: len(found[n] or ()))
     sighting.require_size(str(paths[clearest]), images[clearest], board)
@@ -97,7 +97,7 @@ def _draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray,
 
 def _told_pattern(board: Board) -> str:
     if not board.two_patterns:
-        return f"{board} (with {board.rows} rows the old and the new pattern are the same)"
+        return f"{board} (with {board.rows} rows, OpenCV's old and new patterns are the same)"
     return f"{board}" if board.legacy else f"{board}, today's pattern"
 
 

@@ -132,7 +132,7 @@ def _sets(
     if len(pictures) % count:
         raise ImageError(
             f"images: found {len(pictures)}, expected a multiple of {count}: one for each of "
-            f"{', '.join(rig.names)} ('{NO_IMAGE}' where a camera gave none), moment by moment"
+            f"{', '.join(rig.names)} ('{NO_IMAGE}' for a missing image), moment by moment"
         )
     sets, unsized = [], set(rig.names) if resize else set()
     for first in range(0, len(pictures), count):

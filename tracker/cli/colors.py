@@ -158,8 +158,8 @@ def described(
 
 def _learned(learned: Adapted, output: Path) -> str:
     pixels, before = learned.pixels, learned.before
-    kinds = table([["pixels that taught", *pixels], ["", *map(str, pixels.values())]])
-    kept = [f"{color} was hardly seen and stays as it was" for color, count in pixels.items() if not count]
+    kinds = table([["training pixels", *pixels], ["", *map(str, pixels.values())]])
+    kept = [f"{color}: too few pixels, so it stays as it was" for color, count in pixels.items() if not count]
     if learned.after is before:
         kept = ["no round was better: the colours stay those of the names"]
     if not learned.colors.normalise:

@@ -190,7 +190,7 @@ def convert(
     source: Path = argument("RECORDING", Recording()),
     output: Path = option(
         "FILE|DIR",
-        "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
+        "HDF5 recording (.h5), film of all cameras side by side (.mp4), or new folder of images.",
         AnyPath(),
         required=True,
     ),
@@ -200,9 +200,9 @@ def convert(
 ) -> None:
     """Write a recording and its calibration in another format.
 
-    An HDF5 log (the platform's version 2.1) keeps raw pixels, stamps, measured poses and the calibration.
-    Colour images become the mosaic that the platform's cameras would have recorded. A folder of images
-    (one PNG per camera) keeps frames' numbers, stamps and the calibration, too.
+    An HDF5 recording (the platform's version 2.1) keeps raw pixels, stamps, measured poses and the
+    calibration. Colour images become the mosaic that the platform's cameras would have recorded. A folder
+    of images (one PNG per camera) keeps frames' numbers, stamps and the calibration, too.
     """
     refuse_overwriting({"-o": output}, (source,), cameras.calibration)
     suffix = output.suffix.lower()

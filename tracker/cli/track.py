@@ -36,30 +36,30 @@ CONTRADICTED = 0.02
 def track(
     *,
     logs: tuple[Path, ...] = several("RECORDING", Recording()),
-    output: Path = option("FILE|DIR", "File of poses (.h5), or a folder.", AnyPath(), required=True),
+    output: Path = option(
+        "FILE|DIR", "File of poses (.h5), or a folder that exists.", AnyPath(), required=True
+    ),
     overwrite: bool = flag("Replace poses of another object."),
     asked: options.Asked,
     outputs: Outputs,
     health: Path | None = file_option(
         "A page on cameras, light and calibration (.html).", ".html", extra="plot"
     ),
-    jobs: int = options.whole("Processes that share the recordings.", default=1),
+    jobs: int = options.whole("Processes that share the RECORDINGs.", default=1),
     as_json: bool = flag("Print the summary as one JSON object per recording.", name="--json"),
     quiet: bool = flag("No progress bar, and no summary unless with --json."),
 ) -> None:
     """Find an object's pose in every frame of a recording.
 
-    RECORDING is a camera log of the platform (.dat, .h5), a job's folder, or a folder of images. Its
+    RECORDING is a platform recording (.dat, .h5), a job's folder, or a folder of images or films. Its
     calibration is the one in it or beside it, unless --calibration names another. If you give several
-    RECORDINGs, each gets a file of poses under its own path in the folder of -o.
+    RECORDINGs, each gets a file of poses under its own path in the folder of -o, which is made if missing.
 
     Poses of the same recording, object, calibration and code are not computed again. Poses of another object
     are not replaced without --overwrite. docs/poses.md describes the files.
     """
     if len(logs) > 1 and (outputs or health):
-        raise click.UsageError(
-            f"found {len(logs)} recordings, expected one for other files than those of poses"
-        )
+        raise click.UsageError(f"found {len(logs)} RECORDINGs, expected one for files other than poses")
     inside = len(logs) > 1 or output.is_dir()
     if inside:
         OutFolder().check("-o", output)

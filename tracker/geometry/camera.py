@@ -267,9 +267,8 @@ def check_rotation(matrix: Array, most: float, what: str, fault: type[TrackerErr
             deviation = float("inf")
     if deviation > most:
         found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
-        if deviation == float("inf"):
-            found += ", since its determinant is not positive: is an axis inverted?"
-        raise fault(f"{what}: found {found}, expected at most {most:g}")
+        inverted = ": its determinant is not positive; is an axis inverted?" if np.isinf(deviation) else ""
+        raise fault(f"{what}: found {found}, expected at most {most:g}{inverted}")
     return deviation
 
 

@@ -175,7 +175,7 @@ def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool
     width, height = size
     if (camera.width, camera.height) == size:
         return camera
-    remedy = "; where they are the same images scaled, --resize-calibration fits it"
+    remedy = "; if they show the same, scaled, use --resize-calibration (in Python CameraRig.resized)"
     if abs(width * camera.height / camera.width - height) >= 1:
         remedy = ", which is of another shape: expected whole images, or a calibration of what they show"
     elif resize:

@@ -138,7 +138,7 @@ def start_viewer() -> str:
             process.wait()
         output.seek(0)
         reason = (output.read().strip() or "it does not listen").splitlines()[-1].split(": ")[-1].rstrip(".")
-    raise TrackerError(f"the viewer cannot be opened: {reason}; a file (.rrd) can be written instead")
+    raise TrackerError(f"the viewer cannot be opened: {reason}; a file can be written instead (--rrd FILE)")
 
 
 def _answers(port: int) -> bool:

@@ -178,7 +178,7 @@ def test_why_a_board_is_not_found_is_reported(change, board, why, photos):
 def test_a_board_that_is_part_of_the_one_seen_is_refused(photos):
     part, image = Board(5, 5, 0.04, 0.03), photos[2][1]
     assert find_board("photo", image, part) is not None
-    with pytest.raises(CalibrationError, match=r"photo: .* which a board of 5x5 squares has not"):
+    with pytest.raises(CalibrationError, match=r"photo: .* which are not on a board of 5x5 squares"):
         require_size("photo", image, part)
     require_size("photo", image, BOARD)
 

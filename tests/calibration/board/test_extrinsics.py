@@ -280,7 +280,7 @@ TWICE_AS_LARGE = dataclasses.replace(sightings(13)[3], size=(720, 540))
 @pytest.mark.parametrize(
     ("photos", "board", "words"),
     [
-        (lambda: sightings(10, count=5), BOARD, r"camera: found 5 photos to go by, of 5 .* at least 6"),
+        (lambda: sightings(10, count=5), BOARD, r"camera: found 5 usable photos, of 5 .* at least 6"),
         (lambda: sightings(12), Board(5, 9, 0.04, 0.03), "no more than 5x7 squares .* expected 5x9"),
         (lambda: [*sightings(13), TWICE_AS_LARGE], BOARD, r"photo \d+ of 360x270 px, photo 3 of 720x540 px"),
         (lambda: sightings(14, lenses=(LENS, OTHER)), BOARD, r"photos left out miss by .* not of one camera"),

@@ -177,7 +177,7 @@ def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[flo
 def _require_photos(name: str, found: int, all_photos: int) -> None:
     if found < FEWEST_PHOTOS:
         raise CalibrationError(
-            f"{name}: found {found} photos to go by, of {all_photos} with a board; expected at least "
+            f"{name}: found {found} usable photos, of {all_photos} with a board; expected at least "
             f"{FEWEST_PHOTOS}, better 15, with the board tilted in all directions and out to the corners"
         )
 

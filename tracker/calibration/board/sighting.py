@@ -216,7 +216,7 @@ def why_no_board(image: Image, board: Board) -> str:
         return f"the photo is blurred, its sharpest edges by {blur:.1f} px"
     numbers = _detector(board).detectBoard(gray)[1]
     if numbers is not None and len(numbers) >= FEWEST_CORNERS:
-        return f"of its {len(numbers)} corners all, or all but one, lie in a line, which tells no pose"
+        return f"of its {len(numbers)} corners all, or all but one, lie in a line, which leaves the pose open"
     count = len(_markers(gray, board))
     if count >= 4:
         return f"its {count} markers do not lie as on a board of {board.columns}x{board.rows} squares"
@@ -234,8 +234,8 @@ def require_size(photo: str, image: Image, board: Board) -> None:
     more = [number for number, edge in edges.items() if number not in known and edge > 0.5 * usual]
     if len(more) > 1:
         raise CalibrationError(
-            f"{photo}: found the markers {', '.join(map(str, sorted(more)))}, which a board of "
-            f"{board.columns}x{board.rows} squares has not; expected the size of the whole board"
+            f"{photo}: found the markers {', '.join(map(str, sorted(more)))}, which are not on a "
+            f"board of {board.columns}x{board.rows} squares; expected the size of the whole board"
         )
 
 

@@ -336,7 +336,7 @@ def refine_cameras(
     CalibrationError: there is only one camera, or the object was seen in too few poses, or by a camera in too
     few frames. NotBetterError: the refined cameras do not fit the held-out frames better.
     """
-    require_two(rig.cameras, "refine", ", which stand to each other")
+    require_two(rig.cameras, "refine", ": it finds their relative positions")
     # The least deviations are those at the object: the world's origin may be far away.
     middle = np.array([*rig.arena.center, rig.arena.ground])
     rig = with_origin(rig, middle)
