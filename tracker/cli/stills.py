@@ -158,7 +158,7 @@ def _pose_rows(pose: tracker.PoseEstimate) -> list[list[str]]:
         ("  std [mm]", 1e3 * std[:3], 3),
         ("orientation", pose.orientation, 6),
         ("rotation vector [°]", np.degrees(tracker.geometry.so3.log(pose.rotation)), 3),
-        ("  std [°]", np.degrees(std[3:]), 3),
+        ("rotation std [°]", np.degrees(std[3:]), 3),
     ):
         rows.append([label, "".join(f"{value:11.{digits}f}" for value in values)])
     return [*rows, ["confidence", f"{pose.confidence:.4f}, of being within 5 mm and 5°"]]
