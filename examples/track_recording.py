@@ -1,15 +1,14 @@
-"""Track a cube through a recording; where the calibration is neither in nor beside it, load your own."""
+"""Track a cube through a recording; without a calibration in or beside it, load your own."""
 
 import tracker
 
 with tracker.open_log("my_recording") as log:
-    follower = tracker.ObjectTracker(
-        tracker.load_object("cube_v2"), log.rig or tracker.CameraRig.load("tracker-demo")
-    )
+    follower = tracker.ObjectTracker("cube_v2", log.rig or "tracker-demo")
     for frame in log:
         observation = follower.update(frame.images, frame.stamps)
         pose = observation.filtered_object_pose
+        seen = f"{frame.newest:.3f} s  {observation.status}"
         if pose is None:
-            print(f"{frame.newest:.3f} s  {observation.status}")
+            print(seen)
         else:
-            print(f"{frame.newest:.3f} s  {observation.status}", pose.position, pose.velocity[:3])
+            print(seen, pose.position.round(4), "m", pose.velocity[:3].round(3), "m/s")

@@ -43,8 +43,8 @@ def test_the_page_names_every_example_and_every_short_one_is_shown_on_a_page():
     ("name", "printed"),
     [
         ("own_arena", ""),
-        ("track_recording", r".* s  found \[.*\n(.*\n)*"),
-        ("follow_live", r"(refound|found|tracking), \d+ ms old, in 50 ms at \[.*\n(.*\n)*"),
+        ("track_recording", r"(.* s  \w+ \[[-. \d]+\] m \[[-. \d]+\] m/s\n)+"),
+        ("follow_live", r"(refound|found|tracking), \d+ ms old, in 50 ms at \[[-. \d]+\] m\n(.*\n)*"),
         ("control_loop", r"(.*\n){3}act at \[0\.11.*\n"),
         ("reward_from_images", r"reward -0\.\d+ of 4 frames, 0 of them unknown\n"),
         ("own_rig", r"left .*\nright .*\n"),
