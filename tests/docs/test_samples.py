@@ -122,8 +122,6 @@ def working(tmp_path_factory: pytest.TempPathFactory) -> Path:
     demo, few = ROOT / "tracker" / "demo", shutil.ignore_patterns("00000[3-9]", "00001*")
     shutil.copytree(demo, folder / "tracker-demo")
     shutil.copytree(demo, folder / "my_recording")
-    goal = '{"difficulty": 1, "goal": {"position": [0, 0, 0.0325], "orientation": [0, 0, 0, 1]}}'
-    (folder / "my_recording" / "goal.json").write_text(goal)
     for number in range(2):
         shutil.copytree(folder / "my_recording", folder / "episodes" / f"{number:04d}", ignore=few)
     shutil.copytree(ROOT / "examples" / "dice", folder / "examples" / "dice")
@@ -152,6 +150,11 @@ def prepare(page: str, folder: Path) -> None:
         # An image store of two robots' episodes, and their calibrations.
         robot_stores.write(folder / "my_data.zarr")
         robot_stores.write_robots(folder / "robots")
+    elif page == "docs/retracking":
+        # What the page says to save, above the command that reads it.
+        above = PAGES[page].partition("tracker score ")[0]
+        (goal,) = re.findall(r"save `(.+?)` as `my_recording/goal.json`", above)
+        (folder / "my_recording" / "goal.json").write_text(goal, encoding="utf-8")
     elif page == "docs/own-rig":
         # Photos of a board: of one camera, and of three with lenses that are known, in two places.
         rng = np.random.default_rng(93)
