@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _run(arguments: list[str]) -> int:
     """Return the exit code of one run."""
     try:
-        with ended_by_signals(), commands.make_context("synthetic", arguments) as context:
+        with ended_by_signals(), commands.make_context("python -m synthetic", arguments) as context:
             commands.invoke(context)
         return 0
     except click.exceptions.Exit as stop:
@@ -125,7 +125,7 @@ def _run(arguments: list[str]) -> int:
     except (KeyboardInterrupt, click.Abort) as stop:
         return _fail("interrupted; the same command continues", code=exit_code(stop))
     except click.UsageError as error:
-        where = error.ctx.command_path if error.ctx else "synthetic"
+        where = error.ctx.command_path if error.ctx else "python -m synthetic"
         return _fail(f"{error.format_message()} (see {where} --help)")
     except click.ClickException as error:
         return _fail(error.format_message())

@@ -201,6 +201,8 @@ def test_errors_are_one_line_with_exit_code_2(tmp_path, run_here, monkeypatch):
     result = run_here(main=lambda _: runpy.run_module("synthetic", run_name="__main__"))
     assert result.returncode == 2
     assert re.fullmatch("cube_v2\nsynthetic: .* expected an empty folder or none.*\n", result.stderr)
+    refused = run_here("dataset", "--object", "cube", main=cli.main)
+    assert refused.stderr.endswith("(see python -m synthetic dataset --help)\n")
 
 
 def test_the_bop_files_agree_with_the_truth(made):
