@@ -1,4 +1,4 @@
-"""A control loop: images in, where the object will be out; here a recording stands for the cameras."""
+"""A control loop: images in, predicted poses out; here a recording stands for the cameras."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ SURE = 0.9
 with tracker.open_log("tracker-demo") as log:
     rig = log.rig or tracker.CameraRig.load("tracker-demo")
     follower = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
-    for frame in log:  # in place of this: the newest image of each camera, None where it gave none
+    for frame in log:  # replace this: the newest image of each camera, or None
         observation = follower.update(frame.images, frame.stamps)
         expected = follower.predict(frame.newest + DELAY)
         if expected is None:

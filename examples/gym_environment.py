@@ -1,4 +1,4 @@
-"""Gymnasium's interface on the simulated platform: fingers act, and the tracker sees what comes of it.
+"""Gymnasium's interface on the simulated platform: fingers act, and the tracker sees the result.
 
 An action moves the nine joints by up to STEP; an observation holds the joints, the corners of the object as
 the tracker finds them in rendered images, those of the goal, and the pose's confidence (0: no pose, and its
@@ -23,7 +23,7 @@ from synthetic.world.platform import Platform
 from tracker.tasks import move_object
 
 PERIOD, STEP = 0.1, 0.1
-"""Time between images [s], and how far a joint goes meanwhile [rad]."""
+"""Time between images [s], and how far a joint moves in it [rad]."""
 
 
 class MoveCube(gymnasium.Env):

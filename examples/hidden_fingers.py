@@ -1,4 +1,4 @@
-"""Tell the tracker which pixels show a finger, from the robot's log: a help where one camera is left."""
+"""Tell the tracker which pixels show a finger, from the robot's log: helps if only one camera is left."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ from synthetic.silhouettes import FingerMasks
 from tracker.logs import paired
 
 ROBOT_LOG, CAMERA = "my_recording/robot_data.csv", "camera60"
-CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # the pixels beside
+CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # neighbouring pixels
 
 with tracker.open_log("my_recording") as log:
     rig = log.rig or tracker.CameraRig.load("tracker-demo")

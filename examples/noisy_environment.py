@@ -18,7 +18,7 @@ PERIOD, STEP = 0.1, 0.02  # between images, and between actions [s]
 
 
 class NoisyPoses(gymnasium.ObservationWrapper):
-    """The last pose that has arrived, where the true one was.
+    """Replaces the true pose by the last one that has arrived.
 
     Args:
         env: the environment.
@@ -43,7 +43,7 @@ class NoisyPoses(gymnasium.ObservationWrapper):
         return self.observation(observation), info
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """What a policy knows of it."""
+        """What a policy knows."""
         now = self.steps * STEP
         visible = np.reshape(observation.get("visible", 1.0), 1)
         if self.steps % round(PERIOD / STEP) == 0:

@@ -1,4 +1,4 @@
-"""Plot an object's height over time with its standard deviation, of a file that `tracker track` wrote."""
+"""Plot an object's height over time with its standard deviation, from a file that `tracker track` wrote."""
 
 import matplotlib
 

@@ -1,4 +1,4 @@
-"""Track recordings again, and hold what is found against the poses that they bring along."""
+"""Track recordings again, and compare the poses with those that they contain."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import numpy as np
 import tracker
 
 for path in (Path("my_recording"), Path("tracker-demo")):  # thousands: `tracker batch`
-    tracked = tracker.track(path, "cube_v2", output=f"{path.name}.poses.h5")  # unless it is there already
+    tracked = tracker.track(path, "cube_v2", output=f"{path.name}.poses.h5")  # or read it if it is there
     poses = tracked.poses
     sure = np.mean(poses.filtered.confidence > 0.9)  # NaN where there is no pose
     print(f"{path}: {len(poses)} frames, {100 * sure:.0f} % of them sure, {tracked.new} tracked now")

@@ -1,4 +1,4 @@
-"""Rewards of an episode from its images alone, in place of the simulation's truth."""
+"""Rewards of an episode from its images alone, instead of the simulation's truth."""
 
 import numpy as np
 

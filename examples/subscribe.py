@@ -1,4 +1,4 @@
-"""Print the poses that `tracker live … --publish tcp://127.0.0.1:5555` hands to other processes."""
+"""Print the poses that `tracker live … --publish tcp://127.0.0.1:5555` sends to other processes."""
 
 import json
 import sys
@@ -14,7 +14,7 @@ while True:
     message = json.loads(socket.recv())
     print(message["status"], message["pose"] and message["pose"]["position"], flush=True)
     for camera, count in message["fault_counts"].items():
-        if count > counts.setdefault(camera, count):  # of sets that were never fetched, too
-            reason = message["faults"].get(camera, "well again")
+        if count > counts.setdefault(camera, count):  # also in messages that were missed
+            reason = message["faults"].get(camera, "usable again")
             print(f"{camera}: faults in {count - counts[camera]} sets: {reason}")
     counts = message["fault_counts"]

@@ -82,7 +82,7 @@ def test_the_example_prints_what_is_published(publisher):
         assert lines == ["tracking [0.25, -0.02, 0.0325]\n"] * 2
         count = 7
         line = next(line for line in process.stdout if line != lines[0])
-        assert line == "camera60: faults in 2 sets: well again\n"
+        assert line == "camera60: faults in 2 sets: usable again\n"
         done.set()
         publishing.join()
         process.kill()
