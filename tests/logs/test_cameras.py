@@ -54,7 +54,7 @@ def test_other_cameras_are_refused(folder, names, message):
 
 def test_another_size_is_scaled_only_where_that_is_asked_for(folder):
     large = rig_of(*CAMERAS, size=(120, 80))
-    with pytest.raises(CalibrationError, match=r"30×20 px.*calibrated for 120×80; .*--resize-calibration"):
+    with pytest.raises(CalibrationError, match=r"30×20 px.*ion is for 120×80; .*--resize-calibration"):
         fitted(folder, large)
     for scaled, camera in zip(fitted(folder, large, resize=True), large, strict=True):
         np.testing.assert_array_equal(scaled.matrix, camera.resized(30, 20).matrix)

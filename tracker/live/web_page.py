@@ -84,8 +84,8 @@ class WebPageState:
         `time` [s]; `position` [mm], `std_mm`, `std_deg` and `confidence` of the filtered pose; `measured`,
         whether a pose was measured in these images; `latency` and its percentiles `latency_ms` [ms]. For each
         camera: the `last_fault` within SPAN and its age [s], `rate` [Hz], `missing` and `clipped` [%], `skew`
-        [ms], median grey `level`, `blur` [px], `residual` [px of an object of 55 px], `disagreement` [mrad],
-        and in `beyond` which of these are beyond `LIMITS`.
+        [ms], median grey `level`, `blur` [px], `residual` [px, scaled to an object of 55 px],
+        `disagreement` [mrad], and in `beyond` which of these are beyond `LIMITS`.
         """
         pose = moment.filtered_object_pose
         std = None if pose is None else np.sqrt(np.diag(pose.covariance))

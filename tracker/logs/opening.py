@@ -180,5 +180,5 @@ def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool
         remedy = ", which is of another shape: expected whole images, or a calibration of what they show"
     elif resize:
         return camera.resized(width, height)
-    known = f"{camera.name} is calibrated for {camera.width}×{camera.height}"
-    raise CalibrationError(f"{where}: found images of {width}×{height} px, but {known}{remedy}")
+    known = f"of {camera.name}, but its calibration is for {camera.width}×{camera.height}"
+    raise CalibrationError(f"{where}: found images of {width}×{height} px {known}{remedy}")

@@ -66,7 +66,7 @@ class Quantity(NamedTuple):
 
 QUANTITIES: Mapping[str, Quantity] = {
     "residual": Quantity(
-        "Residual: edges of the object around the pose", "px of an object of 55 px", (0.0, 0.5),
+        "Residual: edges of the object around the pose", "px, scaled to an object of 55 px", (0.0, 0.5),
         "a calibration that does not fit, an object of another size, or worn edges",
     ),
     "disagreement": Quantity(
