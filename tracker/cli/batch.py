@@ -72,7 +72,7 @@ def run(
     """Find an object's pose in every frame of many recordings.
 
     RECORDING is what `tracker track` takes, or a pattern in quotes: 'episodes/*'. Each gets a file of poses
-    under its own path in DIR, and a line in DIR/summary.parquet. DIR/failures.json lists what failed, with
+    under its own path in DIR, and a row in DIR/summary.parquet. DIR/failures.json lists what failed, with
     the reason.
 
     For image stores, --calibration DIR may hold several robots' files (r1_camera60.yml, …). Each episode is
@@ -80,7 +80,7 @@ def run(
 
     Repeat the command to track what is missing, changed or damaged. `tracker batch status
     DIR` shows the progress, also of HTCondor and Slurm. Parquet and --scheduler need python3 -m pip install
-    -e '.[cluster]'. See docs/batch.md.
+    -e '.[cluster]'; without it, the table is DIR/summary.csv. See docs/batch.md.
     """
     planned = _planned(recordings, output, asked.options(), robot)
     if as_csv and engine.submits is not None:
