@@ -82,6 +82,17 @@ def test_search_finds_position_and_rotation(scene):
     assert np.degrees(min(turned)) < 30
 
 
+def test_points_that_one_camera_views_do_not_outvote_the_place_that_all_view():
+    model, cameras = tracker.load_object("cuboid_2x2x8_v2"), default_cameras()
+    truth, small = bare(model, cameras, 8, Sensor.clean()), [label_camera(one, 2) for one in cameras]
+    labels = np.stack([image[::2, ::2] for image in truth.labels])
+    for radius in (0.4, 0.6):
+        search = PositionSearch(small, Box.of(model), Arena(radius=radius, height=radius, table=None))
+        pictures = pictures_of(labels)
+        (place,) = search(search.views(labels, pictures), labels, pictures, 1)
+        assert np.linalg.norm(place - truth.position) < 0.015
+
+
 @pytest.mark.parametrize("degrees", [45, 55, 65, 75])
 def test_cameras_that_look_aside_rank_no_rotation(scene, degrees):
     cameras, labels, truth = scene
@@ -184,7 +195,7 @@ def test_votes_are_what_the_cameras_show_around_the_points():
             for shares, inside in itertools.compress(shown, pictures["used"]):
                 total, seen = total + np.where(inside, shares.sum(axis=1), 0.0), seen + inside
             # A pixel on the border of a square is in or out by rounding.
-            assert np.mean(np.abs(votes - total / seen) < 1e-5) > 0.999
+            assert np.mean(np.abs(votes - DOUBT * total / seen) < 1e-5) > 0.999
             assert most == votes.max() > 0.5
 
 

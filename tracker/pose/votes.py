@@ -21,8 +21,9 @@ from tracker.objects.model import Box
 MIN_VOTE, RELATIVE_VOTE = 0.15, 0.35
 """Smallest vote of a position: absolute, and relative to the best."""
 
-DOUBT = 0.5
-"""Number of imaginary cameras that see nothing at a point, beside those that view it."""
+DOUBT = 2.0
+"""Number of imaginary cameras that see nothing at a point, beside those that view it. With fewer, points
+behind the object, which only one camera views, outvote the place that all cameras view."""
 
 GRID_STEP = 0.5
 """Spacing of the grid [radii of the object]."""
@@ -122,18 +123,18 @@ def view_points(labels, lenses, pictures, boxes, views):  # type: ignore[no-unty
 
 @compiled
 def vote(views, pictures, votes):  # type: ignore[no-untyped-def]
-    """Fill votes (N,): the sum of views (N, C) over the number of cameras that view a point and DOUBT.
+    """Fill votes (N,): the sum of views (N, C), over 1 + n / DOUBT where n cameras view a point.
 
     Cameras that pictures (C,) of PICTURE leaves out have no vote. Return the largest vote.
     """
     most = np.float32(0.0)
     for p in range(len(votes)):
-        total, number = np.float32(0.0), DOUBT
+        total, number = np.float32(0.0), 0.0
         for c in range(len(pictures)):
             if pictures[c].used and views[p, c] >= 0.0:
                 total, number = total + views[p, c], number + 1.0
         # A camera that does not view the point does not count, but the more cameras agree, the better.
-        votes[p] = total / number
+        votes[p] = total / (1.0 + number / DOUBT)
         most = max(most, votes[p])
     return most
 
