@@ -142,7 +142,7 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
         return cause
     given = [(name, one) for name, one in zip(tracker.rig.names, images, strict=True) if one is not None]
     faults = [f"{name}: {fault}" for name, image in given for fault in PictureLook.of(image).faults()]
-    more = f" (and more faults: {len(faults) - 1})" if len(faults) > 1 else ""
+    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
     return f"{faults[0]}{more}" if faults else None
 
 
