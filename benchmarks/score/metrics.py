@@ -114,6 +114,8 @@ class Metric:
     """Difference by which the gate lets it become worse; None: not checked as a difference."""
     share: bool = False
     """Whether it is a share of the rows [%], with Wilson's interval."""
+    given: bool = False
+    """Whether such a share is of the rows with a pose only."""
 
     def text(self, value: float | None) -> str:
         """Return the figure as text."""
@@ -122,7 +124,7 @@ class Metric:
     def interval(self, rows: Rows) -> tuple[float, float]:
         """Return the 95 % confidence interval of the figure."""
         if self.share:
-            return wilson_interval(self.of(rows), len(independent(rows)))
+            return wilson_interval(self.of(rows), len(independent(rows[rows.found] if self.given else rows)))
         return bootstrap_interval(self.of, rows)
 
     def worse(self, before: float, after: float) -> bool:
@@ -218,13 +220,14 @@ def share(
     *,
     form: str = "{:.1f} %",
     step: float | None = None,
+    given: bool = False,
 ) -> Metric:
-    """Return a metric for the share of rows that meet a condition [%]."""
+    """Return a metric for the share of rows that meet a condition [%]; `given`: of those with a pose."""
 
     def of(rows: Rows) -> float:
-        return percent(np.asarray(flags(rows), bool))
+        return percent(np.asarray(flags(rows[rows.found] if given else rows), bool))
 
-    return Metric(name, title, of, form, better, step=step, share=True)
+    return Metric(name, title, of, form, better, step=step, share=True, given=given)
 
 
 def right(rows: Rows, prefix: str = "", millimetres: float = 5.0) -> Array:
@@ -253,13 +256,14 @@ MEDIAN = Metric("median_mm", "position, median", at("mm", 0.5), "{:.3f} mm")
 P90 = Metric("p90_mm", "90th percentile", at("mm", 0.9), "{:.2f} mm", factor=1.1)
 RIGHT = share("within_5", "within 5 mm and 5°", right, "higher", step=0.7)
 WRONG_AND_SURE = share("wrong_and_sure", "wrong and sure", lambda rows: sure(rows) & ~right(rows), step=0.3)
-INSIDE = Metric(
+INSIDE = share(
     "inside_95",
     "inside the 95 % ellipsoid",
-    lambda rows: percent(rows.nees[rows.found] <= ELLIPSOID_95),
-    "{:.0f} %",
+    lambda rows: rows.nees <= ELLIPSOID_95,
     "higher",
+    form="{:.0f} %",
     step=3.0,
+    given=True,
 )
 MEDIAN_DEG = Metric("median_deg", "rotation, median", at("deg", 0.5), "{:.2f}°")
 NEES = Metric("median_nees", "NEES, median", at("nees", 0.5), "{:.1f}", "same")

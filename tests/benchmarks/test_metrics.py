@@ -116,6 +116,20 @@ def test_intervals_hold_their_figure_and_shrink_with_the_count():
     assert share.interval(rows.drop(columns="film")) == wilson_interval(100.0, 24)
 
 
+@pytest.mark.parametrize("count", [6, 20, 200])
+def test_the_ellipsoids_interval_covers_as_often_as_it_says(count):
+    inside = 0
+    for seed in range(100):
+        nees = np.random.default_rng(seed).chisquare(6, count)
+        low, high = metrics.INSIDE.interval(pd.DataFrame({"found": True, "nees": nees}))
+        inside += low <= 95.0 <= high
+    assert inside >= 90
+    # Poses that were not given are none of the answers.
+    rows = pd.DataFrame({"found": np.repeat([True, False], 10), "nees": np.repeat([5.0, np.nan], 10)})
+    assert metrics.INSIDE.interval(rows) == wilson_interval(100.0, 10)
+    assert metrics.INSIDE.interval(rows[~rows.found]) == (0.0, 100.0)
+
+
 @pytest.mark.parametrize("frames", [1, 8])
 def test_the_bootstraps_interval_covers_as_often_as_it_says(frames):
     inside = 0
