@@ -63,9 +63,11 @@ def _judged(target: dict[str, Any], kind: str, results: Results) -> Iterator[dic
 
 
 def _target(metric: Metric, least: float, most: float) -> str:
+    # A limit has all its digits, whatever those of the figure.
+    low, high = (f"{limit:g}{metric.form.partition('}')[2]}" for limit in (least, most))
     if math.isinf(most):
-        return f"≥ {metric.text(least)}"
-    return f"≤ {metric.text(most)}" if math.isinf(least) else f"{metric.text(least)} to {metric.text(most)}"
+        return f"≥ {low}"
+    return f"≤ {high}" if math.isinf(least) else f"{low} to {high}"
 
 
 def _limits(target: dict[str, Any], kind: str) -> tuple[float, float]:

@@ -15,11 +15,13 @@ from benchmarks.data.plan import Plan
 from benchmarks.data.workloads import WORKLOADS
 from benchmarks.judge import results as judged
 from benchmarks.judge.results import Results, ResultsError, origin, read_results, write_results
-from benchmarks.judge.targets import judge
+from benchmarks.judge.targets import FILE, judge
 from benchmarks.run import Run, measure
 from tests.benchmarks.made_up import ABOUT, answers, film, printed_by, results
 from tests.helpers import contents
 from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.errors import TrackerError
+from tracker.files.toml import read_toml
 
 
 def test_results_survive_the_disk(tmp_path):
@@ -179,7 +181,17 @@ def test_fourteen_targets_are_judged_for_both_kinds_of_object():
     judged = judge(made)
     assert len({row["name"] for row in judged}) == 14
     assert len(judged) == 28
-    assert all(row["reached"] and row["interval"] and row["target"] for row in judged)
+    assert all(row["reached"] and row["interval"] for row in judged)
+    # A target is shown as it is, to the last digit.
+    keys = ("at_most", "at_least", "between")
+    limits = {
+        (target["name"], kind): np.ravel(next(target[key] for key in keys if key in target)[kind]).tolist()
+        for target in read_toml(FILE, TrackerError)["target"]
+        for kind in ("cube", "cuboid")
+    }
+    for row in judged:
+        shown = [float(number) for number in re.findall(r"[\d.]+", row["target"])]
+        assert shown == limits[row["name"], row["object"]]
 
 
 def test_the_code_of_a_run_is_that_of_its_sources(tmp_path, monkeypatch):
