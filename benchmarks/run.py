@@ -56,6 +56,8 @@ class Run:
     films: int = 6
     """Number of films for each camera of a recorded triplet."""
     results: Results = field(default_factory=Results)
+    skipped: dict[str, str] = field(default_factory=dict)
+    """What the part that is being measured leaves out, with reasons."""
 
     @property
     def asked(self) -> dict[str, Any]:
@@ -71,7 +73,7 @@ class Run:
     def skip(self, what: str, why: str) -> None:
         """Report and record what is left out."""
         self.say(f"left out: {what}: {why}")
-        self.results.about.setdefault("skipped", {})[what] = why
+        self.skipped[what] = why
 
 
 def accuracy(run: Run) -> Frames:
@@ -167,7 +169,7 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
             run.say(f"{part}: measured before")
             continue
         run.say(part)
-        start = time.monotonic()
+        start, run.skipped = time.monotonic(), {}
         found = (PARTS | {"gate": gate})[part](run)
         run.results.frames |= {name: typed(frame) for name, frame in found.items()}
         if origin()["code"] != about["code"]:
@@ -175,7 +177,7 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
         made = {
             key: about[key] for key in ("commit", "clean", "processor", "python", "libraries", "renderer")
         }
-        made |= {"seconds": round(time.monotonic() - start), "asked": run.asked}
+        made |= {"seconds": round(time.monotonic() - start), "asked": run.asked, "skipped": run.skipped}
         run.results.about.setdefault("parts", {})[part] = made
         write_results(run.output / RESULTS_FILE, run.results)
         for file in filter(_kept, (run.output / KEPT).glob("*.json")):

@@ -42,7 +42,7 @@ class Results:
     """Results of one run."""
 
     about: dict[str, Any] = field(default_factory=dict)
-    """The entries of `origin`, with `draw`, `seed`, `scenes`; `parts` with the origin of each; what was
+    """The entries of `origin`, with `draw`, `seed`, `scenes`; `parts` with the origin of each and what it
     `skipped`, with reasons."""
     frames: dict[str, pd.DataFrame] = field(default_factory=dict)
     """By part: one row per answer, with its `group` and `object`."""

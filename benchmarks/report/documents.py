@@ -33,9 +33,9 @@ def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
     """Return a document of everything that was measured; other parts are left out."""
     parts = ["# Results", summary(about), "`python -m benchmarks all --publish` publishes such results."]
     parts.append("\n".join(f"- {line}" for line in _made(about)))
-    skipped = about.get("skipped", {})
+    skipped = [one for made in about.get("parts", {}).values() for one in made.get("skipped", {}).items()]
     if skipped:
-        parts.append("Left out: " + "; ".join(f"{name} ({why})" for name, why in skipped.items()) + ".")
+        parts.append("Left out: " + "; ".join(f"{name} ({why})" for name, why in skipped) + ".")
     parts += targets(judged)
     if judged and NOTES.is_file():
         parts += ["## What limits what was missed", NOTES.read_text(encoding="utf-8").strip()]

@@ -22,8 +22,10 @@ MACHINE = {"processor": "one & only", "python": "3.11", "libraries": {"numpy": "
 
 ABOUT: dict[str, Any] = {
     **{"commit": "0123abc", "clean": True, "code": "c0de", "kernels": "ce11", **MACHINE},
-    **{"draw": "development", "seed": 1, "scenes": 30, "skipped": {"a": "why"}},
-    "parts": {"accuracy": {"commit": "0123abc", "clean": True, "seconds": 90, **MACHINE}},
+    **{"draw": "development", "seed": 1, "scenes": 30},
+    "parts": {
+        "accuracy": {"commit": "0123abc", "clean": True, "seconds": 90, **MACHINE, "skipped": {"a": "why"}}
+    },
 }
 
 

@@ -16,6 +16,7 @@ from benchmarks.data.workloads import WORKLOADS
 from benchmarks.judge import results as judged
 from benchmarks.judge.results import Results, ResultsError, origin, read_results, write_results
 from benchmarks.judge.targets import FILE, judge
+from benchmarks.report.documents import document
 from benchmarks.run import Run, measure
 from tests.benchmarks.made_up import ABOUT, answers, film, printed_by, results
 from tests.helpers import contents
@@ -96,6 +97,19 @@ def test_a_run_that_was_broken_off_goes_on_and_a_finished_one_starts_again(measu
     assert count == {"films": 2, "dice": 1}
     run("films", "dice", whole=True)
     assert count == {"films": 3, "dice": 2}
+
+
+def test_what_is_measured_later_is_no_longer_left_out(measured, monkeypatch):
+    run, _, _ = measured
+    films = runs.PARTS["films"]
+    for name in ("films", "dice"):
+        monkeypatch.setitem(runs.PARTS, name, lambda run, name=name: run.skip(name, "there are none") or {})
+    run("films")
+    found = run("dice")
+    assert "Left out: films (there are none); dice (there are none)." in document(found.about, [], [])
+    monkeypatch.setitem(runs.PARTS, "films", films)
+    found = run("films")
+    assert "Left out: dice (there are none)." in document(found.about, [], [])
 
 
 def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path, monkeypatch):
