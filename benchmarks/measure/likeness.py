@@ -111,7 +111,13 @@ def likeness_table(real: Path, scenes: int, quality: str) -> str:
 
 @click.command()
 @click.option("--real", type=click.Path(file_okay=False, path_type=Path), help="Folder of recorded data.")
-@click.option("--scenes", default=40, show_default=True, help="Synthetic scenes of each object.")
+@click.option(
+    "--scenes",
+    type=click.IntRange(min=1),
+    default=40,
+    show_default=True,
+    help="Synthetic scenes of each object.",
+)
 @click.option("--quality", default="default", show_default=True, help="Of the synthetic pictures.")
 def main(real: Path | None, scenes: int, quality: str) -> None:
     """Print how like real pictures the synthetic ones are."""

@@ -288,6 +288,7 @@ SMALL = ("accuracy", "--quick", "--only", "realistic", "--object", "cube_v2", "-
         (("noise", "-o", "letter/noise.toml"), "benchmarks: letter/noise.toml: Not a directory"),
         ((*SMALL, "-o", "letter/out", "--workers", 0), "Error: .*--workers': 0 is not in the range.*"),
         (("noise", "--workers", -3), "Error: .*--workers': -3 is not in the range.*"),
+        (("likeness", "--scenes", 0, "--real", "."), "Error: .*--scenes': 0 is not in the range.*"),
     ],
 )
 def test_outputs_and_workers_are_checked_before_the_work(arguments, line, tmp_path, monkeypatch, run_here):
