@@ -2,6 +2,9 @@ import os
 import re
 
 import pytest
+from hatchling.metadata.core import ProjectMetadata
+from hatchling.plugin.manager import PluginManager
+from packaging.requirements import Requirement
 
 from scripts import kept_environment
 from scripts.kept_environment import forget_the_oldest, key, lay
@@ -56,3 +59,13 @@ def test_every_requirement_of_those_who_use_it_states_a_lowest_version():
         assert re.search(rf'^ +"{name}[>=]={re.escape(version)}["; ]', project, re.MULTILINE), name
     assert {"numpy", "pybullet", "pandas", "numcodecs", "lmdb", "rerun-sdk", "av", "pytest"} <= set(versions)
     assert {"ruff", "mypy"}.isdisjoint(versions)
+
+
+def test_markers_of_what_extras_hold_reach_the_wheel():
+    project = ProjectMetadata(str(ROOT), PluginManager()).core
+    for extra in ("all", "dev"):
+        (lcm,) = (one for one in map(Requirement, project.optional_dependencies[extra]) if one.name == "lcm")
+        assert lcm.marker is not None
+        for system, machine in (("darwin", "x86_64"), ("darwin", "arm64"), ("linux", "x86_64")):
+            here = {"sys_platform": system, "platform_machine": machine}
+            assert lcm.marker.evaluate(here) is ((system, machine) != ("darwin", "x86_64"))
