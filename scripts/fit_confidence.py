@@ -33,7 +33,7 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.evidence import NUMBERS, Numbers, weighed
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.hypotheses import apart
-from tracker.pose.judge import NEAR, SINGLE, alone, fits
+from tracker.pose.judge import NEAR, SINGLE, alone, disputed, fits, rank
 from tracker.pose.result import PoseEstimate
 from tracker.pose.rivals import reconcilable
 
@@ -57,7 +57,8 @@ class Cases:
     labels: list[Array] = dataclasses.field(default_factory=list)
     numbers: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
     """stands, log evidence gained by other edge lengths, odds of being near, whether a single camera sees it,
-    probability that calibration and arena are consistent with it, right, weight, the scene's number."""
+    number of cameras that outvote it, probability that calibration and arena are consistent with it, right,
+    weight, the scene's number."""
     rivals: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     group: list[str] = dataclasses.field(default_factory=list)
 
@@ -71,11 +72,18 @@ class Cases:
             odds, holds = near / (1 - near), fits(one) * one.inside
             weight = WEIGHTS.get(group, 1.0)
             more = (one.evidence.resized - NUMBERS.resized) / NUMBERS.end
-            self.numbers.append((one.stands, more, odds, alone(one), holds, good, weight, scene))
+            votes = disputed(one)
+            self.numbers.append((one.stands, more, odds, alone(one), votes, holds, good, weight, scene))
             self.group.append(group)
+        # As for `lead`, rivals that are alike count once.
+        ranked = sorted(range(len(found)), key=lambda k: -rank(found[k]))
         for i, one in enumerate(found):
-            for k, other in enumerate(found):
-                if i != k and apart(one, other, radius) and not reconcilable(one, other):
+            different = [one]
+            for k in ranked:
+                other = found[k]
+                apart_from_all = k != i and all(apart(other, rival, radius) for rival in different)
+                if apart_from_all and not reconcilable(one, other):
+                    different.append(other)
                     self.rivals.append((first + i, first + k))
 
 
@@ -140,9 +148,8 @@ class Model:
         self.seen = np.array(cases.seen, dtype=SEEN)
         self.labels = np.array(cases.labels)
         columns = np.array(cases.numbers, dtype=float).T
-        self.stands, self.resized, self.near, self.alone, self.holds, self.right, self.weight, self.scene = (
-            columns
-        )
+        self.stands, self.resized, self.near, self.alone, self.disputed = columns[:5]
+        self.holds, self.right, self.weight, self.scene = columns[5:]
         self.one, self.other = np.array(cases.rivals, dtype=int).reshape(-1, 2).T
         self.group = np.array(cases.group)
 
@@ -153,7 +160,7 @@ class Model:
         weigh_all(self.seen, self.labels, np.ascontiguousarray(self.stands), numbers, out)
         here, body, shape, nothing, ahead = out.T
         ahead = numbers.temper * ahead
-        against = np.bincount(self.one, _exp(ahead[self.other] - ahead[self.one]), len(here))
+        against = np.bincount(self.one, _exp(ahead[self.other] - ahead[self.one]), len(here)) + self.disputed
         against += _exp(numbers.temper * (body - here) + numbers.body)
         against += _exp(numbers.temper * (shape - here) + numbers.shape)
         against += _exp(numbers.temper * (nothing - here) + numbers.nothing)
