@@ -1,6 +1,7 @@
 """Presents results as Markdown: all figures, and those in marked blocks of README.md and docs/figures.md."""
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from benchmarks.data.plan import FULL
 from benchmarks.data.scenes import OBJECTS
 from benchmarks.judge.results import ResultsError
 from benchmarks.score.metrics import NOTHING, Table, matches
-from benchmarks.score.tables import TABLES
+from benchmarks.score.tables import BY_NAME, TABLES
 from tracker.files import write_whole
 
 README, PAGE, RESULTS = ROOT / "README.md", ROOT / "docs" / "figures.md", ROOT / "benchmarks" / "results.md"
@@ -154,7 +155,9 @@ def brief(published: Mapping[str, Any]) -> str:
 
     def both(table: str, group: str, form: str) -> str:
         rows = [found.get((table, group, name)) for name in OBJECTS]
-        return " / ".join(form.format(**row) if row else "not measured" for row in rows)
+        lacking = {metric.name: math.nan for metric in BY_NAME[table].metrics}
+        texts = [form.format(**(lacking | row)) if row else "not measured" for row in rows]
+        return " / ".join(texts).replace("nan", NOTHING)
 
     def line(head: str, table: str, form: str, films: bool = False) -> list[str]:
         groups = ("world", "all" if films else "realistic")

@@ -133,6 +133,14 @@ def test_the_published_run_is_of_unseen_scenes_and_enough_of_them():
         assert all(made[key] for key in ("processor", "libraries", "renderer"))
 
 
+def test_figures_of_no_pose_at_all_are_a_dash():
+    made = results(4)
+    frame = made.frames["accuracy"]
+    frame.loc[(frame.group == "world") & (frame.object == OBJECTS[1]), ["mm", "deg"]] = np.nan
+    first = documents.brief({"about": made.about, "figures": made.figures}).splitlines()[2]
+    assert re.search(r"median error \| [\d.]+ mm, [\d.]+° / – mm, –° \| [\d.]+ mm", first)
+
+
 @pytest.fixture
 def pages(tmp_path, monkeypatch):
     """README.md and the page of figures with empty blocks, in a folder of their own."""
