@@ -205,8 +205,10 @@ def edges_in_view(
     seen, corners = _seen(view, model, pose)
     visible, hidden = list[FloatArray](), list[FloatArray]()
     for a, b, f, g in cuboid.EDGES:
-        parts = _finite_parts(_project_line(view, corners[a], corners[b]))
-        (visible if seen[f] or seen[g] else hidden).extend(parts)
+        line = _project_line(view, corners[a], corners[b])
+        parts = np.split(line, np.flatnonzero(np.diff(np.isnan(line[:, 0]))) + 1)
+        own = visible if seen[f] or seen[g] else hidden
+        own += [part for part in parts if len(part) > 1 and not np.isnan(part[0, 0])]
     return visible, hidden
 
 
@@ -244,10 +246,3 @@ def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstim
 def _project_line(view: Camera, start: Array, end: Array) -> FloatArray:
     """Return pixels (SAMPLES, 2) of points from `start` to `end` [m]; NaN far outside the field of view."""
     return view.project_in_view(start + np.linspace(0, 1, SAMPLES)[:, None] * (end - start))
-
-
-def _finite_parts(points: FloatArray) -> list[FloatArray]:
-    """Return the parts without NaN of a line (N, 2), of at least two points each."""
-    good = np.concatenate([[False], np.isfinite(points).all(axis=1), [False]])
-    bounds = np.flatnonzero(np.diff(good))
-    return [points[a:b] for a, b in zip(bounds[::2], bounds[1::2], strict=True) if b - a > 1]

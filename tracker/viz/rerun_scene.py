@@ -86,8 +86,16 @@ class Scene:
         self._stream.set_time(FRAME, sequence=index)
         self._stream.set_time(TIME, duration=timestamp - self._start)
         for camera, image in zip(self._rig, images, strict=True):
-            self._put(_image_path(camera), None if image is None else _jpeg(image))
-        self._show_health(images, health)
+            file = None
+            if image is not None:
+                content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
+                file = rr.EncodedImage(contents=content, media_type="image/jpeg")
+            self._put(_image_path(camera), file)
+        values = of_pictures(images) if health is None else health.values
+        for key, column in values.items():
+            for camera, value in zip(self._rig, column.tolist(), strict=True):
+                self._put(("health", key, camera.name), _scalar(value))
+        self._put(("health", "table"), _scalar(float("nan") if health is None else health.height))
         self._show_pose("measured", observation.object_pose)
         self._show_pose("filtered", observation.filtered_object_pose)
         if observation.status is not self._status:
@@ -97,13 +105,6 @@ class Scene:
         self._count += 1
         if self._count % _FLUSH_FRAMES == 0:
             self._stream.flush(timeout_sec=FLUSH_SECONDS)
-
-    def _show_health(self, images: Sequence[Image | None], health: Sample | None) -> None:
-        values = of_pictures(images) if health is None else health.values
-        for key, column in values.items():
-            for camera, value in zip(self._rig, column.tolist(), strict=True):
-                self._put(("health", key, camera.name), _scalar(value))
-        self._put(("health", "table"), _scalar(float("nan") if health is None else health.height))
 
     def _show_pose(self, kind: str, pose: PoseEstimate | None) -> None:
         """Show everything about a pose; if there is none, clear the last one."""
@@ -189,7 +190,6 @@ def layout(rig: CameraRig) -> rrb.Blueprint:
 
 
 def _scalar(value: float) -> Any:
-    """Return a scalar for Rerun, or None if the value is not finite."""
     return rr.Scalars([value]) if np.isfinite(value) else None
 
 
@@ -210,11 +210,6 @@ def _pinhole(camera: Camera) -> tuple[Any, Any]:
         image_plane_distance=0.12,  # in the 3D view [m]
     )
     return place, lens
-
-
-def _jpeg(image: Image) -> Any:
-    content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
-    return rr.EncodedImage(contents=content, media_type="image/jpeg")
 
 
 def _mesh(model: CuboidModel) -> Any:
