@@ -39,18 +39,14 @@ def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
         fitting = [one]
         if glob.has_magic(one) and not os.path.exists(one):
             # Of several paths to one file or folder, prefer one without links, then the shortest, the first.
-            once: dict[str, str] = {}
-            for path in sorted(_below("", one.split(os.sep), set()), key=_indirect):
-                once.setdefault(os.path.realpath(path), path)
+            ways = [(os.path.realpath(path), path) for path in _below("", one.split(os.sep), set())]
+            ways.sort(key=lambda way: (way[0] != os.path.abspath(way[1]), way[1].count(os.sep), way[1]))
+            once = dict(reversed(ways))
             fitting = sorted(path for real, path in once.items() if not _is_of_results(real, results))
         if not fitting:
             raise LogError(f"{one}: found nothing that fits this pattern, expected recordings")
         found += fitting
     return [Path(path) for path in found]
-
-
-def _indirect(path: str) -> tuple[bool, int, str]:
-    return os.path.realpath(path) != os.path.abspath(path), path.count(os.sep), path
 
 
 def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iterator[str]:

@@ -196,7 +196,10 @@ def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
             _refuse_other_object(task, recipe.model.name)
         if (batch.folder / results.ASKED).exists():
             _refuse_results_of_others(batch, tasks, read_batch(batch.folder))
-            _remove_old_lines(tasks)
+            for task in tasks:  # rows of other options, files or code: until replaced, they count as done
+                output = Path(task.output)
+                if (results.read_line(output) or {"agreed": task.agreed}).get("agreed") != task.agreed:
+                    results.summary_file(output).unlink(missing_ok=True)
         elif others := [name for name in _beside_poses(batch) if os.path.exists(batch.folder / name)]:
             raise LogError(f"{batch.folder}: found {others[0]}, but no batch; expected another folder")
         _remove_leftovers(batch)
@@ -292,14 +295,6 @@ def _refuse_other_object(task: Task, name: str) -> None:
         its = text_of(output, "object")
     if its not in (None, name):
         raise LogError(f"{output}: found poses of {its}, expected those of {name}, or another folder")
-
-
-def _remove_old_lines(tasks: Iterable[Task]) -> None:
-    """Remove the table rows of other options, files or code: until they are replaced, they count as done."""
-    for task in tasks:
-        line = results.read_line(Path(task.output))
-        if line is not None and line.get("agreed") != task.agreed:
-            results.summary_file(Path(task.output)).unlink(missing_ok=True)
 
 
 def _beside_poses(batch: Batch) -> Iterator[str]:

@@ -35,8 +35,7 @@ from tracker.errors import CalibrationError, LogError, TrackerError, install
 from tracker.files import parquet_file, told_as, whole_file, write_whole
 from tracker.geometry import cuboid
 from tracker.logs.datasets import CONTROL_RATE, Episode, StoreSteps, is_store, read_steps
-from tracker.objects.model import CuboidModel
-from tracker.poses.columns import MeasuredColumns, PoseColumns
+from tracker.poses.columns import PoseColumns
 from tracker.poses.file import read_poses
 from tracker.poses.poses import Poses
 from tracker.recordings.track import Options, Recipe
@@ -200,7 +199,10 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
             poses = dataclasses.replace(poses, recorded=None if stored is None else PoseColumns(**stored))
             by_image = _rows_of(poses, one.episode.frames)
             by_step = _rows_of(poses, steps.frame[one.episode.steps])
-            for name, array in _arrays_of(poses.filtered, model).items():
+            its = poses.filtered
+            corners = cuboid.keypoints(its.position, its.rotation, model.size)
+            arrays = its.position, its.orientation, corners, its.confidence[:, None], its.covariance
+            for name, array in zip(ARRAYS, arrays, strict=True):
                 _put(images, one.episode.frames.start, name, _taken(array, by_image))
                 _put(group, one.episode.steps.start, name, _taken(array, by_step))
             add_images(_table(_image_columns(poses, steps, first, one)))
@@ -222,13 +224,6 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
         }
         write_whole(folder / results.REPORT, json.dumps(report, indent=1, allow_nan=False) + "\n")
     return report
-
-
-def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]:
-    """Return the contents of the arrays listed in ARRAYS."""
-    corners = cuboid.keypoints(columns.position, columns.rotation, model.size)
-    arrays = (columns.position, columns.orientation, corners, columns.confidence[:, None], columns.covariance)
-    return dict(zip(ARRAYS, arrays, strict=True))
 
 
 def _rows_of(poses: Poses, frames: Sequence[int] | Array) -> Array:
