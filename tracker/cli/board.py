@@ -199,17 +199,14 @@ def intrinsics(
     files = smaller.write([(lens.calibrated, output)])
     if plot is not None:
         _draw(plot, lens.calibrated, [(p.sighting.pixels, p.residuals, p.fault is None) for p in lens.photos])
-    summary = listing([["board", _told_pattern(board)], *_found(lens), ["files", files]])
-    click.echo(f"{_lens_table(lens, faults)}\n\n{summary}")
-
-
-def _lens_table(lens: Lens, faults: dict[str, str]) -> str:
     rows = [["photo", "corners", "dropped", "blur [px]", "RMS [px]", "left out [px]"]]
     for one in lens.photos:
-        numbers = [len(one.sighting), one.dropped]
+        counts = [len(one.sighting), one.dropped]
         sizes = [one.sighting.blur, rms([one.residuals]), one.left_out]
-        rows.append([one.sighting.photo, *map(str, numbers), *(f"{size:.2f}" for size in sizes)])
-    return _photo_table(rows, {one.sighting.photo: one.fault for one in lens.photos if one.fault} | faults)
+        rows.append([one.sighting.photo, *map(str, counts), *(f"{size:.2f}" for size in sizes)])
+    unused = {one.sighting.photo: one.fault for one in lens.photos if one.fault}
+    summary = listing([["board", _told_pattern(board)], *_found(lens), ["files", files]])
+    click.echo(f"{_photo_table(rows, unused | faults)}\n\n{summary}")
 
 
 def _photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str:

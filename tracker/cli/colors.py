@@ -255,18 +255,6 @@ def check(
     else:
         fit_to, numbers = fitting.to(images), range(len(images))
         models = [fit_to([k for k in numbers if k != left], "fitted") for left in numbers]
-    _report(images, models, plot, name or "cross-validated")
-
-
-def _read(folders: Sequence[str]) -> list[LabelledImage]:
-    with silent_libraries():
-        return [image for folder in folders for image in read_labelled(folder)]
-
-
-def _report(
-    images: Sequence[LabelledImage], models: Sequence[tracker.ColorModel], plot: Path | None, name: str
-) -> None:
-    """Measure each image with its model, print the results, and draw them if `plot` is given."""
     found = [tracker.segment(one.image, model) for one, model in zip(images, models, strict=True)]
     _print_overlaps(images, found)
     counts = confusion((labels, one.labels) for labels, one in zip(found, images, strict=True))
@@ -278,8 +266,14 @@ def _report(
     if means:  # the images do not show background only
         _print_near(means, better, light)
     if plot is not None:
-        tracker.viz.write_colors_plot(plot, counts, pixels, better, f"colours: {name}")
+        title = f"colours: {name or 'cross-validated'}"
+        tracker.viz.write_colors_plot(plot, counts, pixels, better, title)
         click.echo(f"\nplot: {plot}")
+
+
+def _read(folders: Sequence[str]) -> list[LabelledImage]:
+    with silent_libraries():
+        return [image for folder in folders for image in read_labelled(folder)]
 
 
 def _print_counts(images: Sequence[LabelledImage], model: tracker.ColorModel) -> None:
@@ -305,7 +299,6 @@ def _print_overlaps(images: Sequence[LabelledImage], found: Sequence[Image]) -> 
 
 
 def _mean(values: Sequence[float]) -> str:
-    """Format the mean; a dash if there are no values."""
     return f"{sum(values) / len(values):.3f}" if values else "-"
 
 
