@@ -162,7 +162,6 @@ def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> Floa
 
 
 def _deviations_of(data: dict[Any, Any], key: str, shape: tuple[int, int]) -> FloatArray:
-    """Return the standard deviations at `key`."""
     std = _matrix_of(data, key, shape)
     if std.min() < 0:
         raise CalibrationError(f"{key}: found {std.min():g}, expected standard deviations of at least 0")
@@ -237,17 +236,16 @@ def calibration_text(calibrated: Calibrated) -> str:
         _MATRIX_KEY: calibrated.matrix_std,
         _DISTORTION_KEY: None if bent is None else bent[None],
     }
-    data = {"camera_name": camera.name, "image_width": camera.width, "image_height": camera.height}
-    data |= {key: _entry(matrix) for key, matrix in matrices.items() if matrix is not None}
+    data: dict[str, Any] = {"camera_name": camera.name, "image_width": camera.width}
+    data["image_height"] = camera.height
+    for key, matrix in matrices.items():
+        if matrix is not None:
+            rows, cols = matrix.shape
+            data[key] = {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
     # With this header and lists in brackets (default_flow_style=None), OpenCV can read the file, too.
     return "%YAML 1.1\n---\n" + yaml.dump(
         data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
     )
-
-
-def _entry(matrix: FloatArray) -> dict[str, Any]:
-    rows, cols = matrix.shape
-    return {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
 
 
 def calibration_files(root: Path, pattern: str | None) -> list[Path]:

@@ -188,7 +188,12 @@ def corner_misses(
         for f, look in enumerate(looks):
             if (shares := problem.shares(f, c)) is None:
                 continue
-            motion = _corner_motion(camera, look)
+            # The Jacobian (2 N, 6) of the corners in the image by the object's pose [px at FOCAL].
+            _, jacobian = camera.project_with_jacobian(look.corners)
+            swing = -so3.hat(look.corners - look.position)
+            motion = np.concatenate([jacobian, jacobian @ swing], axis=2)
+            motion *= FOCAL / camera.matrix[(0, 1), (0, 1)][:, None]
+            motion = motion.reshape(-1, 6)
             moves = (motion @ np.einsum("kij,kj->i", shares, look.moved)).reshape(-1, 2)
             shift = moves.mean(axis=0)
             feigned = motion @ shares @ problem.lever[f]
@@ -202,15 +207,6 @@ def corner_misses(
 
 def _median(values: FloatArray) -> float:
     return float(np.median(values)) if len(values) else float("nan")
-
-
-def _corner_motion(camera: Camera, look: Look) -> FloatArray:
-    """Return the Jacobian (2 N, 6) of a look's corners in an image by the object's pose [px at FOCAL]."""
-    _, jacobian = camera.project_with_jacobian(look.corners)
-    swing = -so3.hat(look.corners - look.position)
-    motion = np.concatenate([jacobian, jacobian @ swing], axis=2)
-    motion *= FOCAL / camera.matrix[(0, 1), (0, 1)][:, None]
-    return np.asarray(motion.reshape(-1, 6))
 
 
 def _median_miss(misses: FloatArray, problem: CameraErrors) -> float:

@@ -18,7 +18,6 @@ from tracker.calibration.by_object.check import (
 )
 from tracker.calibration.by_object.looks import CameraErrors, Look
 from tracker.calibration.by_object.sightings import stays
-from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
 from tracker.geometry.arena import Arena
@@ -116,7 +115,10 @@ class Health:
 
     def beyond(self, key: str) -> FloatArray:
         """Return the share (C,) of frames in which a quantity is beyond its limits; NaN if not measured."""
-        return np.array([_beyond(column, QUANTITIES[key]) for column in self.values[key].T])
+        values, (low, high) = self.values[key], QUANTITIES[key].limits
+        known = np.isfinite(values)
+        beyond, count = known & ((values < low) | (values > high)), known.sum(axis=0)
+        return np.where(count > 0, beyond.sum(axis=0) / np.maximum(count, 1), np.nan)
 
     def complaints(self) -> list[str]:
         """Return what is wrong with the rig, one line per fault."""
@@ -144,12 +146,6 @@ class Health:
         if seen and len(self.cameras) == 1:
             why = "there is a single camera"
         return f"not measured: {', '.join(names)}; {why}"
-
-
-def _beyond(values: FloatArray, quantity: Quantity) -> float:
-    known = values[np.isfinite(values)]
-    low, high = quantity.limits
-    return float(np.mean((known < low) | (known > high))) if known.size else float("nan")
 
 
 def health(
@@ -222,14 +218,10 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
                 height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
             look = None if fit.own is None else look_of(fit, tracker.model.size)
     if look is not None and len(tracker.rig) > 1:
-        values["disagreement"] = _disagreement(look, tracker.rig)
+        focal = [camera.matrix[[0, 1], [0, 1]] for camera in tracker.rig]
+        misses = CameraErrors([look], tracker.rig.cameras).misses()[0]
+        values["disagreement"] = 1e3 * np.linalg.norm(misses / focal, axis=1)
     return Sample(values, height, look)
-
-
-def _disagreement(look: Look, rig: CameraRig) -> FloatArray:
-    """Return the disagreement (C,) of each camera with the others [mrad]; NaN if unknown."""
-    angles = [camera.matrix[[0, 1], [0, 1]] for camera in rig]
-    return np.asarray(1e3 * np.linalg.norm(CameraErrors([look], rig.cameras).misses()[0] / angles, axis=1))
 
 
 def of_pictures(images: Sequence[Image | None]) -> dict[str, FloatArray]:
