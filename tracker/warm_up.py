@@ -54,7 +54,6 @@ def kernels_are_cached() -> bool:
 
 
 def _folder() -> str | None:
-    """Return the cache folder of compiled kernels, or None if there is none."""
     path: str | None = getattr(refine.stats, "cache_path", None)
     return path
 
@@ -113,8 +112,12 @@ def _counted() -> Iterator[None]:
     with tqdm(total=KERNELS, bar_format=form, leave=False, file=sys.stderr) as bar:
 
         def follow() -> None:
+            # Files of the present sources, beside each package or below NUMBA_CACHE_DIR.
+            here = Path(folder)
+            beside = f"*/{here.parent.name}/{here.name}/*.nbc"
             while not done.wait(0.3):
-                bar.n = min(_kept(Path(folder)), KERNELS)
+                kept = {*here.parents[2].glob(beside), *here.parents[1].glob(f"*/{here.name}/*.nbc")}
+                bar.n = min(len(kept), KERNELS)
                 bar.refresh()
 
         thread = threading.Thread(target=follow, daemon=True)
@@ -124,13 +127,6 @@ def _counted() -> Iterator[None]:
         finally:
             done.set()
             thread.join()
-
-
-def _kept(folder: Path) -> int:
-    """Count machine code files of the current sources, beside each package or below NUMBA_CACHE_DIR."""
-    beside = folder.parents[2].glob(f"*/{folder.parent.name}/{folder.name}/*.nbc")
-    together = folder.parents[1].glob(f"*/{folder.name}/*.nbc")
-    return len({*beside, *together})
 
 
 @contextlib.contextmanager

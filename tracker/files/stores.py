@@ -196,7 +196,6 @@ class StoredArray:
         return items
 
     def _numbers(self, key: str, dtype: np.dtype[Any]) -> Array:
-        """Return a tile in its shape."""
         what, size, each = f"{self._where}: block {key}", math.prod(self._tile), dtype.itemsize
         data = self._stored(key, size * each)
         if data is not None:

@@ -227,7 +227,6 @@ def stated_files(root: Path) -> list[Path]:
 
 
 def _of_stated(root: Path, rate: float) -> Layout:
-    """Find the frames of a folder with a RECORDING_FILE."""
     path = root / RECORDING_FILE
     values, fitting = _stated(path)
     rate = check_rate(values.get("rate", rate), f"{path}: rate")

@@ -168,7 +168,15 @@ class FilmFile:
             open_regular(path).close()  # FFmpeg would wait for a pipe's writer
             self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
         with on_error(self.close):
-            self._stream = self._video()
+            if not self._film.streams.video:
+                raise LogError(f"{path}: found no images, expected a film")
+            self._stream = self._film.streams.video[0]
+            if self._stream.codec_context is None:
+                raise LogError(f"{path}: found images in an unknown code, expected a film")
+            check_sides(self._stream.width, self._stream.height, f"{path}: ")
+            self._stream.thread_type = "NONE"  # recordings are decoded in parallel instead
+            # Otherwise the decoder conceals damage.
+            self._stream.codec_context.options = {"err_detect": "explode"}
             self._times = self._read_times()
         self.size = (self._stream.width, self._stream.height)
         """(width, height) [px] of the images."""
@@ -177,17 +185,6 @@ class FilmFile:
         """Presentation time of each image, relative to the first [s]."""
         self._next: Any = None  # decoder, positioned after the image of the time `_ahead`
         self._ahead: int | None = None
-
-    def _video(self) -> Any:
-        if not self._film.streams.video:
-            raise LogError(f"{self.path}: found no images, expected a film")
-        stream = self._film.streams.video[0]
-        if stream.codec_context is None:
-            raise LogError(f"{self.path}: found images in an unknown code, expected a film")
-        check_sides(stream.width, stream.height, f"{self.path}: ")
-        stream.thread_type = "NONE"  # recordings are decoded in parallel instead
-        stream.codec_context.options = {"err_detect": "explode"}  # else the decoder conceals damage
-        return stream
 
     def _read_times(self) -> list[int]:
         """Return the sorted presentation times in the stream's time base, without decoding images."""

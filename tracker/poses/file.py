@@ -67,7 +67,6 @@ class PosesBuilder:
 
 
 def _text(word: Any) -> str:
-    """Return the value of an enum member, or the text itself."""
     return str(getattr(word, "value", word))
 
 

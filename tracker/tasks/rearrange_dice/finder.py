@@ -137,17 +137,12 @@ def _prepared(rig: CameraRig) -> tuple[Plan, Array, Array]:
     size = (max(c.height for c in cameras), max(c.width for c in cameras))
     slopes = np.zeros((len(cameras), *size, 2), np.float32)
     for its, camera in zip(slopes, cameras, strict=True):
-        its[: camera.height, : camera.width] = _slopes(camera)
+        columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        rays = camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2)).reshape(*rows.shape, 3)
+        # A ray that does not descend misses the table; its slope is set so that it misses all dice, too.
+        sink = np.maximum(-np.nan_to_num(rays[..., 2:], nan=0.0), 1e-3)
+        its[: camera.height, : camera.width] = np.nan_to_num(rays[..., :2] / sink, nan=1e3)
     return Plan(cameras), slopes, stack_lenses(cameras)
-
-
-def _slopes(camera: Camera) -> FloatArray:
-    """Return (H, W, 2): how far each pixel's ray travels along x and y while it descends by 1."""
-    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    rays = camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2))
-    # A ray that does not descend misses the table; its slope is set so that it misses all dice, too.
-    sink = np.maximum(-np.nan_to_num(rays[:, 2], nan=0.0), 1e-3)
-    return np.nan_to_num(rays[:, :2] / sink[:, None], nan=1e3).reshape(camera.height, camera.width, 2)
 
 
 def _reduced(image: Image, camera: Camera) -> Image:
