@@ -41,17 +41,6 @@ def read_arena(folder: Path) -> Arena:
         return Arena(**values)
 
 
-def _arena_text(arena: Arena) -> str:
-    """Return the text of a file that `read_arena` reads."""
-    values = dataclasses.asdict(arena)
-    if arena.table is None:
-        values["table"] = _NO_TABLE
-    # Strings, numbers and lists look the same in JSON and TOML.
-    lines = [f"{key} = {json.dumps(value)}\n" for key, value in values.items()]
-    title = "# Where the object may be and where the table is, in the cameras' world [m, rad].\n"
-    return title + "".join(lines)
-
-
 def rig_texts(rig: CameraRig, lenses: Mapping[str, Calibrated] = {}) -> dict[str, str]:
     """Return the texts of a rig's files by name, see `save_rig`; CalibrationError: two have the same one."""
     texts: dict[str, str] = {}
@@ -62,7 +51,13 @@ def rig_texts(rig: CameraRig, lenses: Mapping[str, Calibrated] = {}) -> dict[str
         lens = lenses.get(camera.name, Calibrated(camera))
         texts[file] = calibration_text(dataclasses.replace(lens, camera=camera))
     if rig.arena != Arena():
-        texts[ARENA_FILE] = _arena_text(rig.arena)
+        values = dataclasses.asdict(rig.arena)
+        if rig.arena.table is None:
+            values["table"] = _NO_TABLE
+        # Strings, numbers and lists look the same in JSON and TOML.
+        lines = [f"{key} = {json.dumps(value)}\n" for key, value in values.items()]
+        title = "# Where the object may be and where the table is, in the cameras' world [m, rad].\n"
+        texts[ARENA_FILE] = title + "".join(lines)
     return texts
 
 

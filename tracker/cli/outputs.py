@@ -139,7 +139,18 @@ def refuse_overwriting(
     for kind, path in _inputs(recordings, others) if existing else ():
         if hit := existing.get(_identity(path)):
             raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
-    _refuse_new_recordings(files, recordings)
+    # The next run would read these as an input folder's recording, or as images of it.
+    opened = {os.path.realpath(recording): recording for recording in recordings if recording.is_dir()}
+    folders = {real for real, one in opened.items() if not any((one / name).exists() for name in JOB_LOGS)}
+    for name, path in files.items():
+        parents = [str(parent) for parent in Path(os.path.realpath(path)).parents]
+        if path.name in JOB_LOGS and (recording := opened.get(parents[0])):
+            raise click.UsageError(
+                f"{name} {path}: would be read in place of {recording}, expected another name"
+            )
+        read = path.suffix.lower() in (*DRAWN, ".mp4") or path.name == STAMPS_FILE
+        if read and not folders.isdisjoint(parents):
+            raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
 
 
 def parent_of(path: Path) -> Path:
@@ -174,21 +185,6 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
     for path in (Path(other) for other in others if other):
         for file in path.iterdir() if path.is_dir() else [path]:
             yield "an input", file
-
-
-def _refuse_new_recordings(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
-    """Refuse outputs that the next run would read as an input folder's recording, or as images of it."""
-    opened = {os.path.realpath(recording): recording for recording in recordings if recording.is_dir()}
-    folders = {real for real, one in opened.items() if not any((one / name).exists() for name in JOB_LOGS)}
-    for name, path in files.items():
-        parents = [str(parent) for parent in Path(os.path.realpath(path)).parents]
-        if path.name in JOB_LOGS and (recording := opened.get(parents[0])):
-            raise click.UsageError(
-                f"{name} {path}: would be read in place of {recording}, expected another name"
-            )
-        read = path.suffix.lower() in (*DRAWN, ".mp4") or path.name == STAMPS_FILE
-        if read and not folders.isdisjoint(parents):
-            raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

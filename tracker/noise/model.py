@@ -232,7 +232,11 @@ class NoiseState:
         p, q, v = self._checked(position, orientation, visible)
         if not is_number(dt) or dt <= 0:
             raise TrackerError(f"dt: found {shown(dt)}, expected a time of more than 0 s")
-        way = self._way(p, q)
+        # The way from the previous poses [m]; at rest, rounding leaves up to 1e-15 of the chord.
+        shift = p - self._last[0]
+        chord = np.maximum(1.0 - 1e-15 - np.abs(np.einsum("ij,ij->i", q, self._last[1])), 0.0)
+        way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * chord)
+        way[self._fresh] = 0.0
         keep = np.exp(-way / np.maximum(self._of["travel"][:, 0], 1e-12))
         clear = np.maximum(v, LEAST_VISIBLE)
         error = self._errors(keep, np.minimum(way / dt, FASTEST), clear, self._gross_now(v, float(dt)))
@@ -270,14 +274,6 @@ class NoiseState:
         if v.min() < -ROUNDED or v.max() > 1.0 + ROUNDED:
             raise TrackerError(f"visible: found {v.min():.7g} to {v.max():.7g}, expected shares from 0 to 1")
         return p, q / length[:, None], v.clip(0.0, 1.0)
-
-    def _way(self, p: FloatArray, q: FloatArray) -> FloatArray:
-        """Return the distances (N,) [m] from the poses of the previous step."""
-        shift = p - self._last[0]
-        # At rest, rounding leaves up to 1e-15.
-        chord = np.maximum(1.0 - 1e-15 - np.abs(np.einsum("ij,ij->i", q, self._last[1])), 0.0)
-        way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * chord)
-        return np.where(self._fresh, 0.0, way)
 
     def _errors(
         self, keep: FloatArray, speed: FloatArray, clear: FloatArray, gross: FloatArray

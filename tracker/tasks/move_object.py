@@ -185,7 +185,24 @@ def active_goal(trajectory: Trajectory, time: npt.ArrayLike) -> FloatArray:
     Raises:
         TaskError: the trajectory is malformed, or a time is before its beginning.
     """
-    times, positions = _parsed(trajectory)
+    check_sequence(trajectory, "trajectory", TaskError, "a list of pairs (time, position)")
+    if len(trajectory) == 0:
+        raise TaskError("trajectory: found no goals, expected at least one")
+    times, positions = np.empty(len(trajectory)), np.empty((len(trajectory), 3))
+    for k, entry in enumerate(trajectory):
+        if not isinstance(entry, (tuple, list)) or len(entry) != 2:
+            raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a pair (time, position)")
+        begin = numbers(f"trajectory: time {k}", entry[0], finite=True)
+        goal = numbers(f"trajectory: position {k}", entry[1], finite=True)
+        if begin.ndim or goal.shape != (3,):
+            raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a number and 3 numbers")
+        times[k], positions[k] = begin, goal
+    if times[0] != 0:
+        raise TaskError(f"trajectory: found {times[0]:g} as the first time, expected 0")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        k = int(late[0]) + 1
+        raise TaskError(f"trajectory: time {k}: found {times[k]:g}, expected more than {times[k - 1]:g}")
     at = numbers("time", time, finite=True)
     if (at < 0).any():
         raise TaskError(f"time: found {at.min():g}, expected no time before the trajectory's beginning at 0")
@@ -198,29 +215,6 @@ def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt
     Positions are (..., 3) [m]; trajectory and times as for `active_goal`.
     """
     return 0.0 - position_error(active_goal(trajectory, time), position)
-
-
-def _parsed(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Check a trajectory; return its times (N,) and positions (N, 3)."""
-    check_sequence(trajectory, "trajectory", TaskError, "a list of pairs (time, position)")
-    if len(trajectory) == 0:
-        raise TaskError("trajectory: found no goals, expected at least one")
-    times, positions = np.empty(len(trajectory)), np.empty((len(trajectory), 3))
-    for k, entry in enumerate(trajectory):
-        if not isinstance(entry, (tuple, list)) or len(entry) != 2:
-            raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a pair (time, position)")
-        time = numbers(f"trajectory: time {k}", entry[0], finite=True)
-        goal = numbers(f"trajectory: position {k}", entry[1], finite=True)
-        if time.ndim or goal.shape != (3,):
-            raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a number and 3 numbers")
-        times[k], positions[k] = time, goal
-    if times[0] != 0:
-        raise TaskError(f"trajectory: found {times[0]:g} as the first time, expected 0")
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if late.size:
-        k = int(late[0]) + 1
-        raise TaskError(f"trajectory: time {k}: found {times[k]:g}, expected more than {times[k - 1]:g}")
-    return times, positions
 
 
 def keypoints(position: npt.ArrayLike, orientation: npt.ArrayLike, size: npt.ArrayLike) -> FloatArray:
