@@ -93,7 +93,7 @@ def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
     [
         ("--squares 7x5", 0, ["found in none of 10 photos", "do not lie as on a board of 7x5 squares"]),
         ("--crop 300x300+0+0", 0, ["300x300+0+0", "360x270"]),
-        ("", 5, ["found 3 photos", "at least 6", "08.png: the photo is blurred", "mirrored"]),
+        ("", 5, ["found 3 usable photos", "at least 6", "08.png: the photo is blurred", "mirrored"]),
     ],
 )
 def test_a_fault_of_a_lens_and_of_photos_is_named(arguments, first, words, photos, tmp_path, run_here):
