@@ -18,7 +18,7 @@ from tracker.objects.model import Box
 from tracker.pose.align import WHOLLY, align, count_labels, explanation_score
 from tracker.pose.estimate import REFINED, PoseEstimator
 from tracker.pose.evidence import NUMBERS, RESIZED, resized
-from tracker.pose.fit import SEEN
+from tracker.pose.fit import SEEN, Fit
 from tracker.pose.hypotheses import EVERYWHERE, LIKELIEST, NEARBY, TURNS, Search
 from tracker.pose.judge import settled
 from tracker.pose.rotations import ROTATIONS, even_rotations, likely_rotations, rotation_grid
@@ -218,6 +218,20 @@ def test_points_fill_the_arena_however_small_and_nothing_else():
     assert np.diff(step).max() < 0.6 * BOX.radius
     assert points[:, 2].min() < arena.lowest + 0.6 * BOX.radius
     assert points[:, 2].max() > arena.ground + arena.height - 0.6 * BOX.radius
+
+
+@pytest.mark.parametrize("size", [(0.02, 0.3, 0.02), (0.2, 0.2, 0.01)])
+def test_bars_and_plates_are_found_as_other_boxes_are(size):
+    cameras = default_cameras()
+    model = dataclasses.replace(tracker.load_object("cuboid_2x2x8_v2"), size=size)
+    one, errors = tracker.ObjectTracker(model, tracker.CameraRig(cameras)), []
+    for k in range(4):
+        truth = bare(model, cameras, [70, k])
+        fit = one.fit(truth.images)
+        assert isinstance(fit, Fit), k
+        errors.append(np.linalg.norm(fit.position - truth.position))
+    assert np.median(errors) < 0.05e-3
+    assert max(errors) < 0.2e-3
 
 
 def test_alignment_reaches_the_truth_from_far_away(scene):

@@ -21,16 +21,21 @@ LEAST_SIZE = 0.6
 LABELS = 25.0
 """Size of the object in the label maps that search and alignment use [px]."""
 
+THIN = 4.2
+"""Largest size of a box relative to a narrow edge: label maps and strips that suit the longest edge of a more
+slender one would be coarser and wider than its narrow faces."""
+
 
 @compiled
-def extent(half):  # type: ignore[no-untyped-def]
-    """One length [m] for the size of a box, between its longest edge and its diagonal.
+def extent(half, narrow):  # type: ignore[no-untyped-def]
+    """One length [m] for the size of a box, between its longest edge and its diagonal; less for a thin box.
 
     Their geometric mean is equal to within 4 % for a cube of 65 mm and a cuboid of 20 × 20 × 80 mm, for which
-    the same lengths suit the refinement.
+    the same lengths suit the refinement. narrow: half the edge that must still be resolved [m].
     """
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
-    return math.sqrt(2.0 * max(half[0], half[1], half[2]) * 2.0 * radius)
+    size = math.sqrt(2.0 * max(half[0], half[1], half[2]) * 2.0 * radius)
+    return min(size, THIN * 2.0 * narrow)
 
 
 @compiled
@@ -39,7 +44,7 @@ def relative_size(lenses, c, half, position):  # type: ignore[no-untyped-def]
 
     This is equation (3) of docs/how-it-works.md.
     """
-    lens, size = lenses[c], extent(half)
+    lens, size = lenses[c], extent(half, min(half[0], half[1], half[2]))
     depth = lens.translation[2]
     for i in range(3):
         depth += lens.rotation[2, i] * position[i]
@@ -53,11 +58,12 @@ def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[in
     An object in the arena's middle then has about the size LABELS.
     """
     middle = np.array([*arena.center, arena.ground + box.half.min()])
-    factors = []
+    # For a plate's sake no finer: more pixels of its wide faces would count as more evidence.
+    factors, length = [], extent(box.half, np.sort(box.half)[1])
     for camera in cameras:
         depth = float(camera.camera_from_world[2, :3] @ middle + camera.camera_from_world[2, 3])
         focal = math.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1])
-        size = focal * extent(box.half) / max(depth, extent(box.half))
+        size = focal * length / max(depth, length)
         # Label maps narrower than 16 pixels would show nothing.
         most = max(1, min(camera.width, camera.height) // 16)
         factors.append(min(most, max(1, round(size / LABELS))))
