@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from llvmlite.binding import parse_assembly
 from numba.core import compiler, config, sigutils, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, ll  # type: ignore[attr-defined]
 from numba.core.runtime.nrt import rtsys
 from numba.core.typing.templates import make_concrete_template
 
@@ -260,7 +259,7 @@ class _Implementation(CompileResultCacheImpl):
         # when they occur, which kernels do not raise; loading them imports numba's arrays.
         (name, kind, (code, _)), *others, _envs = super().reduce(result)  # type: ignore[no-untyped-call]
         entry = f'define void @"{result.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
-        return (name, kind, (code, parse_assembly(entry).as_bitcode())), *others, ()
+        return (name, kind, (code, ll.parse_assembly(entry).as_bitcode())), *others, ()
 
 
 class _Cache(FunctionCache):
