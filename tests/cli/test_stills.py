@@ -131,7 +131,8 @@ def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect,
     _, small = detect("--calibration", DEMO, *photos(*NAMES))
     large = write_changed(tmp_path, lambda one: cv2.resize(one, (540, 540), interpolation=cv2.INTER_CUBIC))
     given = ["--calibration", DEMO, *large]
-    assert_one_line_error(detect(*given)[0], "540×540 px", "calibration is for 270×270", "--resize-calibration")
+    words = "540×540 px", "its calibration is for 270×270", "--resize-calibration"
+    assert_one_line_error(detect(*given)[0], *words)
     _, large = detect("--resize-calibration", *given)
     # A principal point that is off by the quarter pixel is off by 0.4 mm.
     np.testing.assert_allclose(large["pose"]["position"], small["pose"]["position"], atol=2e-4)
