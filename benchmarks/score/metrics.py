@@ -116,6 +116,8 @@ class Metric:
     """Whether it is a share of the rows [%], with Wilson's interval."""
     given: bool = False
     """Whether such a share is of the rows with a pose only."""
+    below: float = 0.0
+    """Share of the values below the figure, if it is a quantile near the largest."""
 
     def text(self, value: float | None) -> str:
         """Return the figure as text."""
@@ -125,7 +127,9 @@ class Metric:
         """Return the 95 % confidence interval of the figure."""
         if self.share:
             return wilson_interval(self.of(rows), len(independent(rows[rows.found] if self.given else rows)))
-        return bootstrap_interval(self.of, rows)
+        low, high = bootstrap_interval(self.of, rows)
+        # Too few values do not bound a quantile: all of them lie below it with this probability.
+        return low, math.inf if self.below ** len(independent(rows)) > 0.025 else high
 
     def worse(self, before: float, after: float) -> bool:
         """Return whether the figure got worse by more than the gate allows, or is missing now."""
@@ -253,7 +257,7 @@ def _dishonesty(rows: Rows) -> float:
 
 
 MEDIAN = Metric("median_mm", "position, median", at("mm", 0.5), "{:.3f} mm")
-P90 = Metric("p90_mm", "90th percentile", at("mm", 0.9), "{:.2f} mm", factor=1.1)
+P90 = Metric("p90_mm", "90th percentile", at("mm", 0.9), "{:.2f} mm", factor=1.1, below=0.9)
 RIGHT = share("within_5", "within 5 mm and 5°", right, "higher", step=0.7)
 WRONG_AND_SURE = share("wrong_and_sure", "wrong and sure", lambda rows: sure(rows) & ~right(rows), step=0.3)
 INSIDE = share(
@@ -272,9 +276,9 @@ HONESTY = Metric("honesty", "stated − right", _dishonesty, "{:.1f} points", st
 ANSWERS = (
     MEDIAN,
     P90,
-    Metric("p99_mm", "99th", at("mm", 0.99), "{:.2f} mm"),
+    Metric("p99_mm", "99th", at("mm", 0.99), "{:.2f} mm", below=0.99),
     MEDIAN_DEG,
-    Metric("p90_deg", "90th percentile", at("deg", 0.9), "{:.2f}°", factor=1.1),
+    Metric("p90_deg", "90th percentile", at("deg", 0.9), "{:.2f}°", factor=1.1, below=0.9),
     Metric("median_roll_deg", "roll, median", at("roll_deg", 0.5), "{:.2f}°"),
     RIGHT,
     share("none", "no pose", lambda rows: ~rows.found),
@@ -293,9 +297,9 @@ TRUST = (
 
 TIMES = (
     Metric("median_ms", "time, median", at("ms", 0.5), "{:.1f} ms"),
-    Metric("p99_ms", "99th percentile", at("ms", 0.99), "{:.1f} ms"),
+    Metric("p99_ms", "99th percentile", at("ms", 0.99), "{:.1f} ms", below=0.99),
     Metric("ratio", "× reference", at("ratio", 0.5), "{:.2f}", factor=SLOWER),
-    Metric("p99_ratio", "99th percentile", at("ratio", 0.99), "{:.1f}", factor=SLOWER),
+    Metric("p99_ratio", "99th percentile", at("ratio", 0.99), "{:.1f}", factor=SLOWER, below=0.99),
 )
 """Time of an answer [ms], and as a multiple of the reference work on the same images."""
 

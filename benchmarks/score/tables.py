@@ -349,7 +349,7 @@ TABLES: tuple[Table, ...] = (
         (
             share("found", "found", lambda rows: rows.mm.notna(), "higher"),
             Metric("median_mm", "error, median", at("mm", 0.5), "{:.2f} mm"),
-            Metric("p90_mm", "90th percentile", at("mm", 0.9), "{:.2f} mm"),
+            Metric("p90_mm", "90th percentile", at("mm", 0.9), "{:.2f} mm", below=0.9),
         ),
         split=by_visibility(*dice.BINS),
         heads=("", "scenes", "visible"),

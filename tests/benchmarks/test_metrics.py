@@ -143,6 +143,20 @@ def test_the_bootstraps_interval_covers_as_often_as_it_says(frames):
     assert 51 <= inside <= 60
 
 
+def test_too_few_values_do_not_bound_a_high_quantile():
+    slowest = next(metric for metric in metrics.TIMES if metric.name == "p99_ratio")
+    for count, bounded in ((200, False), (360, False), (368, True), (1000, True)):
+        covered = 0
+        for seed in range(20):
+            rows = pd.DataFrame({"ratio": np.random.default_rng(seed).exponential(size=count)})
+            low, high = slowest.interval(rows)
+            assert np.isfinite(high) == bounded
+            covered += low <= -np.log(0.01) <= high
+        assert covered >= 16
+        # The frames of a film count once.
+        assert np.isinf(slowest.interval(rows.assign(film=np.arange(count) % 8))[1])
+
+
 def test_an_honest_confidence_is_found_to_be_honest():
     own = answers(2000)
     plain = own[own.group == "realistic"]
