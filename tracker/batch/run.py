@@ -10,7 +10,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -192,14 +192,15 @@ def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
     tasks = [task for task, _ in work]
     content = {"options": batch.options.plain(), "recordings": batch.pairs}
     with claimed(batch.folder / results.ASKED):
-        for task, recipe in work:
-            _refuse_other_object(task, recipe.model.name)
+        lines = [results.read_line(Path(task.output)) or {} for task in tasks]
+        for (task, recipe), line in zip(work, lines, strict=True):
+            _refuse_other_object(Path(task.output), line, recipe.model.name)
         if (batch.folder / results.ASKED).exists():
-            _refuse_results_of_others(batch, tasks, read_batch(batch.folder))
-            for task in tasks:  # rows of other options, files or code: until replaced, they count as done
-                output = Path(task.output)
-                if (results.read_line(output) or {"agreed": task.agreed}).get("agreed") != task.agreed:
-                    results.summary_file(output).unlink(missing_ok=True)
+            _refuse_results_of_others(batch, tasks, lines, read_batch(batch.folder))
+            for task, line in zip(tasks, lines, strict=True):
+                # Rows of other options, files or code count as done until they are replaced.
+                if line and line.get("agreed") != task.agreed:
+                    results.summary_file(Path(task.output)).unlink(missing_ok=True)
         elif others := [name for name in _beside_poses(batch) if os.path.exists(batch.folder / name)]:
             raise LogError(f"{batch.folder}: found {others[0]}, but no batch; expected another folder")
         _remove_leftovers(batch)
@@ -272,14 +273,15 @@ def _goal_of(log: Path) -> str | None:
         return None
 
 
-def _refuse_results_of_others(batch: Batch, tasks: Iterable[Task], before: Batch) -> None:
+def _refuse_results_of_others(
+    batch: Batch, tasks: Iterable[Task], lines: Iterable[Mapping[str, Any]], before: Batch
+) -> None:
     """Raise LogError if a recording has the relative path of another one, and would replace its result.
 
     The last command's recordings are those of `before`; table rows name those of earlier ones.
     """
     known = {output: log for log, output in before.pairs}
-    for task, (log, output) in zip(tasks, batch.pairs, strict=True):
-        line = results.read_line(Path(task.output)) or {}
+    for task, line, (log, output) in zip(tasks, lines, batch.pairs, strict=True):
         other = (known.get(output) or line.get("recording") or log).removesuffix(f": {task.part}")
         there = other != task.log and all(map(os.path.exists, (other, task.log, task.output)))
         if there and not os.path.samefile(other, task.log):  # nor is it one that was moved
@@ -287,11 +289,10 @@ def _refuse_results_of_others(batch: Batch, tasks: Iterable[Task], before: Batch
             raise LogError(f"{task.log}: {found} in {batch.folder}, expected another folder")
 
 
-def _refuse_other_object(task: Task, name: str) -> None:
-    """Raise LogError if a recording has poses of another object, which would be replaced."""
-    output = Path(task.output)
-    its = (results.read_line(output) or {}).get("object")
-    if its is None and os.path.exists(output):
+def _refuse_other_object(output: Path, line: Mapping[str, Any], name: str) -> None:
+    """Raise LogError if poses of another object would be replaced, given their row of the table, if any."""
+    its = line.get("object")
+    if its is None and output.exists():
         its = text_of(output, "object")
     if its not in (None, name):
         raise LogError(f"{output}: found poses of {its}, expected those of {name}, or another folder")
