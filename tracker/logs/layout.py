@@ -31,6 +31,7 @@ from tracker.errors import LogError, shown
 from tracker.files import read_bounded, told_of
 from tracker.files.toml import read_toml
 from tracker.geometry.camera import may_be_name
+from tracker.logs.frame import EPOCH
 from tracker.logs.log import MAX_CAMERAS
 from tracker.logs.pictures import FILM_SUFFIXES, FilmFile, FilmPicture
 
@@ -43,7 +44,7 @@ RECORDING_FILE, STAMPS_FILE = "recording.toml", "stamps.csv"
 _MAX_STAMPS = 100_000_000  # bytes
 _MAX_RATE = 1e6
 
-_FIRST, _LAST = 10**9, 41 * 10**8  # the years 2001 to 2099 [s since the epoch]
+_LAST = 41 * 10**8  # the year 2099 [s since the epoch]
 _PER_SECOND = (1, 10**3, 10**6, 10**9)
 _NAME = re.compile(r"(?:(?P<minus>-)|\D*?)(?P<whole>\d{1,20})(?P<fraction>\.\d{1,12})?")
 CAMERA = re.compile(r"camera\w*")
@@ -81,7 +82,7 @@ def stamps_of_names(names: Sequence[str]) -> list[float] | None:
         return None
     numbers = [int(part["whole"]) for part in parts]
     for unit in _PER_SECOND:
-        if min(numbers) >= _FIRST * unit and max(numbers) <= _LAST * unit:
+        if min(numbers) >= EPOCH * unit and max(numbers) <= _LAST * unit:
             return [number / unit for number in numbers]
     return None
 
@@ -241,7 +242,7 @@ def _of_stated(root: Path, rate: float) -> Layout:
             rate = 1 / float(np.diff(times).mean())
         numbers = {name: _numbers([*files]) for name, files in streams.items() if name not in films}
         streams = _numbered(root, streams, films, {name: its for name, its in numbers.items() if its})
-    elif films and known and min(known) >= _FIRST:  # a film counts from 0: it begins with the first image
+    elif films and known and min(known) >= EPOCH:  # a film counts from 0: it begins with the first image
         at = dict(zip(texts, known, strict=True))
         at |= {key: min(known) + float(key) for name in films for key in streams[name]}
         streams = {name: {f"{at[key]:.9f}": one for key, one in its.items()} for name, its in streams.items()}
