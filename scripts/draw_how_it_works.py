@@ -32,7 +32,7 @@ from tracker.pose.hypotheses import EVERYWHERE, Round
 from tracker.pose.rotations import rank_rotations
 from tracker.pose.solve import residual
 from tracker.pose.views import Sight
-from tracker.pose.votes import gather, view_points, vote
+from tracker.pose.votes import DOUBT, gather, view_points, vote
 
 SEED = 6
 """Seed of the scene: that of examples/still.py."""
@@ -144,7 +144,8 @@ def draw_votes(scene: Scene, quick: bool) -> Figure:
         0, 0.5,
         f"Full square: a radius ({1e3 * search.radius:.0f} mm)\naround the point; dashed: 0.6 of it.\n\n"
         "V: pixels of each colour in them\nover the number expected of the\nobject, a third at most for\n"
-        "each colour and square; summed over\nthe cameras that see the point,\nover their number plus ½.",
+        "each colour and square; summed over\nthe cameras that see the point,\n"
+        f"over 1 + their number / {DOUBT:g}.",
         va="center", fontsize=10,
     )  # fmt: skip
     return figure
