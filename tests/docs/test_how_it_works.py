@@ -1,4 +1,5 @@
 import ast
+import math
 import os
 import re
 from functools import cache
@@ -7,6 +8,7 @@ import pytest
 
 from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.pose import support
 
 DOCUMENT = ROOT / "docs" / "how-it-works.md"
 TEXT = DOCUMENT.read_text(encoding="utf-8")
@@ -68,6 +70,21 @@ def test_code_and_document_name_each_other_at_every_equation():
                 referred.add(number)
         assert set(re.findall(r"(?i:equation) \((\d+)\)", text)) <= set(HOLDERS), path
     assert referred == set(HOLDERS)
+
+
+def test_the_ways_to_be_placed_on_the_table_are_those_of_the_code():
+    rows = re.findall(r"^\| [^|]+ \| ([\d.]+) \| ([^|]+) \| ([^|]+) \|$", TEXT, flags=re.MULTILINE)
+    sizes = {"6": support.FACE_WAYS, r"$6\pi$": support.EDGE_WAYS, r"$4\pi \cdot 0.15$ m": 0.3 / support.FREE}
+    assert list(sizes.values()) == [6.0, 6 * math.pi, pytest.approx(4 * math.pi * 0.15)]
+    assert [(float(probability), sizes[size], deviations) for probability, size, deviations in rows] == [
+        *((way[0], support.FACE_WAYS, _deviations(*way[1:])) for way in support.FLAT),
+        (support.LEANING[0], support.EDGE_WAYS, _deviations(*support.LEANING[1:])),
+        (0.3, 0.3 / support.FREE, "–"),
+    ]
+
+
+def _deviations(height: float, angle: float) -> str:
+    return f"{1e3 * height:g} mm, {math.degrees(angle):g}°"
 
 
 def test_the_script_draws_every_picture(tmp_path, run_script):
