@@ -8,7 +8,7 @@ import pytest
 
 from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker.pose import support
+from tracker.pose import edge_fit, support
 
 DOCUMENT = ROOT / "docs" / "how-it-works.md"
 TEXT = DOCUMENT.read_text(encoding="utf-8")
@@ -70,6 +70,10 @@ def test_code_and_document_name_each_other_at_every_equation():
                 referred.add(number)
         assert set(re.findall(r"(?i:equation) \((\d+)\)", text)) <= set(HOLDERS), path
     assert referred == set(HOLDERS)
+
+
+def test_the_gradient_beside_an_edge_is_that_of_the_code():
+    assert f"$0 \\pm {edge_fit.SLOPE:g}$ levels/px (less if $b < {edge_fit.SOFT:g}$ px)" in TEXT
 
 
 def test_the_ways_to_be_placed_on_the_table_are_those_of_the_code():
