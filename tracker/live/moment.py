@@ -81,7 +81,7 @@ class Moment:
     taken: ImageSet
     """The images; past moments do not keep theirs."""
     latency: float
-    """Time from the latest image to the result [s]."""
+    """Time from the latest image, a pushed one from its `push`, to the result [s]."""
     faults: Mapping[str, str] = field(default_factory=dict)
     """Faults in this set, by camera name: an image that is missing (and why), rejected, frozen or black."""
     jump: str | None = None
