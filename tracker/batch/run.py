@@ -186,7 +186,7 @@ def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
 
     work: the batch's. Leftovers of killed runs and workers are removed, and so are table rows of other
     options. BlockingIOError if another run is active, LogError if the folder holds other files by the names
-    of a batch's own, or results of other recordings or objects.
+    of a batch's own, or if results of other recordings or objects would be replaced.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
     tasks = [task for task, _ in work]
