@@ -30,7 +30,7 @@ class Status(Word):
     TOO_FEW_PIXELS = "too_few_pixels"
     """Face colours are in view, but too few pixels to determine a pose."""
     INCONSISTENT_VIEWS = "inconsistent_views"
-    """Face colours are in view, but no pose above the table explains them in all cameras. With a
+    """Face colours are in view, but no pose in the arena explains them in all cameras. With a
     pose: the cameras contradict each other, so do not trust the calibration."""
     POOR_FIT = "poor_fit"
     """A pose explains the colours, but not the edges."""
