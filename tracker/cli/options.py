@@ -170,7 +170,7 @@ class Cameras:
         multiple=True,
     )
     pattern: str | None = option(
-        "GLOB", "Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml' or .yaml]"
+        "GLOB", "Files of the folder, e.g. '*_cropped.yml'.  [default: '*camera*.yml' or .yaml, else all]"
     )
     correct_halved_principal_point: bool = flag(
         "The calibration was halved without the quarter pixel, as in the platform's downsampled files."
