@@ -50,7 +50,7 @@ def verdict(found: CalibrationCheck, one: CameraCheck) -> str:
         return f"moved: {one.shift_mm:.1f} mm, {one.turn_deg:.2f}°"
     if found.is_lost(one):
         return "should see the object, and cannot use what it shows"
-    return "not asked" if np.isnan(one.miss_px) else f"misses the others by {one.miss_px:.2f} px"
+    return "not checked" if np.isnan(one.miss_px) else f"misses the others by {one.miss_px:.2f} px"
 
 
 def _dots(panel: Image, misses: FloatArray, limit: float, color: paint.Color) -> None:
