@@ -33,8 +33,8 @@ NAMES = (
     # The table is semi-gloss, with soft highlights, scratches and dust; crosses and rings in the colours of
     # faces are painted on it.
     "table",
-    # Tape, cables, cloth and tools lie on the wall, at its foot and outside, half of them in the colours of
-    # faces; rarely in front of the object.
+    # Tape, cables, cloth, tools and boxes are on the wall and outside, half of them in the colours of faces;
+    # rarely in front of the object.
     "clutter",
     # Each axis of the object is up to 0.3 mm longer or shorter than stated.
     "sizes",
