@@ -1,6 +1,9 @@
+import re
+
 import pytest
 
-from tests.helpers.needs import VARIABLE, pytest_configure
+from tests.helpers import ROOT
+from tests.helpers.needs import KINDS, VARIABLE, pytest_configure
 
 pytest_plugins = ["pytester"]
 
@@ -49,6 +52,13 @@ def test_a_skip_without_a_kind_is_a_failure(outcomes, reason):
 def test_what_passes_fails_or_is_expected_to_fail_stays_so(outcomes):
     body = "def test_a(): pass\ndef test_b(): assert 0\n@pytest.mark.xfail\ndef test_c(): assert 0"
     assert outcomes(body, "rerun")[0] == {"passed": 1, "failed": 1, "xfailed": 1}
+
+
+def test_each_kind_is_listed_for_contributors():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text.partition("| kind | needs |")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| ([^|]+) \|", table, flags=re.MULTILINE)
+    assert sorted(re.findall(r"`(\w+)`", " ".join(rows))) == sorted(KINDS)
 
 
 def test_a_kind_that_there_is_not_is_named(monkeypatch):
