@@ -45,7 +45,7 @@ def _count_face(labels, pixels, face, area, wholly, counts, inner):  # type: ign
     """Fill counts (8,): pixels of one face by the label they show; the last entry counts unknown ones.
 
     inner (7,), initially zero, receives the known ones that lie more than `wholly` inside. pixels (8, 3): the
-    projected corners; those of a visible face run clockwise in the image.
+    projected corners; those of a visible face run counter-clockwise in the image.
     """
     left, right, top, bottom = area
     counts[:] = 0
