@@ -24,7 +24,7 @@ import numpy as np
 import tracker
 from tracker.errors import LiveError
 from tracker.live import CameraSet, Live, Moment, Simulation
-from tracker.live.cameras import CameraLost, Grabbed, GrabFailed
+from tracker.live.cameras import CameraLost, Grabbed
 from tracker.live.listeners import Recorder
 from tracker.live.publishers import ZmqPublisher
 from tracker.logs.hdf5_writer import Hdf5LogWriter
@@ -59,7 +59,7 @@ class Pretended:
         state, now = self._faults.state.get(self._number), time.time()
         if state == "failed":
             del self._faults.state[self._number]
-            raise GrabFailed("the buffer failed")
+            raise LiveError("the buffer failed")
         if state == "gone":
             raise CameraLost("it does not answer")
         if state != "frozen":

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import tracker
-from tests.helpers import run_python
+from tests.helpers import ROOT, run_python
 from tracker.version import version
 from tracker.warm_up import warm_up
 
@@ -73,3 +73,11 @@ def test_every_public_name_is_the_one_that_type_checkers_see_and_others_are_attr
     for none in ("Tracker", "_Tracker", "packages", "tasks.score"):
         with pytest.raises(AttributeError, match=none.rpartition(".")[2]):
             operator.attrgetter(none)(tracker)
+
+
+@pytest.mark.parametrize("script", sorted((ROOT / "scripts").glob("*.py")), ids=lambda path: path.stem)
+def test_what_a_script_imports_of_the_tracker_is_there(script):
+    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("tracker"):
+            for alias in node.names:
+                assert hasattr(importlib.import_module(node.module), alias.name)
