@@ -150,6 +150,13 @@ def test_a_camera_that_is_lost_is_opened_again(times):
     assert all(shot.images[0] is not None for shot in given[2:])
 
 
+def test_a_camera_that_is_lost_as_soon_as_it_is_open_is_opened_no_more_often_than_a_missing_one(times):
+    times(LOOK_AGAIN=0.2)
+    lost, start = Scripted(then=CameraLost("no image")), time.monotonic()
+    first(6, Scripted(), lost)
+    assert 2 <= lost.open.call_count <= 1 + (time.monotonic() - start) / 0.2
+
+
 def test_a_camera_that_is_lost_as_it_is_opened_is_closed(times):
     gone = Scripted()
     gone.settings = Mock(side_effect=[CameraLost("unplugged"), {}])

@@ -217,6 +217,7 @@ class CameraSet:
 
     def _run(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> None:
         while not (slot.final or self._closing.is_set()):
+            next_try = time.monotonic() + LOOK_AGAIN
             try:
                 camera = opener()
                 with on_error(camera.close):
@@ -227,15 +228,15 @@ class CameraSet:
                     if isinstance(error, CameraUnfit) and slot.settings is None:
                         slot.final = error
                     self._changed.notify_all()
-                    self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
-                continue
-            with self._changed:
-                slot.answered, slot.fault, slot.there = max(self._asked - 1, 0), None, True
-                slot.settings = settings
-                self._changed.notify_all()
-            self._ask(slot, camera)
-            with contextlib.suppress(Exception):  # it may be gone already
-                camera.close()
+            else:
+                with self._changed:
+                    slot.answered, slot.fault, slot.there = max(self._asked - 1, 0), None, True
+                    slot.settings = settings
+                    self._changed.notify_all()
+                self._ask(slot, camera)
+                with contextlib.suppress(Exception):  # it may be gone already
+                    camera.close()
+            self._closing.wait(next_try - time.monotonic())
 
     def _ask(self, slot: _Slot, camera: LiveCamera) -> None:
         """Grab images until the camera is lost or has ended, or the source is closed."""
