@@ -235,6 +235,14 @@ def test_free_cameras_no_faster_than_the_sets_give_their_images(rate):
     assert sum(shot.images[0] is not None for shot in given) >= 20 * 6 / rate
 
 
+def test_a_free_camera_that_fails_is_asked_once_a_set():
+    calls = []
+    free = Scripted(then=lambda: calls.append(1) or TORN)
+    free.triggered = False
+    given = first(6, Scripted(), free)
+    assert 1 < len(calls) < 5 * len(given)
+
+
 def test_an_image_that_comes_after_its_set_is_not_older_than_that_set():
     free = Scripted(then=lambda: time.sleep(0.06) or IMAGE)
     free.triggered = False

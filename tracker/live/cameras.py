@@ -242,7 +242,7 @@ class CameraSet:
         """Grab images until the camera is lost or has ended, or the source is closed."""
         while slot.there:
             with self._changed:
-                if camera.triggered:
+                if camera.triggered or slot.fault is not None:  # or one that fails would spin
                     self._changed.wait_for(lambda: slot.answered < self._asked or self._closing.is_set())
                 film, asked_at = getattr(camera, "film", False), self._asked_at
                 # A film stays in step: sets that no longer wait for it get their images, too.
