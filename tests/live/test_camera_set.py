@@ -35,7 +35,7 @@ class Scripted:
             act = act()
         if isinstance(act, Exception):
             raise act
-        return Grabbed(act, time.time())
+        return act if isinstance(act, Grabbed) else Grabbed(act, time.time())
 
     def settings(self):
         return {"Gain": float(self.open.call_count)}
@@ -139,6 +139,13 @@ def test_a_picture_that_fails_or_has_not_eight_bits_is_missing_in_its_set_only(g
     assert not isinstance(given, np.ndarray) or f"found {given.dtype}" in fault
     assert all(shot.images[0] is not None for shot in sets_given)
     bad.open.assert_called_once()
+
+
+@pytest.mark.parametrize("stamp", [None, float("nan"), 1.8e18])
+def test_a_picture_whose_stamp_is_no_time_is_missing_in_its_set_only(stamp):
+    given = first(5, Scripted(), Scripted(IMAGE, Grabbed(IMAGE, stamp)))
+    ((_, fault),) = (shot.faults for shot in given if shot.images[1] is None)
+    assert fault.startswith("stamp: found ")
 
 
 def test_a_camera_that_is_lost_is_opened_again(times):

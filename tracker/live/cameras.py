@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from tracker.checks import is_number
+from tracker.checks import is_number, one_stamp
 from tracker.conventions import Image
 from tracker.errors import LiveError, shown
 from tracker.files import on_error
@@ -266,8 +266,9 @@ class CameraSet:
 
 
 def _checked(picture: Grabbed) -> Grabbed:
-    """Return a picture if its image is uint8, BGR (H, W, 3) or raw (H, W); else raise LiveError."""
+    """Return a picture of uint8, BGR (H, W, 3) or raw (H, W), at a valid time; else raise LiveError."""
     image: Any = picture.image
+    one_stamp(picture.stamp, "stamp", LiveError)
     fits = isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.size
     if not fits or (image.shape[2:] != (3,) and image.ndim != 2):
         raise LiveError(f"found {shown(image)}, expected uint8 (H, W, 3), or (H, W) if raw")
