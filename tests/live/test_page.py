@@ -113,6 +113,13 @@ def test_a_fault_that_has_passed_is_reported_for_some_seconds(monkeypatch):
         assert [first[name] for name in ("fault", "last_fault", "last_fault_age")] == expected
 
 
+def test_one_image_in_a_hundred_may_be_missing_on_the_page_as_in_a_check():
+    state = WebPageState(FOLLOWER)
+    for number in range(100):
+        state.see(moment(number, IMAGES if number else (None, *IMAGES[1:])))
+    assert state.message(moment(99, IMAGES), ())["cameras"][0]["beyond"] == []
+
+
 def test_the_picture_has_every_camera(page):
     next_message(page, moment(0, IMAGES))
     status, content = got(page, "/picture?0")

@@ -113,7 +113,7 @@ class WebPageState:
             **dict.fromkeys(LIMITS, math.nan),
             **self._looks[c],
             "rate": len(there) / len(skews) * (len(skews) - 1) / seconds if seconds > 0 else math.nan,
-            "missing": 100 * (1 - len(there) / len(skews)),
+            "missing": 100 * skews.count(None) / len(skews),
             "skew": float(np.median(there)) if there else math.nan,
         }
         beyond = [key for key, (low, high) in LIMITS.items() if values[key] < low or values[key] > high]
