@@ -22,7 +22,7 @@ from tests.helpers.filmed import shots
 from tests.helpers.moments import estimate, moment
 from tracker.calibration.by_object.health import QUANTITIES
 from tracker.errors import LiveError
-from tracker.live.web_page import WebPage, WebPageState
+from tracker.live.web_page import LATENCIES, WebPage, WebPageState
 from tracker.pose.result import CameraUse
 
 FOLLOWER = tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)
@@ -95,10 +95,11 @@ def test_cameras_are_compared_once_an_object_is_known_to_rest():
         assert np.isfinite(state._disagreement).any() == (k > 0)
 
 
-def test_the_page_names_the_units_of_what_is_measured_as_the_health_of_a_recording_does():
+def test_the_page_names_units_as_the_health_of_a_recording_does_and_the_number_of_latencies():
     content = files("tracker.live").joinpath("web_page.html").read_text("utf-8")
     for key, name in (("residual", "residual"), ("disagreement", "disagreement at rest")):
         assert f'"{name} [{QUANTITIES[key].unit}]"' in content
+    assert f"percentiles of the last {LATENCIES} sets" in content
 
 
 def test_a_fault_that_has_passed_is_reported_for_some_seconds(monkeypatch):
