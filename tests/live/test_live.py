@@ -99,14 +99,15 @@ def test_every_set_is_answered_in_order_and_the_latest_stays():
     assert live.latest().sequence == 4
     assert live.wait(after=4) is None
     assert not live.running
-    # Only the newest keeps its images, unless a listener keeps them.
-    kept = [known[0].taken.images[0] is not None for known in live._moments]
-    assert kept == [False, False, False, False, True]
-    assert all(one.taken.images[0] is not None for one in moments)
     # For a moment to come all that was seen counts, for one that has passed what was known then.
     assert [live.at(stamp) for stamp in (14.5, 12.5)] == [(14, 14.5), (12, 12.5)]
     assert live.at(9.0) is None
     assert live.at(16.0) is None  # too long after
+    # Only the newest keeps its images, unless a listener keeps them.
+    assert all(one.taken.images[0] is not None for one in moments)
+    taken = [weakref.ref(one.taken) for one in moments]
+    moments.clear()
+    assert [one() is not None for one in taken] == [False, False, False, False, True]
 
 
 def test_a_waiter_gets_what_is_newer_and_never_the_same_again():

@@ -23,7 +23,7 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.result import MotionEstimate
 
 HISTORY = 256
-"""Number of moments kept: 25 s at 10 Hz. Only the newest keeps its images."""
+"""Number of moments whose poses are kept: 25 s at 10 Hz."""
 
 STAMPS_APART = 1.0
 """Largest difference of a camera's timestamp from the others' [s]; beyond it the image is dropped."""
@@ -84,7 +84,8 @@ class Live:
             )
         self._source, self._tracker, self._listeners = source, tracker, list(listeners)
         self._changed = threading.Condition()
-        self._moments: deque[tuple[Moment, Callable[[float], MotionEstimate | None]]] = deque(maxlen=history)
+        self._newest: Moment | None = None
+        self._forecasts: deque[tuple[float, Callable[[float], MotionEstimate | None]]] = deque(maxlen=history)
         self._faults: deque[str] = deque(maxlen=100)
         self._error: BaseException | None = None
         self._stopping, self._running, self._working = threading.Event(), True, False
@@ -132,8 +133,7 @@ class Live:
 
     def latest(self) -> Moment | None:
         """Return the newest moment, None before the first; its age follows from its timestamp."""
-        with self._lock:
-            return self._moments[-1][0] if self._moments else None
+        return self._newest
 
     def wait(self, after: Moment | int | None = None, timeout: float | None = None) -> Moment | None:
         """Wait for a moment newer than another, and return the newest.
@@ -171,8 +171,7 @@ class Live:
         """Return the pose at a time on the clock of the source's timestamps [s].
 
         It is predicted from the last images taken before that time. For a future time this is the expected
-        pose: images are late, so a control loop that acts at `timestamp` asks for the pose at that time. For
-        a past time it uses only the images taken until then.
+        pose: images are late, so a control loop that acts at `timestamp` asks for the pose at that time.
 
         Returns:
             None if the object was lost then, was last seen too long before, or no moment that old is kept.
@@ -182,8 +181,7 @@ class Live:
         """
         timestamp = one_stamp(timestamp, "timestamp", LiveError)
         with self._lock:
-            earlier = (known for known in reversed(self._moments) if known[0].timestamp <= timestamp)
-            _, forecast = next(earlier, (None, None))
+            forecast = next((one for t, one in reversed(self._forecasts) if t <= timestamp), None)
         return None if forecast is None else forecast(timestamp)
 
     def close(self) -> None:
@@ -253,12 +251,9 @@ class Live:
         )  # fmt: skip
         with self._changed:
             if restarts:
-                self._moments.clear()
-            if self._moments:  # drop its images: those of all kept moments would be gigabytes
-                old, forecast = self._moments[-1]
-                passed = replace(old.taken, images=(None,) * len(taken.images), raw=None)
-                self._moments[-1] = replace(old, taken=passed), forecast
-            self._moments.append((moment, self._tracker.forecast()))
+                self._forecasts.clear()
+            self._forecasts.append((moment.timestamp, self._tracker.forecast()))
+            self._newest = moment
             self._count += 1
             self._changed.notify_all()
         return moment

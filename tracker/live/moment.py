@@ -79,7 +79,7 @@ class Moment:
     observation: Observation
     """The tracker's result."""
     taken: ImageSet
-    """The images; past moments do not keep theirs."""
+    """The images."""
     latency: float
     """Time from the latest image, a pushed one from its `push`, to the result [s]."""
     faults: Mapping[str, str] = field(default_factory=dict)
