@@ -1,3 +1,4 @@
+import fcntl
 import functools
 import json
 import shutil
@@ -15,9 +16,10 @@ import pytest
 
 import tracker
 from tests.cli.test_cli import CODES, ask_to_end
-from tests.helpers.command import assert_one_line_error, well
+from tests.helpers.command import assert_one_line_error, begin, well
 from tests.helpers.log_writers import write_picture
 from tests.helpers.moments import estimate, moment
+from tests.helpers.reading import frames_of
 from tracker.cli.demo import DATA
 from tracker.cli.live_outputs import Lookout, Statistics
 
@@ -50,6 +52,14 @@ def test_each_line_of_json_is_a_message(live):
     assert len(messages[-1]["pose"]["position"]) == 3
     stamps = np.diff([one["timestamp"] for one in messages])
     assert stamps == pytest.approx(0.05 * np.round(stamps / 0.05), abs=1e-3)
+
+
+@pytest.mark.process
+def test_who_does_not_read_the_json_holds_up_nothing(tmp_path):
+    with begin("live", DATA, "--object", "cube_v2", "--json", "--record", tmp_path / "log.h5") as process:
+        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)  # room for two messages
+        assert process.wait(60) == 0
+    assert len(frames_of(tmp_path / "log.h5")) > 2
 
 
 def test_messages_that_cannot_be_printed_end_the_command(live, monkeypatch):

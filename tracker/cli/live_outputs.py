@@ -1,6 +1,8 @@
 """Outputs of `tracker live`: printed lines, and receivers of poses."""
 
 import math
+import select
+import sys
 import threading
 import time
 from collections import Counter, deque
@@ -81,7 +83,8 @@ class LiveOutputs:
 
         def print_message(moment: Moment) -> None:
             try:
-                click.echo(message_of(moment).decode())
+                if select.select([], [sys.stdout], [], 0)[1]:  # a stalled reader holds up nothing
+                    click.echo(message_of(moment).decode())
             except OSError as error:  # `tell` raises it, since nobody sees what this thread raises
                 self._unprinted = error
 
