@@ -272,6 +272,10 @@ def test_sets_go_on_when_all_cameras_are_gone():
     assert given[-1].timestamp > given[0].timestamp
 
 
+def test_a_fault_without_a_message_is_called_by_its_type():
+    assert first(2, Scripted(then=LiveError()))[-1].faults == ("LiveError",)
+
+
 def test_raw_pixels_are_kept_and_developed():
     raw = np.random.default_rng(2).integers(0, 256, (8, 12), np.uint8)
     shot = first(2, Scripted(then=raw), size=(12, 8))[-1]

@@ -316,6 +316,7 @@ def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_oth
     ("second", "error", "words"),
     [
         (None, LiveError("camera60: gone for good"), "camera60: gone for good"),
+        (None, MemoryError(), "live: MemoryError"),
         (ImageSet(images(0)[:2], (2.0,) * 2), None, "2 images, expected one for each of camera60, .*camera3"),
     ],
 )

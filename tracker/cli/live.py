@@ -123,7 +123,7 @@ def _track(
     outputs.tell()
     error = follower.error
     if error is not None:
-        raise LiveError(f"{name}: {error}") from error
+        raise LiveError(f"{name}: {str(error) or type(error).__name__}") from error
     if not (quiet or isinstance(stopped, Ended)):
         left_out = getattr(given, "skipped", 0)
         click.echo(statistics.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))

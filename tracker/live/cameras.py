@@ -224,7 +224,7 @@ class CameraSet:
                     settings = camera.settings()
             except Exception as error:
                 with self._changed:
-                    slot.fault = " ".join(str(error).split())
+                    slot.fault = " ".join(str(error).split()) or type(error).__name__
                     if isinstance(error, CameraUnfit) and slot.settings is None:
                         slot.final = error
                     self._changed.notify_all()
@@ -254,7 +254,7 @@ class CameraSet:
                 picture = _checked(camera.grab(_GRAB))
                 picture = Grabbed(picture.image, asked_at) if film else picture  # decoding takes its time
             except Exception as error:
-                fault = " ".join(str(error).split())
+                fault = " ".join(str(error).split()) or type(error).__name__
                 there = isinstance(error, LiveError) and not isinstance(error, CameraLost | SourceEnded)
                 final = error if isinstance(error, SourceEnded) else None
             with self._changed:
