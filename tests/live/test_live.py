@@ -362,6 +362,9 @@ def test_a_source_can_be_named(tmp_path):
     assert len(mean.seen) >= 1
     with pytest.raises(tracker.TrackerError, match="no such file"):
         Live("nowhere", mean)
+    mean.rig = tracker.CameraRig(mean.rig.cameras[::-1])
+    with pytest.raises(LiveError, match="camera60, camera180, camera300, expected camera300, "):
+        Live(path, mean)
 
 
 def test_closing_ends_a_thread_that_waits_for_images():

@@ -278,7 +278,12 @@ def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Image
             "simulation: found a tracker of other cameras; expected a tracker.live.Simulation in place of "
             "the word, and a tracker of its rig"
         )
-    return Replay(text)
+    replay, expected = Replay(text), tracker.rig.names
+    found = replay.log.camera_names
+    if found != expected and set(found) & set(expected):
+        replay.close()
+        raise LiveError(f"{text}: found images of {', '.join(found)}, expected {', '.join(expected)}")
+    return replay
 
 
 def open_cameras(
