@@ -275,8 +275,7 @@ def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Image
             return simulation
         simulation.close()
         raise LiveError(
-            "simulation: found a tracker of other cameras; expected a tracker.live.Simulation in place of "
-            "the word, and a tracker of its rig"
+            "simulation: found a tracker of other cameras, expected a Simulation and a tracker of its rig"
         )
     replay, expected = Replay(text), tracker.rig.names
     found = replay.log.camera_names

@@ -1,7 +1,4 @@
-"""A web page on this machine that shows the newest moment and each camera's health.
-
-It never delays tracking.
-"""
+"""A web page on this machine that shows the newest moment and each camera's health."""
 
 import json
 import math

@@ -1,8 +1,7 @@
 """Whole recordings: the object's pose in every frame of one or many recordings.
 
 The tracker has a memory, so the frames of a recording are tracked in order. Recordings are independent of
-each other, so processes and machines can work on different ones. Each recording has one file of poses with a
-fingerprint of what it was made from: a complete, matching file is reused.
+each other, so processes and machines can work on different ones.
 """
 
 from tracker.recordings.track import Job, Options, Reading, Recipe, Tracked, run, track
