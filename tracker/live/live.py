@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import re
 import threading
 import time
 from collections import deque
@@ -86,7 +87,7 @@ class Live:
         self._changed = threading.Condition()
         self._newest: Moment | None = None
         self._forecasts: deque[tuple[float, Callable[[float], MotionEstimate | None]]] = deque(maxlen=history)
-        self._faults: deque[str] = deque(maxlen=100)
+        self._faults: tuple[str, ...] = ()
         self._error: BaseException | None = None
         self._stopping, self._running, self._working = threading.Event(), True, False
         self._count, self._jump_count = 0, 0
@@ -127,9 +128,8 @@ class Live:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """The last hundred distinct faults after which tracking continued."""
-        with self._lock:
-            return tuple(self._faults)
+        """The last hundred faults after which tracking continued, distinct but for times."""
+        return self._faults
 
     def latest(self) -> Moment | None:
         """Return the newest moment, None before the first; its age follows from its timestamp."""
@@ -312,9 +312,9 @@ class Live:
 
     def _note(self, fault: str) -> None:
         with self._changed:
-            if fault in self._faults:  # one repeated ten times a second must not displace others
-                self._faults.remove(fault)
-            self._faults.append(fault)
+            kind = re.sub(r"\d+\.\d{3} s", "", fault)  # one of every set, of other times, displaces no others
+            others = [one for one in self._faults if re.sub(r"\d+\.\d{3} s", "", one) != kind]
+            self._faults = (*others, fault)[-100:]
 
 
 def _misfit(image: object, camera: Camera) -> str | None:
