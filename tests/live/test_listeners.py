@@ -81,8 +81,11 @@ def test_a_clock_that_is_set_back_by_seconds_ends_no_recording(path):
     assert (recorder.recorded, recorder.went_back, recorder.fault) == (4, 2, None)
     assert "  2 lost, because their stamps are before" in Statistics().summary(0, (), recorder)
     assert [frame.timestamp for frame in frames_of(path)] == pytest.approx([1000.0, 1000.3, 1000.3, 1000.4])
+    for first, second, fault in ((1000, 0, "goes back by 100 s"), (0, 36_010, "goes forward by 3601 s")):
+        path.unlink()
+        assert fault in record(path, *(moment(n, images(1)) for n in (first, second))).fault
     path.unlink()
-    assert "goes back by 100 s" in record(path, *(moment(n, images(1)) for n in (1000, 0))).fault
+    assert record(path, *(moment(n, images(1)) for n in (0, 36_000))).fault is None
 
 
 def test_cameras_of_different_sizes_are_refused_before_there_is_a_file(path):

@@ -85,8 +85,8 @@ class Recorder(Listener):
     Raw pixels are recorded as the cameras gave them, with the calibration scaled to their size. Colour images
     are reduced to a Bayer pattern: each pixel keeps the one colour that such a sensor measures there.
     Measured poses are recorded, too. Moments that the disk cannot store in time are dropped and counted, and
-    so are those after the clock was set back by up to a minute, until it is where it was; if it was set by
-    more, or if writing fails, the recording ends.
+    so are those after the clock was set back by up to a minute, until it is where it was; if it was set back
+    by more, or forward by more than an hour, or if writing fails, the recording ends.
 
     Args:
         path: a file that does not exist yet, in a folder that there is.
