@@ -227,9 +227,10 @@ def regrasp(stage: Stage) -> Moments:
         contact = found[0][finger]
         path = way_to_contact(stage.platform, position, rotation, now.joints, finger, contact)
         if path is not None:
-            stage.grip = {**kept, finger: contact}
+            stage.grip = kept
             for row in path:
                 yield stage.put(position, rotation, row)
+            stage.grip = {**kept, finger: contact}
             return
 
 

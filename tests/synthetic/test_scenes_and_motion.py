@@ -10,7 +10,7 @@ pytest.importorskip("trimesh", reason="platform: no module trimesh")
 import trimesh
 
 from synthetic.look.appearance import random_look
-from synthetic.world import meshes
+from synthetic.world import kinematics, meshes
 from synthetic.world.kinematics import TIP_RADIUS
 from synthetic.world.motion import CUBOID_MOTIONS, DICE_MOTIONS, film
 from synthetic.world.placement import MAX_CLEARANCE, goal_cells, random_place
@@ -211,6 +211,11 @@ def test_an_object_is_carried_through_the_air_by_fingers_that_touch_it(armless):
     gaps = [-depth(platform, scene) for _, scene in steps if scene.about["fingers_hold"]]
     assert len(gaps) > 20
     assert max(gaps) < 0.003
+    for _, scene in steps:
+        (state,) = scene.objects
+        for tip in kinematics.tips(scene.robot_position)[scene.about["fingers_hold"]]:
+            beside = np.abs((tip - state.position) @ state.rotation) - platform.size / 2
+            assert beside.max() < TIP_RADIUS + 0.003
 
 
 def test_stamps_jitter_about_the_rate_and_pictures_are_dropped():
