@@ -33,7 +33,6 @@ def test_what_is_missing_has_its_remedy(monkeypatch):
     found = doctor._version
     gone = ("scipy", "pyrender")
     monkeypatch.setattr(doctor, "_version", lambda name: None if name in gone else found(name))
-    monkeypatch.setattr(doctor.ctypes.util, "find_library", lambda name: None)
     monkeypatch.setattr(doctor, "_fault_of_module", lambda name: "gone" if name == "scipy" else None)
     code, text = report()
     assert code == 1
@@ -42,7 +41,7 @@ def test_what_is_missing_has_its_remedy(monkeypatch):
     assert "pip install scipy" in text
     assert line_of(text, "synthetic").startswith("--")
     assert "pip install -e '.[synthetic]'" in text
-    assert "libegl1" in text
+    assert "OpenGL" not in text  # the renderer needs none
 
 
 def test_two_opencvs_are_one_too_many(monkeypatch):
@@ -84,14 +83,6 @@ def test_a_place_for_compiled_code_is_reported(monkeypatch, asked):
     assert "every process compiles" in line_of(text, "cache")
     assert (asked or "the folder of the tracker") in line_of(text, "cache")
     assert "export NUMBA_CACHE_DIR=DIR" in text
-
-
-def test_libraries_that_are_there_and_do_not_load_are_reported(monkeypatch, tmp_path):
-    (tmp_path / "empty.so").touch()
-    monkeypatch.setattr(doctor.ctypes.util, "find_library", lambda _: str(tmp_path / "empty.so"))
-    finding = doctor._opengl()
-    assert finding.found.count("does not load") == 2
-    assert "--reinstall" in finding.remedy
 
 
 @pytest.mark.parametrize("requirement", ['zmq>=1; extra == "live"', "zmq>=1 ; extra == 'live'"])

@@ -1,7 +1,5 @@
 """`tracker doctor`: check whether this machine has what the tracker needs, and suggest remedies."""
 
-import ctypes
-import ctypes.util
 import functools
 import importlib
 import os
@@ -50,7 +48,7 @@ class Finding(NamedTuple):
 
 @click.command()
 def doctor() -> None:
-    """Check this machine: versions, compiled code, OpenGL, extras, speed.
+    """Check this machine: versions, compiled code, extras, speed.
 
     Each problem comes with a remedy. The exit code is 1 if the tracker cannot work.
     """
@@ -80,33 +78,11 @@ def _needed() -> Iterator[Finding]:
 
 
 def _optional() -> Iterator[Finding]:
-    yield _opengl()
     for extra, packages in sorted(_extras().items()):
         if missing := [name for name in packages if _version(name) is None]:
             yield Finding(extra, f"without {', '.join(missing)}", install(extra))
         else:
             yield Finding(extra, ", ".join(packages))
-
-
-def _opengl() -> Finding:
-    """Check OpenGL; libraries may exist but not load: of another architecture, or empty in a container."""
-    faults = [fault for fault in map(_fault_of_library, ("EGL", "GL")) if fault]
-    if not faults:
-        return Finding("OpenGL", "libEGL, libGL")
-    again = "--reinstall " if any("load" in fault for fault in faults) else ""
-    remedy = f"apt-get install {again}libegl1 libgl1; without it a slower renderer draws synthetic pictures"
-    return Finding("OpenGL", "; ".join(faults), remedy)
-
-
-def _fault_of_library(name: str) -> str | None:
-    found = ctypes.util.find_library(name)
-    if found is None:
-        return f"no lib{name}"
-    try:
-        ctypes.CDLL(found)
-    except OSError as error:
-        return f"lib{name} does not load: {error}"
-    return None
 
 
 def _package(name: str, module: str) -> Finding:
