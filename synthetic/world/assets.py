@@ -59,6 +59,8 @@ def find_assets() -> Path:
         missing = _missing(folder)
         if missing:
             raise AssetError(f"{VARIABLE}={chosen}: no file {missing[0]} there. {_ADVICE}")
+        if folder.name != PACKAGE:
+            raise AssetError(f"{VARIABLE}={chosen}: found another name, expected {PACKAGE}. {_ADVICE}")
         return folder
     installed = _installed()
     if installed is not None:

@@ -78,9 +78,14 @@ def test_a_world_that_nobody_closes_is_freed(platform):
     assert not pybullet.isConnected(client)
 
 
-def test_a_chosen_folder_without_the_files_is_named(tmp_path, monkeypatch):
+def test_a_chosen_folder_without_the_files_or_of_another_name_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv(assets.VARIABLE, str(tmp_path))
     with pytest.raises(assets.AssetError, match=r"TRIFINGER_ASSETS.*trifingerpro\.urdf"):
+        assets.find_assets()
+    for name in assets.FILES:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(assets.AssetError, match="another name, expected robot_properties_fingers"):
         assets.find_assets()
 
 
