@@ -107,8 +107,10 @@ def finish_bop(
             )
             files["gt"][str(key)] = [{"obj_id": OBJECT_ID} | _pose(pose, "m2c") for pose in poses]
             files["gt_info"][str(key)] = [
-                {"bbox_obj": _outline_box(camera, size, pose)}
-                | _seen(*(_read_mask(mask.with_name(f"{mask.name}_{n:06d}.png")) for mask in masks))
+                _seen(
+                    _projected_corners(camera, size, pose),
+                    *(_read_mask(mask.with_name(f"{mask.name}_{n:06d}.png")) for mask in masks),
+                )
                 for n, pose in enumerate(poses)
             ]
         for name, content in files.items():
@@ -149,24 +151,26 @@ def _read_mask(path: Path) -> Array:
     return np.asarray(mask) > 0
 
 
-def _seen(alone: Array, visible: Array) -> dict[str, Any]:
-    """Return an object's entries from its two masks; -1 where nothing is visible, as the layout requires."""
+def _seen(points: FloatArray, alone: Array, visible: Array) -> dict[str, Any]:
+    """Return an object's entries from its projected corners (8, 2) [px] and its two masks.
+
+    As the layout requires, the whole counts pixels beyond the image, and a box of nothing is of -1.
+    """
     left, top, width, height = cv2.boundingRect(visible.astype(np.uint8))
-    whole, count = int(alone.sum()), int(visible.sum())
+    low, high = (np.rint(end).astype(int) for end in (points.min(axis=0), points.max(axis=0)))
+    sides = high - low + 1
+    shown, count = int(alone.sum()), int(visible.sum())
+    outline = silhouette(points - low, tuple(sides[::-1]))
+    rows, columns = (slice(max(-a, 0), max(b - a, 0)) for a, b in zip(low[::-1], alone.shape, strict=True))
+    whole = shown + int(outline.sum() - outline[rows, columns].sum())
     return {
+        "bbox_obj": [*low.tolist(), *sides.tolist()],
         "bbox_visib": [left, top, width, height] if count else [-1] * 4,
         "px_count_all": whole,
-        "px_count_valid": whole,
+        "px_count_valid": shown,
         "px_count_visib": count,
         "visib_fract": count / whole if whole else 0.0,
     }
-
-
-def _outline_box(camera: Camera, size: FloatArray, camera_from_object: FloatArray) -> list[int]:
-    """Return left, top, width and height [px] of the projected outline, which may leave the image."""
-    points = _projected_corners(camera, size, camera_from_object)
-    low, high = np.rint(points.min(axis=0)), np.rint(points.max(axis=0))
-    return [int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1)]
 
 
 def _projected_corners(camera: Camera, size: FloatArray, camera_from_object: FloatArray) -> FloatArray:

@@ -288,20 +288,22 @@ def test_the_bop_files_tell_true_cameras_each_picture_at_its_own_moment_and_colo
             np.testing.assert_array_equal(camera.camera_from_world, own.camera_from_world)
 
 
-def test_the_bop_mask_of_a_die_holds_what_other_dice_hide(tmp_path):
-    options = FrameOptions("dice", 1, "fast", kind="dice_thrown")
-    make_dataset(DatasetOptions(options, 1, bop=True), tmp_path / "set")
-    hidden = 0
+def test_the_bop_counts_of_a_die_hold_what_other_dice_hide_and_what_is_beyond_the_image(tmp_path):
+    options, near = FrameOptions("dice", 1, "fast", kind="dice_thrown"), tmp_path / "near"
+    CameraRig(tuple(camera.cropped(90, 90, 360, 360) for camera in standard_rig())).save(near)
+    make_dataset(DatasetOptions(options, 1, str(near), bop=True), tmp_path / "set")
+    hidden = cut = 0
     for name in CAMERAS:
         (dice,) = read(tmp_path / "set/bop/test/000001" / f"scene_gt_info_{name}.json").values()
         for die in dice:
             left, top, width, height = die["bbox_obj"]
             inside = left > 1 and top > 1 and left + width < 269 and top + height < 269
             # The hull of a box's corners fills half of the rectangle around it, or more.
-            assert not inside or die["px_count_all"] >= 0.45 * width * height
-            assert die["px_count_visib"] <= die["px_count_all"]
-            hidden += inside and die["visib_fract"] < 0.2
-    assert hidden > 5
+            assert die["px_count_all"] >= 0.45 * width * height
+            assert die["px_count_visib"] <= die["px_count_valid"] <= die["px_count_all"]
+            assert not inside or die["px_count_valid"] == die["px_count_all"]
+            hidden, cut = hidden + (inside and die["visib_fract"] < 0.2), cut + (not inside)
+    assert min(hidden, cut) > 5
 
 
 def test_scenes_that_state_another_calibration_each_have_none_together(tmp_path):
