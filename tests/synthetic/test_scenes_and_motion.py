@@ -113,6 +113,14 @@ def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to():
     assert not [body for body in scene.bodies if "finger" in body.name]
 
 
+def apart(platform, scene):
+    """Least distance [m] of two level dice along one of the axes; negative: they may overlap."""
+    points = all_corners(platform, scene)
+    low, high = points.min(axis=1), points.max(axis=1)
+    gaps = (low[:, None] - high).max(axis=-1)
+    return np.maximum(gaps, gaps.T)[~np.eye(len(low), dtype=bool)].min()
+
+
 def test_dice_are_numbered_and_have_brighter_pips_and_a_goal_lies_on_the_grid():
     for seed in range(5):
         scene = random_scene(platform_of("dice"), default_rng(seed), kind="dice_goal")
@@ -124,6 +132,7 @@ def test_dice_are_numbered_and_have_brighter_pips_and_a_goal_lies_on_the_grid():
         places = np.stack([state.position[:2] for state in scene.objects])
         distance = np.linalg.norm(places[:, None] - goal_cells(), axis=2).min(axis=1)
         assert distance.max() < 0.007
+        assert apart(platform_of("dice"), scene) > -1e-9
 
 
 def test_a_die_is_a_closed_cube_whose_opposite_faces_have_7_pips():
