@@ -141,9 +141,7 @@ def _begin(platform: Platform, rng: np.random.Generator, kind: str) -> Stage:
                 stage.grip = found[0]
                 return stage
     elif kind == "drop":
-        (positions, rotations), _ = place(platform, rng, "dice_goal")
         positions[:, 2] += rng.uniform(0.01, 0.1, len(positions))
-        rotations = np.stack([random_rotation(rng) for _ in positions])
     states = platform.object_states(positions, rotations)
     joints, _ = random_fingers(platform, states, rng, 0.0)
     return Stage(platform, rng, states, joints)

@@ -135,6 +135,12 @@ def test_dice_are_numbered_and_have_brighter_pips_and_a_goal_lies_on_the_grid():
         assert apart(platform_of("dice"), scene) > -1e-9
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_dice_that_fall_begin_apart(armless, seed):
+    _, scene = next(sequence(platform_of("dice"), default_rng(seed), seconds=0.1, kind="drop"))
+    assert apart(platform_of("dice"), scene) > -1e-9
+
+
 def test_a_die_is_a_closed_cube_whose_opposite_faces_have_7_pips():
     size, diameter = 0.022, 0.0034
     mesh = meshes.die(size, 0.0044, diameter)
