@@ -100,7 +100,7 @@ def printed_mesh(mesh: Mesh, first: int, margin: float, corner: float) -> Mesh:
 
 def _rectangle_with_print(half: FloatArray, margin: float, corner: float) -> tuple[FloatArray, Array, Array]:
     """Return points (N, 2), counter-clockwise triangles, and which are border, of a face within ±half."""
-    outline = _rounded_outline(half - margin, corner)
+    outline = _rounded_outline(half - margin, min(corner, float(half.min()) - margin))
     count = len(outline)
     inside = meshes.fan(count)
     around = []
