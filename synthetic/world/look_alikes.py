@@ -1,7 +1,7 @@
 """Look-alikes: other things in the object's place, which a tracker should not report.
 
 Each kind is a function from the true object's body, whose groups are the six faces, to the bodies in its
-place. Their labels are the visible colours; they never have the true arrangement of faces.
+place. Their labels are the visible colours. Only `size` and `stretched` have the true arrangement of faces.
 """
 
 import dataclasses
