@@ -52,8 +52,7 @@ def main(name: str, count: int, seed: int, folder: Path) -> None:
             )
             stills.append(picture)
             if sys.stdout.isatty():
-                done = f"\rframe {frame.index + 1} of {count}, rendered by {frame.renderer}"
-                print(done, end="", flush=True)
+                print(f"\rframe {frame.index + 1} of {count}", end="", flush=True)
             yield picture
 
     write_film(folder / "overlay.mp4", film(), RATE)

@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Container, Iterable, Iterator
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
 from synthetic.camera.units import STILL, Crew, crew_of, motion_px
 from synthetic.closing import Closing
 from synthetic.effects import chosen_effects, stream
-from synthetic.render.renderer import NAME
 from synthetic.scene import ObjectState, PlatformScene, SceneAt
 from synthetic.world.effects import still_at, with_effects
 from synthetic.world.look_alikes import KINDS, look_alike
@@ -122,8 +121,6 @@ class FrameOptions:
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frame:
     """One image of each camera, and the ground truth."""
-
-    renderer: ClassVar[str] = NAME
 
     index: int
     timestamp: float

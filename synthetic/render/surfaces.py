@@ -18,8 +18,7 @@ BODY_SHIFT = 24
 """A pixel's code is (body + 1) << 24 | triangle, and 0 where nothing is."""
 
 MAX_BODIES = 255
-MAX_TRIANGLES = (1 << BODY_SHIFT) - 1
-"""Most triangles of a mesh; one less than fits, since the largest number means `any triangle of the body`."""
+MAX_TRIANGLES = 1 << BODY_SHIFT
 
 _CREASE = np.cos(np.radians(35.0))
 """Cosine of the angle between normals below which triangles belong to one smooth surface."""
