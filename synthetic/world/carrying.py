@@ -24,7 +24,7 @@ from synthetic.world.acts import (
 from synthetic.world.fingers import REST, is_clear
 from synthetic.world.kinematics import TIP_RADIUS, finger_angles
 from synthetic.world.placement import MAX_CLEARANCE, lowest
-from synthetic.world.platform import Platform
+from synthetic.world.platform import ARENA_RADIUS, Platform
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_NORMALS
@@ -195,7 +195,8 @@ def _goal(
     turn: FloatArray = angle * axis / np.linalg.norm(axis)
     clearance = rng.uniform(0.25, 1.0) if lift else rng.uniform(0.05, 1.0)
     height = clearance * MAX_CLEARANCE - lowest(stage.platform.size, so3.exp(turn) @ rotation)
-    radius, azimuth = _REACH * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
+    reach = min(_REACH, ARENA_RADIUS - float(np.linalg.norm(stage.platform.size)) / 2)
+    radius, azimuth = reach * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
     away = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth)]) - position[:2]
     share = (0.1 if lift else 1.0) * boldness
     return np.array([*(position[:2] + share * away), height]), turn

@@ -1,4 +1,4 @@
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from synthetic.world.placement import MAX_CLEARANCE, goal_cells, random_place
 from synthetic.world.platform import ARENA_RADIUS, Platform
 from synthetic.world.scenes import random_scene
 from tests.helpers.stills import platform as platform_of
+from tracker import load_object
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_NORMALS, corners
@@ -231,6 +232,13 @@ def test_an_object_is_carried_through_the_air_by_fingers_that_touch_it(armless):
         for tip in kinematics.tips(scene.robot_position)[scene.about["fingers_hold"]]:
             beside = np.abs((tip - state.position) @ state.rotation) - platform.size / 2
             assert beside.max() < TIP_RADIUS + 0.003
+
+
+def test_a_long_object_is_carried_within_the_wall(monkeypatch):
+    platform = platform_of(replace(load_object("cube_v2"), size=np.array([0.3, 0.03, 0.03])))
+    monkeypatch.setattr(platform, "_robot_meshes", {})
+    for _, scene in sequence(platform, default_rng(0), seconds=3.0, rate=20.0, kind="carry", jitter=0):
+        assert np.hypot(*all_corners(platform, scene)[..., :2].T).max() < 0.2
 
 
 def test_stamps_jitter_about_the_rate_and_pictures_are_dropped():
