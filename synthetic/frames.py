@@ -130,7 +130,7 @@ class Frame:
     labels: tuple[Image, ...]
     """(H, W) uint8 label map, by majority: 0 other, 1 red … 6 yellow; of dice their number."""
     visible_fraction: FloatArray
-    """(cameras,) share of the object's pixels that the robot leaves visible; 0 where there are none."""
+    """(cameras,) share of the object's pixels that nothing else hides; 0 where there are none."""
     visible_px: Array
     """(cameras,) visible pixels of the object."""
     scene: PlatformScene

@@ -39,7 +39,7 @@ class Still:
     labels: list[Image]
     """(H, W) uint8 label map, by majority in each pixel; 0 for non-objects."""
     visible_fraction: FloatArray
-    """(cameras,) share of the object's pixels that the fingers leave visible; 0 where there are none."""
+    """(cameras,) share of the object's pixels that nothing else hides; 0 where there are none."""
 
     @property
     def position(self) -> FloatArray:
