@@ -122,13 +122,14 @@ def test_frames_left_out_may_take_longer_than_two_frames_may_be_apart(tmp_path):
         assert [frame.timestamp for frame in log[::2]] == [0.0, 6000.0]
 
 
-@pytest.mark.parametrize("ahead", [-0.15, 0.15])
-def test_a_camera_that_lags_or_leads_and_misses_an_image_goes_on(ahead, tmp_path):
+@pytest.mark.parametrize("ahead", [-0.15, 0.0, 0.15])
+@pytest.mark.parametrize("missing", [np.nan, 0.2])
+def test_a_camera_that_lags_or_leads_and_misses_an_image_goes_on(ahead, missing, tmp_path):
     image = np.full((24, 28, 3), 90, np.uint8)
     with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:
         for k in range(4):
             there = k != 2
-            stamps = [0.1 * k, 0.1 * k, 0.1 * k + ahead if there else np.nan]
+            stamps = [0.1 * k, 0.1 * k, 0.1 * k + ahead if there else missing]
             writer.append([image, image, image if there else None], 0.1 * k, stamps)
     with tracker.open_log(tmp_path / "log.h5") as log:
         write_hdf5(tmp_path / "copy.h5", log, log.rig, lambda count: None)

@@ -116,8 +116,8 @@ class Hdf5LogWriter:
                 of which each pixel keeps the colour that such a sensor measures there. None, a missing
                 image, is recorded as black, and is read as missing but for the camera's first image.
             timestamp: timestamp of the frame [s], at most an hour after the previous frame and not before it.
-            camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's, or
-                for a missing one that of the camera's image before. NaN for all, without images: a driver
+            camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's. A
+                missing image has that of the camera's image before. NaN for all, without images: a driver
                 error, read as a frame without images.
             pose: the object's pose, with `position`, `orientation` and `confidence`, or None; recorded only
                 if the log was opened with `poses`.
@@ -140,8 +140,8 @@ class Hdf5LogWriter:
         if camera_timestamps is None or not (np.isnan(given).all() and unseen.all()):
             # A camera that lags or leads has other timestamps than the frame: its last one is repeated.
             last = self._order.camera_timestamps
-            likely = np.where(unseen & ~np.isnan(last), last, stamp)
-            stamps = np.where(np.isnan(given), likely, given)
+            stamps = np.where(np.isnan(given), stamp, given)
+            stamps = np.where(unseen & ~np.isnan(last), last, stamps)
             for value in stamps.tolist():
                 checked_stamp(value, what=where)
         rows: dict[str, Any] = {
