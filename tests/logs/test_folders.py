@@ -71,6 +71,8 @@ def test_names_with_a_point_are_seconds(tmp_path):
 def test_the_rate_is_that_given(tmp_path):
     frames = frames_of(write_triplets(tmp_path, ["0", "1", "2"]), rate=50.0)
     assert [frame.timestamp for frame in frames] == pytest.approx([0, 0.02, 0.04])
+    frames = frames_of(write_triplets(tmp_path / "numbered", ["b1", "a2", "c3"]))
+    assert [frame.timestamp for frame in frames] == pytest.approx([0.1, 0.2, 0.3])
     names = ["first", "second", "third"]
     frames = frames_of(write_triplets(tmp_path / "named", names), rate=4.0)
     assert [frame.timestamp for frame in frames] == pytest.approx([0, 0.25, 0.5])

@@ -346,8 +346,7 @@ def _of_streams(root: Path, streams: _Streams, rate: float, *, by_name: bool = F
     stamps = stamps_of_names(names)
     counted = (number / rate for number in _numbers(names) or range(len(names)))
     times = dict(zip(names, stamps or counted, strict=True))
-    if stamps:  # -0.2 comes before -0.1, and 0.15 before 0.2
-        names.sort(key=times.__getitem__)
+    names.sort(key=times.__getitem__)  # -0.2 comes before -0.1, 0.15 before 0.2, and b1 before a2
     if stamps and not by_name:
         frames = _close_together(streams, times, rate)
     else:
