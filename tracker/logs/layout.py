@@ -46,7 +46,7 @@ _MAX_RATE = 1e6
 
 _LAST = 41 * 10**8  # the year 2099 [s since the epoch]
 _PER_SECOND = (1, 10**3, 10**6, 10**9)
-_NAME = re.compile(r"(?:(?P<minus>-)|\D*?)(?P<whole>\d{1,20})(?P<fraction>\.\d{1,12})?")
+_NAME = re.compile(r"(?:\D*?(?=\d))??(?P<whole>-?\d{1,20})(?P<fraction>\.\d{1,12})?")
 CAMERA = re.compile(r"camera\w*")
 """Pattern of cameras' names by which their folders and images are found."""
 
