@@ -325,6 +325,7 @@ def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path, order,
     remark = remarks.remark_on_recording(job, tracked.poses)
     line = summary.row(job, tracked, remark)["warning"]
     assert line == expected
+    assert summary.row(job, tracked, "of \udce9.npz")["warning"] == "of \ufffd.npz"
     shutil.rmtree(log)
     assert remarks.remark_on_recording(job, tracked.poses) is None
 

@@ -255,7 +255,7 @@ def row(job: Job, tracked: Tracked, warning: str | None) -> dict[str, Any]:
             "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
             "share_found": numbers["measured"],
             "share_filtered": numbers["filtered"],
-            "warning": warning,
+            "warning": warning and unicode_text(warning),
         }
         found |= {f"share_{name}": float(np.mean(poses.status == name)) for name in ("coasting", "lost")}
         found |= {f"recorded_{name}": value for name, value in (numbers["recorded"] or {}).items()}
