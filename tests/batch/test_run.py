@@ -85,9 +85,10 @@ def test_every_recording_has_a_result_and_only_what_is_broken_changed_or_missing
     assert sorted(result["frames"] for result in tracked) == [13, 14]
     line = json.loads(results.summary_file(outputs[2]).read_text())
     wrong = {"frames": "20", "seconds": [1.0], "recording": 5, "level": 1.5, "fault": True}
+    large = {"frames": 2**63, "level": -(2**64), "seconds": 10**400, "fault": "\ud800", "task": "\udfff"}
     for damage in (
         ["", "[]", "{}", "[" * 100_000, "\x00"],
-        [json.dumps({**line, name: value}) for name, value in wrong.items()],
+        *[[json.dumps({**line, name: value}) for name, value in one.items()] for one in (wrong, large)],
     ):
         for output, content in zip(outputs, damage, strict=True):
             results.summary_file(output).write_text(content)

@@ -192,11 +192,15 @@ def read_line(output: Path) -> dict[str, Any] | None:
     """Return the table row for a file of poses; None if it is missing, damaged, or older than the poses."""
     path = summary_file(output)
     line = _read(path)
-    if line is None or not all(type(line.get(name, ...)) in _FITTING[kind] for name, kind in COLUMNS.items()):
+    if line is None:
+        return None
+    fits = (type(line.get(name, ...)) in _FITTING[kind] for name, kind in COLUMNS.items())
+    if not all(fits) or any(isinstance(value, int) and abs(value) >= 2**63 for value in line.values()):
         return None
     try:
+        json.dumps(line, ensure_ascii=False).encode()  # no file holds half a pair of surrogates
         poses, about = output.stat(), path.stat()
-    except OSError:
+    except (OSError, UnicodeEncodeError):
         return None
     same = poses.st_size == line.get("bytes") and poses.st_mtime_ns <= about.st_mtime_ns
     return line if same else None
