@@ -53,7 +53,10 @@ def test_what_is_written_is_read(tmp_path, count):
         ({"frame_rate": 0.0}, "frame_rate: found 0.0"),
         ({"settings": [{}]}, f"settings: found 1, expected {len(rig)}"),
         ({"settings": {"camera60": {}}}, "settings: found a mapping of 1"),
-        *[({"settings": [{"Gain": one}] * 3}, "expected texts and numbers by name") for one in (None, [1])],
+        *[
+            ({"settings": [{"Gain": one}] * 3}, "expected texts and numbers by name")
+            for one in (None, [1], 10**400)
+        ],
     ]:
         with pytest.raises(LogError, match=message):
             Hdf5LogWriter(tmp_path / "wrong.h5", rig, **wrong)

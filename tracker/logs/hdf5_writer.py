@@ -77,7 +77,7 @@ class Hdf5LogWriter:
         if len(settings) not in (0, len(rig)):
             raise LogError(f"{self._path}: settings: found {len(settings)}, expected {len(rig)}")
         what = f"{self._path}: settings: expected texts and numbers by name"
-        with naming(what, LogError, AttributeError, TypeError, ValueError):
+        with naming(what, LogError, AttributeError, TypeError, ValueError, OverflowError):
             texts = [_text_of(values) for values in settings]
         self._rig, self._flush_every = rig, flush_every
         self._count = 0
