@@ -107,12 +107,10 @@ def _source(path: Path, rate: float) -> Source:
         return _source(logs[0], rate) if logs else FolderSource(path, rate=rate)
     if not path.exists():
         raise LogError(f"{path}: no such file or folder")
-    if not path.is_file():
-        raise LogError(f"{path}: found something else, expected a file or a folder")
-    if path.suffix.lower() in FILM_SUFFIXES:
-        return FolderSource(path, rate=rate)
     with open_regular(path) as file:
         is_hdf5 = file.read(len(HDF5_MAGIC)) == HDF5_MAGIC
+    if path.suffix.lower() in FILM_SUFFIXES:
+        return FolderSource(path, rate=rate)
     if is_hdf5:
         from tracker.logs.hdf5_reader import Hdf5Source
 
