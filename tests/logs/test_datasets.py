@@ -125,6 +125,7 @@ SHOWN, IMAGES = "obs_to_image_index/.zarray", "images/.zarray"
         (SHOWN, head(shape=[40], fill_value=1e300), None, "fill_value: found 1e"),
         (SHOWN, head(shape=[8, 1], chunks=[4, 1]), None, r"shape \(8, 1\), expected 1 ax"),
         (SHOWN, head(order="A"), None, "expected zarr 2"),
+        ("obs_to_image_index/0", lambda data: data[:-1], None, "found 31 bytes, expected 4 numbers of 8"),
         ("obs_to_image_index/0", lambda data: data[:24] + b"\7" + data[25:], None, "step 3: found 7, exp"),
         ("episode_ends/.zarray", head(shape=[2, 1], chunks=[4, 1]), None, r"shape \(2, 1\), expected 1 axes"),
         ("episode_ends/.zarray", head(dtype="<f8"), None, "found float64, expected whole numbers"),
