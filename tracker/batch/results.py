@@ -109,7 +109,7 @@ OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)
 IMAGES, STEPS, ZARR, REPORT = "images.parquet", "steps.parquet", "poses.zarr", "report.json"
 """Files in the folder of an image store's episodes, see `stores`."""
 
-_EPISODE = "episode-"
+EPISODE = "episode-"
 """Prefix of the number in the name of an episode's file of poses, in a folder named like the store."""
 
 OF_STORE = (IMAGES, STEPS, ZARR, REPORT)
@@ -153,12 +153,7 @@ def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
 def output_of_episode(store: Path, number: int, folder: Path) -> Path:
     """Return an episode's file of poses: `folder/a/b.zarr/episode-00012.poses.h5` in store `a/b.zarr`."""
     output = output_of(store, folder)
-    return output.with_name(output.name.removesuffix(SUFFIX)) / f"{_EPISODE}{number:05d}{SUFFIX}"
-
-
-def is_episode(output: Path) -> bool:
-    """Whether a file of poses is named like that of an episode."""
-    return output.name.startswith(_EPISODE)
+    return output.with_name(output.name.removesuffix(SUFFIX)) / f"{EPISODE}{number:05d}{SUFFIX}"
 
 
 def remove_tables(folder: Path) -> None:

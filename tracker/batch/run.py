@@ -303,7 +303,7 @@ def _beside_poses(batch: Batch) -> Iterator[str]:
     yield from results.OF_ALL
     for _, output in batch.pairs:
         path = Path(output)
-        beside = map(path.with_name, results.OF_STORE if results.is_episode(path) else ())
+        beside = map(path.with_name, results.OF_STORE if path.name.startswith(results.EPISODE) else ())
         yield from map(str, (results.summary_file(path), results.failure_file(path), *beside))
 
 
