@@ -93,14 +93,14 @@ def made(name: str, *arguments: Any, **options: Any) -> Change:
     return make
 
 
-def unpacking_to_more(name: str, *, sums: bool = False) -> Change:
-    """A dataset made again of one block that unpacks to 20 MB, with checksums or without."""
+def unpacking_to(name: str, size: int = 20_000_000, *, sums: bool = False) -> Change:
+    """A dataset made again of one block that unpacks to `size` bytes, with checksums or without."""
 
     def make(file: h5py.File) -> None:
         shape, dtype = file[name].shape, file[name].dtype
         del file[name]
         field = file.create_dataset(name, shape, dtype, chunks=shape, compression="gzip", fletcher32=sums)
-        packed = zlib.compress(bytes(20_000_000), 9) + 4 * sums * b"x"
+        packed = zlib.compress(bytes(size), 9) + 4 * sums * b"x"
         field.id.write_direct_chunk((0,) * len(shape), packed)
 
     return make

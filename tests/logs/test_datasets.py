@@ -111,6 +111,7 @@ SHOWN, IMAGES = "obs_to_image_index/.zarray", "images/.zarray"
         ],
         (IMAGES, head(shape=[16]), None, "multiple of 3"),
         ("images/.zattrs", head(image_shape=[24]), None, "image_shape"),
+        ("images/.zattrs", head(compression="video"), None, "found video, expected 'image'"),
         ("images/.zattrs", head(image_shape=[24, 30]), 0, "28×24 px, expected 30×24"),
         ("images/1", lambda data: None, 3, "block 1 is missing"),
         ("images/1", lambda data: data[:-9], 3, "images: block 1: found items that are damaged"),

@@ -17,7 +17,7 @@ from tests.helpers.reading import (
     peak_memory,
     put,
     recovered,
-    unpacking_to_more,
+    unpacking_to,
     without,
 )
 from tests.logs.test_native import SAMPLES as NATIVE
@@ -170,7 +170,7 @@ def test_images_may_be_packed_in_blocks_of_any_shape_and_may_be_changed(tmp_path
 @pytest.mark.parametrize("name", ["images", "timestamps"])
 def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(tmp_path, name):
     path = write_hdf5(tmp_path / "log.h5", make_content(3))
-    change(path, unpacking_to_more(name))
+    change(path, unpacking_to(name))
     with peak_memory() as used, pytest.raises(LogError, match=f"{name}.*unpacks to"):
         frames_of(path)
     assert used[0] < 5_000_000

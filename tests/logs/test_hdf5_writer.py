@@ -8,7 +8,7 @@ import pytest
 import tracker
 from tests.helpers import LENSES, run_python
 from tests.helpers.log_writers import CAMERAS, make_content
-from tests.helpers.reading import attribute, change, datasets, frames_of, unpacking_to_more
+from tests.helpers.reading import attribute, change, datasets, frames_of, unpacking_to
 from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
@@ -280,7 +280,7 @@ def test_a_converted_log_keeps_the_cameras_settings(tmp_path):
         write_hdf5(tmp_path / "copy.h5", log, log.rig, lambda count: None)
     with tracker.open_log(tmp_path / "copy.h5") as log:
         assert log.settings == {"camera60": {"Gain": 1.5}, "camera300": settings[2]}
-    change(path, unpacking_to_more("camera_info/camera60/settings"))
+    change(path, unpacking_to("camera_info/camera60/settings"))
     with tracker.open_log(path) as log, pytest.raises(LogError, match=r"settings: .*unpacks to"):
         assert log.settings
 

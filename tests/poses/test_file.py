@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.helpers import LENSES, make_camera
 from tests.helpers.pose_logs import arrays_of, assert_same, make_about, random_poses
-from tests.helpers.reading import attribute, change, datasets, edit, made, put, unpacking_to_more, without
+from tests.helpers.reading import attribute, change, datasets, edit, made, put, unpacking_to, without
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError, TrackerError
 from tracker.geometry.arena import Arena
@@ -243,8 +243,9 @@ BREAKS = [
     (of_another_file, "/timestamps: found data outside"),
     (as_a_link_to_a_group, "/object_pose/has_pose: found a link"),
     # Nor what would fill the memory.
-    (unpacking_to_more("timestamps"), "/timestamps: .*unpacks to"),
-    (unpacking_to_more("timestamps", sums=True), "/timestamps: .*unpacks to"),
+    (unpacking_to("timestamps"), "/timestamps: .*unpacks to"),
+    (unpacking_to("timestamps", sums=True), "/timestamps: .*unpacks to"),
+    (unpacking_to("timestamps", 39), "/timestamps: .*found 39 bytes, expected 40"),
     (made("camera_names", (300,), "S1000000"), "/camera_names: found 0 bytes stored, .*for 300000000"),
     (attribute("source", np.bytes_(b"x" * (2 << 20))), "source: found .*expected at most 1048576 bytes"),
 ]
