@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -51,6 +52,17 @@ def test_jpeg_is_read_about_right(tmp_path):
     content.raw[:] = 90
     with tracker.open_log(write_store(tmp_path / "x.zarr", content, codec=".jpg")) as log:
         assert np.abs(log[1].images[2].astype(int) - 90).max() <= 3
+
+
+@pytest.mark.parametrize("alpha", [0, 1])
+def test_images_in_colour_are_given_as_they_are_but_for_what_is_transparent(alpha, tmp_path):
+    content = make_content(2)
+    pixels = np.pad([content.images(k) for k in range(2)], [(0, 0)] * 4 + [(0, alpha)])
+    folder = write_store(tmp_path / "x.zarr", dataclasses.replace(content, raw=pixels), reorder=False)
+    edit(folder, "images/.zattrs", head(image_shape=[24, 28]))
+    for frame in frames_of(folder):
+        np.testing.assert_array_equal(frame.images, content.images(frame.index))
+        assert frame.raw is None
 
 
 @pytest.mark.parametrize(
@@ -116,6 +128,7 @@ SHOWN, IMAGES = "obs_to_image_index/.zarray", "images/.zarray"
         ("images/1", lambda data: None, 3, "block 1 is missing"),
         ("images/1", lambda data: data[:-9], 3, "images: block 1: found items that are damaged"),
         ("images/1", lambda data: b"\xff\xff\xff\xff" + data[4:], 3, "items stated"),
+        ("images/1", lambda data: b"\x03" + data[1:], 3, "images: block 1: found 3 items, expected 4"),
         ("images/1", lambda data: data[:150] + bytes([data[150] ^ 1]) + data[151:], 4, "checksum"),
         # What would take memory or time without end.
         (IMAGES, head(shape=[10**12]), None, "images: found 1000000000000 items stated"),
@@ -124,6 +137,9 @@ SHOWN, IMAGES = "obs_to_image_index/.zarray", "images/.zarray"
         (SHOWN, head(chunks=[0.5]), None, "expected zarr 2"),
         (SHOWN, head(dtype="<f8"), None, "found float64, expected whole numbers"),
         (SHOWN, head(shape=[40], fill_value=1e300), None, "fill_value: found 1e"),
+        (SHOWN, head(shape=[40], fill_value=None), None, "obs_to_image_index: block 2 is missing"),
+        (SHOWN, head(shape=[8, 1, 1], chunks=[4, 1, 1]), None, "expected zarr 2"),
+        (SHOWN, head(chunks=[1 << 25]), None, "expected zarr 2"),
         (SHOWN, head(shape=[8, 1], chunks=[4, 1]), None, r"shape \(8, 1\), expected 1 ax"),
         (SHOWN, head(order="A"), None, "expected zarr 2"),
         ("obs_to_image_index/0", lambda data: data[:-1], None, "found 31 bytes, expected 4 numbers of 8"),

@@ -49,6 +49,7 @@ def test_what_is_written_is_read(tmp_path, count):
     with pytest.raises(LogError, match="cannot be written"):
         Hdf5LogWriter(tmp_path / "no" / "log.h5", rig)
     for wrong, message in [
+        ({"rig": tracker.CameraRig((rig[0], rig[1].resized(56, 48)))}, "cameras of 28×24, 56×48 px, exp"),
         ({"frame_rate": "10"}, "frame_rate: found '10', expected above 0 Hz"),
         ({"frame_rate": 0.0}, "frame_rate: found 0.0"),
         ({"settings": [{}]}, f"settings: found 1, expected {len(rig)}"),
@@ -59,7 +60,7 @@ def test_what_is_written_is_read(tmp_path, count):
         ],
     ]:
         with pytest.raises(LogError, match=message):
-            Hdf5LogWriter(tmp_path / "wrong.h5", rig, **wrong)
+            Hdf5LogWriter(tmp_path / "wrong.h5", **{"rig": rig, **wrong})
         assert not (tmp_path / "wrong.h5").exists()
 
 
