@@ -85,6 +85,8 @@ def test_the_calibration_inside_is_read_and_mended(tmp_path):
         (put("images", h5py.ExternalLink("/etc/passwd", "/images")), "found a link"),
         (made("images", (4, 3, 24, 28), np.uint8, external=[("/dev/zero", 0, 8064)]), "outside"),
         (put("camera_names", [b"camera60", b"camera60", b"camera300"]), "3 different names"),
+        (made("camera_names", data=[b"a", b"b", b"c"], chunks=(3,)), "expected 3 contiguous names"),
+        (made("timestamps", data=np.ones((4, 3)), scaleoffset=1), "packed with filter 6, expected gzip"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path, harm, message):

@@ -103,7 +103,7 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
     offset, variable = field.id.get_offset(), field.dtype.kind == "O"
     size = _REFERENCE.size if variable else int(field.dtype.itemsize)
     if field.shape != (count,) or field.dtype.kind not in "SO" or size > _MAX_NAME or offset is None:
-        raise LogError(f"camera_names: found {described(field)}, expected {count} names")
+        raise LogError(f"camera_names: found {described(field)}, expected {count} contiguous names")
     if (there := field.id.get_storage_size()) != count * size:
         raise LogError(f"camera_names: found {there} bytes, expected {count * size}")
     faults = (LogError, struct.error, UnicodeDecodeError, OverflowError)
