@@ -122,6 +122,7 @@ SHOWN, IMAGES = "obs_to_image_index/.zarray", "images/.zarray"
             for packer in ("pickle", "zlib", "gzip", "bz2", "lzma", "lz4", "zstd")
         ],
         (IMAGES, head(shape=[16]), None, "multiple of 3"),
+        ("images/.zattrs", head(n_cameras=0), None, "n_cameras: found 0, expected 1 to 16"),
         ("images/.zattrs", head(image_shape=[24]), None, "image_shape"),
         ("images/.zattrs", head(compression="video"), None, "found video, expected 'image'"),
         ("images/.zattrs", head(image_shape=[24, 30]), 0, "28×24 px, expected 30×24"),
