@@ -133,8 +133,6 @@ def _from_heap(file: BufferedReader, reference: bytes) -> bytes:
         at += _OBJECT_HEAD.size
         if number == sought and number and length <= stored:
             return heap[at : at + length]
-        if number == 0:  # free space
-            break
         at += -(-stored // 8) * 8
     raise LogError("a name that the heap does not hold")
 
