@@ -131,7 +131,9 @@ def test_a_goal_of_later_is_that_of_later_frames(tmp_path):
     none = columns([[0, 5]])  # leaves a well tracked recording without a score
     assert list(none) == ["goal_fault"]
     assert "goal.json: trajectory: entry 0" in none["goal_fault"]
-    (tmp_path / "log" / "camera_data.dat").unlink()
+    log.write_bytes(bytes(8))  # of no frames
+    assert "camera_data.dat: found no frame that can be read" in columns(goal)["goal_fault"]
+    log.unlink()
     assert "camera_data.dat" in columns(goal)["goal_fault"]
 
 
