@@ -191,9 +191,10 @@ def test_cameras_that_contradict_each_other_get_a_warning_beside_the_pose(detect
         np.linalg.inv,
         lambda pose: pose * [[1.0, 1, 1, 1e3]],
         lambda pose: np.diag([1.0, -1, -1, 1]) @ pose,
+        lambda pose: pose @ np.diag([1.0, -1, -1, 1]),
         lambda pose: pose + 0.4 * pose[:, :1] * [0.0, 0, 0, 1],
     ],
-    ids=["inverse", "mm", "axes of OpenGL", "arena elsewhere, in one image"],
+    ids=["inverse", "mm", "axes of OpenGL", "z down", "arena elsewhere, in one image"],
 )
 def test_cameras_that_cannot_have_the_arena_in_view_get_a_warning(wrong, detect, tmp_path):
     rig = tracker.CameraRig.load(DEMO)

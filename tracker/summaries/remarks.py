@@ -45,8 +45,8 @@ DOUBTFUL = (
 )
 
 OUT_OF_VIEW = (
-    "the calibration shows the arena in few or no images, or too small: tf_world_to_camera must be in "
-    "metres, from world to camera, not back, with OpenCV's axes, z forward, y down; arena.toml in that world"
+    "the calibration shows the arena in few or no images, too small, or from below: tf_world_to_camera must "
+    "be in metres, from world, z up, to camera, not back, z forward, y down; arena.toml in that world"
 )
 
 
@@ -102,14 +102,15 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None]) -> str | No
 
 
 def in_view(rig: CameraRig) -> bool:
-    """Whether half of the images or more show the centre of the arena, and it is large enough in them."""
+    """Whether half of the images or more show the arena's centre from above its table, and large enough."""
     arena, count = rig.arena, 0
     places = np.add([*arena.center, arena.ground], arena.radius * np.eye(4, 3, k=-1))
     for camera in rig:
         centre, *ends = camera.project_in_view(places)
+        above = arena.table is None or camera.position[2] > arena.table
         inside = (centre > -0.5).all() and (centre < [camera.width - 0.5, camera.height - 0.5]).all()
         # NaN: far out of the image
-        count += bool(inside and not np.max(np.abs(ends - centre)) < _LEAST_RADIUS)
+        count += bool(above and inside and not np.max(np.abs(ends - centre)) < _LEAST_RADIUS)
     return 2 * count >= len(rig)
 
 
