@@ -337,6 +337,18 @@ def test_what_cannot_be_done_is_one_line_and_changes_nothing(command, words, fol
     assert_refused(run_here, folder, shlex.split(command), *words.split("|"))
 
 
+@pytest.mark.parametrize(
+    ("option", "file", "extra"),
+    [("--plot", "x.png", "plot"), ("--video", "x.mp4", "video"), ("--parquet", "x.parquet", "cluster")],
+)
+def test_a_package_that_is_missing_is_named_before_anything_is_written(
+    option, file, extra, folder, run_here, monkeypatch
+):
+    monkeypatch.setattr("tracker.cli.outputs.find_spec", lambda _: None)
+    command = ("export", "poses.h5", "--csv", "x.csv", option, file)
+    assert_refused(run_here, folder, command, f"{option} needs the package ", f"'.[{extra}]'")
+
+
 def files_written(group: click.Group = commands) -> list[Any]:
     """The options of all commands that name a file to write."""
     found = []

@@ -144,7 +144,7 @@ def export(
     *,
     source: Path = argument("POSES", InFile()),
     outputs: Outputs,
-    parquet: Path | None = file_option("The table in Parquet.", ".parquet", ".pq"),
+    parquet: Path | None = file_option("The table in Parquet.", ".parquet", ".pq", extra="cluster"),
     keypoints: bool = flag("Add the object's corners to --csv and --parquet."),
     robot_log: Path | None = option("FILE", "Add the robot's states to --csv and --parquet.", InFile()),
     log: Path | None = option("RECORDING", "The recording of the POSES, for --video.", Recording()),

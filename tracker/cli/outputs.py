@@ -21,7 +21,7 @@ IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 DRAWN = (".png", ".jpg", ".jpeg")
 """Suffixes of pictures that commands draw."""
 
-_PACKAGES = {"plot": "matplotlib", "video": "av"}  # package for each extra
+_PACKAGES = {"plot": "matplotlib", "video": "av", "cluster": "pyarrow"}  # package for each extra
 
 
 class AnyPath(click.Path):
