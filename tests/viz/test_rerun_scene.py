@@ -7,11 +7,13 @@ import pytest
 import tracker
 from tests.helpers import RIG
 from tests.helpers.command import assert_one_line_error, well
+from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import random_poses
-from tests.helpers.recording_stubs import write_log
+from tests.helpers.recording_stubs import make_job, write_log
 from tracker.calibration.by_object.health import QUANTITIES, Sample
 from tracker.pose.result import Observation, Status
 from tracker.poses.file import write_poses
+from tracker.recordings import run
 from tracker.viz import rerun_viewer
 
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun: no module rerun")
@@ -44,6 +46,18 @@ def test_a_recording_is_tracked_on_the_way(tmp_path, run_here):
     well(run_here("view", *given, folder=tmp_path))
     health = {"/health/brightness/camera180", "/health/residual/camera60"}
     assert {"/world/cameras/camera180/image", "/status", *health} <= entities(tmp_path / "view.rrd")
+
+
+@needs_rerun
+@pytest.mark.parametrize("more", [(), ("--log", "log")])
+def test_poses_are_shown_at_the_times_of_their_images(more, tmp_path, run_here, monkeypatch):
+    content = make_content(4)
+    content.stamps[:] += [0.01, 0.05, 0.02, 0.06]  # the recorder's own, which are later
+    log = write_native(write_log(tmp_path / "log", 4), content)
+    poses, shown = run(make_job(log, tmp_path / "poses.h5")).poses, []
+    monkeypatch.setattr("tracker.viz.rerun_scene.Scene.show", lambda _, *row: shown.append(row[:2]))
+    well(run_here("view", "poses.h5", *more, "-o", "view.rrd", folder=tmp_path))
+    assert shown == list(zip(poses.index, poses.timestamp, strict=True))
 
 
 @needs_rerun

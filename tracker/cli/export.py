@@ -316,7 +316,7 @@ def _looked_at(
     """Yield frames with the tracker's results, images, and samples of rig health."""
     for frame, answer in answered:
         look = sample(finder, frame.images, still=surely_still(answer.filtered_object_pose))
-        yield frame.index, frame.timestamp, answer, frame.images, look
+        yield frame.index, frame.newest, answer, frame.images, look
 
 
 def _target(source: Path, output: Path | None) -> Path | None:
