@@ -1,11 +1,13 @@
 import ast
 import importlib
 import operator
+import re
 from pathlib import Path
 
 import pytest
 
 import tracker
+from scripts.public_api import SNAPSHOT
 from tests.helpers import ROOT, run_python
 from tracker.version import version
 from tracker.warm_up import warm_up
@@ -49,6 +51,12 @@ print(tasks.rearrange_dice.NUM_DICE, tasks.move_object.LEVELS[3], tracker.live.p
 def test_the_import_alone_is_quick_and_packages_are_there_by_their_names():
     printed = run_python(["-c", IMPORTS], check=True).stdout
     assert printed.splitlines() == ["set()", version(), "1.0 tracker.viz False", "25 4 Frontend"]
+
+
+def test_every_public_name_is_there_after_the_import_alone():
+    names = re.findall(r"^(?:class )?tracker\.([\w.]+)", SNAPSHOT.read_text("utf-8"), re.MULTILINE)
+    code = f"import operator, tracker\nfor name in {names}: operator.attrgetter(name)(tracker)"
+    run_python(["-c", code], check=True)
 
 
 @pytest.mark.parametrize("before", ["tracker.load_object('cube_v2')", "tracker.Arena()", "tracker.Camera"])
