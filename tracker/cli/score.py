@@ -9,11 +9,11 @@ import click
 import numpy as np
 
 import tracker
+from tracker.checks import shows
 from tracker.cli import options
 from tracker.cli.export import poses_of
 from tracker.cli.options import argument, command, flag, option
 from tracker.cli.outputs import InFile
-from tracker.cli.stills import unless_black
 from tracker.cli.terminal import bar, listing
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError, TaskError
@@ -111,7 +111,7 @@ def _of_dice(
     with tracker.open_log(job) as log, bar(job.name, len(log), quiet) as progress:
         masks = rearrange_dice.goal_masks(cameras.rig_of(job, log), goal.position)
         for k, frame in enumerate(log):
-            images = [image for image in map(unless_black, frame.images) if image is not None]
+            images = [*filter(shows, frame.images)]  # HDF5 logs have black ones of cameras that gave none
             stamps.append(frame.timestamp)
             rewards.append(float("nan"))
             # The error is that of all cameras: with fewer it would be smaller.

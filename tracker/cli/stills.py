@@ -78,11 +78,6 @@ def read_images(
     return dataclasses.replace(rig, cameras=tuple(cameras)), images
 
 
-def unless_black(image: Image | None) -> Image | None:
-    """Return an image; None if it is black: so is a camera's first image in HDF5 logs if it gave none."""
-    return image if shows(image) else None
-
-
 @contextlib.contextmanager
 def silent_libraries() -> Iterator[None]:
     """Discard what compiled libraries write to stderr, e.g. libpng's warnings about a broken file."""
@@ -190,7 +185,7 @@ def dice(
         raise click.UsageError("--exact: expected with --goal, whose areas it means")
     goal = None if goal_path is None else tracker.tasks.rearrange_dice.read_goal(goal_path)
     rig, pictures = _one_set(images, cameras, frame)
-    pictures = [*map(unless_black, pictures)]
+    pictures = [picture if shows(picture) else None for picture in pictures]
     if all(picture is None for picture in pictures):
         raise ImageError("images: found only black ones, expected at least one that is not")
     files = [masks / f"{kind}_{name}.png" for kind in ("dice", "goal") for name in rig.names] if masks else []
