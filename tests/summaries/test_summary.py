@@ -356,7 +356,7 @@ def resting(height: float, std: float = 2e-4, tilt: float = 0.0, confidence: flo
 )
 def test_an_object_off_the_table_by_two_deviations_is_named_with_the_remedy(height, std, words):
     found = remarks.off_table(resting(height, std), MODEL, ARENA)
-    remedy = ": if it rests, `tracker calibrate table RECORDING -o DIR` corrects this"
+    remedy = ": if it rests, `tracker calibrate table RECORDING --object OBJECT -o DIR` corrects this"
     assert found == (None if words is None else words + remedy)
 
 

@@ -229,7 +229,7 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
     where = "floats {:.1f} mm above" if height > 0 else "sinks {:.1f} mm into"
     return (
         f"{model.name} {where.format(abs(height))} the table (± {std:.1f} mm): if it rests, "
-        "`tracker calibrate table RECORDING -o DIR` corrects this"
+        "`tracker calibrate table RECORDING --object OBJECT -o DIR` corrects this"
     )
 
 
