@@ -54,15 +54,16 @@ def test_colours_of_images_as_they_are_find_the_dice_in_images_as_they_are(view)
     assert intersection_over_union(mask, truth)[255] > 0.9
 
 
-def test_a_light_finger_before_a_die_is_no_die(view):
+@pytest.mark.parametrize(("color", "gains"), [((190, 195, 200), 1.0), (255, (1.0, 1.4, 1.9))])
+def test_a_light_finger_before_a_die_is_no_die_even_if_it_is_clipped(color, gains, view):
     image, truth = (one.copy() for one in view)
     places = np.argwhere(truth > 0)[:, ::-1]
     tip = places[np.argmin(np.linalg.norm(places - places.mean(axis=0), axis=1))].tolist()
     finger = np.zeros_like(truth)
     cv2.line(finger, tip, (tip[0], 0), 255, 9)
-    image[finger > 0] = (190, 195, 200)
+    image[finger > 0] = color
     truth[finger > 0] = 0
-    mask = segment_dice(cv2.GaussianBlur(image, (0, 0), 0.6))
+    mask = segment_dice(exposed(cv2.GaussianBlur(image, (0, 0), 0.6), gains))
     core = cv2.erode(finger, np.ones((3, 3), np.uint8)) > 0
     assert not mask[core].any()
     assert intersection_over_union(mask, truth)[255] > 0.88
