@@ -68,9 +68,7 @@ def weigh_inside(image, inside, core, ratio, least, out):  # type: ignore[no-unt
     """Fill out (H, W, 3): weight, weight · ratio, weight · green; weight: 1 inside, `least` at its rim."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
-            weight = np.float32(0.0)
-            if inside[j, i]:
-                weight = np.float32(1.0 if core[j, i] else least)
+            weight = np.float32(1.0 if core[j, i] else least * inside[j, i])
             out[j, i, 0] = weight
             out[j, i, 1] = weight * ratio[j, i]
             out[j, i, 2] = weight * np.float32(image[j, i, 1])
