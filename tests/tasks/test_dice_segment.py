@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from tests.helpers import RIG, exposed, veiled
+from tests.helpers import RIG, exposed, look_at, veiled
 from tests.helpers.dice_scenes import EDGE, dice_at, painted
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.rig import CameraRig
@@ -46,9 +46,12 @@ def test_light_of_another_colour_or_brightness_hardly_changes_the_mask(view, gai
     assert intersection_over_union(mask, truth)[255] > 0.88
 
 
-def test_colours_of_images_as_they_are_find_the_dice_in_images_as_they_are(view):
-    image, truth = veiled(view[0], 90), view[1]
-    taught = LabelledImage("veiled", image, np.where(truth > 0, np.uint8(3), np.uint8(0)))
+@pytest.mark.parametrize("change", [lambda image: veiled(image, 90), lambda image: exposed(image, 0.2)])
+@pytest.mark.parametrize("away", [1.0, 1.5])
+def test_colours_of_images_as_they_are_find_the_dice_in_images_as_they_are(away, change):
+    image, truth = painted(replace(RIG[0], camera_from_world=look_at(away * RIG[0].position)), DICE)
+    image = change(image)
+    taught = LabelledImage("as it is", image, np.where(truth > 0, np.uint8(3), np.uint8(0)))
     own = image_histograms(taught, FitOptions(draws=5000), normalise=False)
     mask = segment_dice(image, combine([own], normalise=False))
     assert intersection_over_union(mask, truth)[255] > 0.9

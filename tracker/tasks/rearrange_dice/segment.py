@@ -15,7 +15,7 @@ from tracker.conventions import Array, Image
 from tracker.errors import ColorModelError
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import FINE_IMAGE, REFERENCE_SIZE, check_image, in_even_light, may_be_grey
-from tracker.segmentation.light import CLIPPED, TARGET_GREY
+from tracker.segmentation.light import CLIPPED, TARGET_GREY, find_light
 from tracker.segmentation.sensor import calmed
 
 CERTAIN = 32
@@ -51,7 +51,7 @@ PALE = 0.8
 
 
 @compiled
-def read_levels(image, channels, table, ratios, gains, certain, inside, ratio, blue):  # type: ignore[no-untyped-def]
+def read_levels(image, channels, table, ratios, gains, gain, certain, inside, ratio, blue):  # type: ignore[no-untyped-def]
     """Fill (H, W) inside (1: certain), ratio (log of blue over red; 0: clipped grey) and blue (its level)."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
@@ -60,7 +60,7 @@ def read_levels(image, channels, table, ratios, gains, certain, inside, ratio, b
             cell = channels[0, b] + channels[1, g] + channels[2, r]
             inside[j, i] = 1 if table[cell] >= certain and not grey else 0
             ratio[j, i] = 0.0 if grey else ratios[0, b] - ratios[1, r]
-            blue[j, i] = min(int(gains[0] * b), 255)
+            blue[j, i] = min(int(gain * b), 255)
 
 
 @compiled
@@ -110,12 +110,13 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if scale > FINE_IMAGE else calmed(image)
     image, light = in_even_light(image, colors)
     gains = light.gains
+    gain = gains[0] if colors.normalise else find_light(image).gains[0]
 
     inside, blue = np.empty(image.shape[:2], np.uint8), np.empty(image.shape[:2], np.uint8)
     ratio = np.empty(image.shape[:2], np.float32)
     ratios = np.log(np.outer(gains[[0, 2]], np.arange(256)) + OFFSET).astype(np.float32)
     channels = colors.channel_tables(gains)
-    read_levels(image, channels, colors.margin_table, ratios, gains, CERTAIN, inside, ratio, blue)
+    read_levels(image, channels, colors.margin_table, ratios, gains, gain, CERTAIN, inside, ratio, blue)
     inside = np.asarray(cv2.medianBlur(inside, 3), dtype=np.uint8)
     mask: Image = np.zeros(image.shape[:2], np.uint8)
     left, top, width, height = cv2.boundingRect(inside)
