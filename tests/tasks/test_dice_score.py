@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from tests.helpers import RIG, make_camera, opencv_pixels
+from tracker import Camera
 from tracker.calibration.rig import CameraRig
 from tracker.errors import TaskError
 from tracker.geometry import so3
@@ -58,6 +59,13 @@ def test_an_exact_pixel_is_set_where_its_ray_meets_a_box(rng):
         assert found[length > 1e-3].all()
         assert np.count_nonzero(found[length == 0]) <= 2  # rays that graze an edge, between two samples
         assert np.count_nonzero(mask) == found.sum() > 100
+
+
+def test_a_ray_in_the_plane_of_a_boxs_face_meets_it():
+    matrix = np.array([[300.0, 0, 135], [0, 300, 135], [0, 0, 1]])
+    down = Camera("down", 271, 271, matrix, np.zeros(5), so3.transform(np.diag([1.0, -1, -1]), [0, 0, 0.5]))
+    for x, y in ((0.013, 0.0), (0.0, -0.013)):
+        assert dice.goal_masks([down], [[x, y, 0.013]], exact=True)[0][135, 135]
 
 
 def test_areas_are_those_of_all_places_in_any_order_and_truncated_ones_hold_the_exact_but_for_a_seam(rng):

@@ -127,13 +127,13 @@ def _exact_mask(camera: Camera, centers: FloatArray) -> Image:
         margin = 2 + int(0.1 * np.ptp(pixels, axis=1).max(initial=0))
         near = np.asarray(cv2.dilate(_filled_mask(camera, centers), np.ones((2 * margin + 1,) * 2)), np.uint8)
     rows, columns = np.nonzero(near)
-    with np.errstate(divide="ignore"):  # a ray along a face has an infinite inverse
-        inverse = 1 / np.ascontiguousarray(camera.rays(np.stack([columns, rows], axis=1)).T)
+    rays, half = np.ascontiguousarray(camera.rays(np.stack([columns, rows], axis=1)).T), TARGET_WIDTH / 2
     for center in centers - camera.position:
+        with np.errstate(divide="ignore", invalid="ignore"):  # 0 / 0: in a face's plane
+            low, high = ((center + offset)[:, None] / rays for offset in (-half, half))
         # Slab test: a ray is inside the box where it is between all three pairs of parallel planes.
-        low, high = ((center + offset)[:, None] * inverse for offset in (-TARGET_WIDTH / 2, TARGET_WIDTH / 2))
-        enters = np.fmax.reduce(np.fmin(low, high), axis=0)
-        leaves = np.fmin.reduce(np.fmax(low, high), axis=0)
+        enters = np.fmax.reduce(np.minimum(low, high), axis=0)
+        leaves = np.fmin.reduce(np.maximum(low, high), axis=0)
         met = (enters <= leaves) & (leaves > 0)
         mask[rows[met], columns[met]] = 255
     return mask
