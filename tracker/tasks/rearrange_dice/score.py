@@ -1,7 +1,7 @@
 """The task's error (the number of pixels that show dice outside the goal); assignment of dice to places."""
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import cv2
@@ -26,7 +26,7 @@ _BOX = cuboid.corners(np.full(3, TARGET_WIDTH))
 _FARTHEST_PX = 2**15  # OpenCV's polygon coordinates overflow beyond this
 
 
-def goal_masks(rig: Iterable[Camera], goal: npt.ArrayLike, *, exact: bool = False) -> list[Image]:
+def goal_masks(rig: CameraRig | Sequence[Camera], goal: npt.ArrayLike, *, exact: bool = False) -> list[Image]:
     """Draw where each camera of a rig may see dice: the boxes around the goal's positions, without occlusion.
 
     Args:
