@@ -189,6 +189,15 @@ def with_broken_stream() -> bytes:
     return content[:start] + b"\xff" * 400 + content[start + 400 :]
 
 
+def zipped(**members: bytes) -> bytes:
+    """A file with other members in place of those of a colour model."""
+    buffer = io.BytesIO(saved(**dict.fromkeys(members)))
+    with zipfile.ZipFile(buffer, "a") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
 FAULTY_FILES = {
     "empty": b"",
     "text": b"not a colour model",
@@ -202,6 +211,10 @@ FAULTY_FILES = {
     "two flags": saved(normalise=np.array([True, False])),
     "table of floats": saved(log_posterior=np.zeros((7, 32, 32, 32))),
     "small table": saved(log_posterior=np.zeros((6, 32, 32, 32), np.uint8)),
+    "text in place of an array": zipped(format=b"1"),
+    "table without a head": zipped(log_posterior=bytes(7 * 32**3)),
+    "long head": zipped(normalise=written(np.save, np.zeros(1, [(f"a{k}", "u1") for k in range(2000)]))),
+    "format in lines": saved(format=np.array("one\ntwo")),
     "objects": saved(log_posterior=np.array({}, dtype=object)),
 }
 
@@ -209,8 +222,9 @@ FAULTY_FILES = {
 @pytest.mark.parametrize("fault", FAULTY_FILES)
 def test_a_faulty_file_is_named(fault, tmp_path):
     (tmp_path / "faulty.npz").write_bytes(FAULTY_FILES[fault])
-    with pytest.raises(ColorModelError, match=r"faulty\.npz"):
+    with pytest.raises(ColorModelError, match=r"faulty\.npz") as told:
         load_colors(tmp_path / "faulty.npz")
+    assert "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize(

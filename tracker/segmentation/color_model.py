@@ -19,7 +19,7 @@ import numpy as np
 from tracker.checks import Frozen, described, float_array, of_kind, path_of
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
-from tracker.errors import ColorModelError, shown
+from tracker.errors import ColorModelError, reason, shown
 from tracker.files import read_bounded, told_as, write_whole
 from tracker.objects.labels import COLOR_NAMES
 
@@ -148,22 +148,21 @@ def _read(path: Path, name: str) -> ColorModel:
     try:
         content = read_bounded(path, _MAX_BYTES)
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
-        missing, small = {*_KEYS} - {*sizes}, sum(sizes.values()) <= _MAX_BYTES
+            small = sum(entry.file_size for entry in archive.infolist()) <= _MAX_BYTES
         with np.load(io.BytesIO(content), allow_pickle=False) as data:
-            arrays = [data[key] for key in _KEYS] if small and not missing else []
+            arrays = {key: np.asarray(data[key]) for key in _KEYS if key in data} if small else {}
     # For a broken file, zipfile, zlib and NumPy raise errors of many types.
     except Exception as error:
-        raise ColorModelError(f"{what}: cannot be read as .npz ({error})") from error
-    if missing:
-        raise ColorModelError(f"{what}: found no {sorted(missing)}, expected {sorted(_KEYS)}")
+        raise ColorModelError(f"{what}: cannot be read as .npz ({reason(error)})") from error
     if not small:
         raise ColorModelError(f"{what}: unpacks to more than {_MAX_BYTES} bytes")
-    version, codes, normalise = arrays
+    if missing := {*_KEYS} - {*arrays}:
+        raise ColorModelError(f"{what}: found no {sorted(missing)}, expected {sorted(_KEYS)}")
+    version, codes, normalise = arrays.values()
     if version.shape != () or version.dtype.kind not in "iu" or version != 1:
-        raise ColorModelError(f"{what}: format {version!s}; this version reads format 1")
+        raise ColorModelError(f"{what}: format {shown(version.tolist())}; this version reads format 1")
     if normalise.shape != () or normalise.dtype != np.bool_:
-        raise ColorModelError(f"{what}: normalise: found {normalise!s}, expected one boolean")
+        raise ColorModelError(f"{what}: normalise: found {shown(normalise.tolist())}, expected one boolean")
     if (codes.dtype, codes.shape) != (np.uint8, _SHAPE):
         found = described(codes)
         raise ColorModelError(f"{what}: log_posterior: found {found}, expected uint8 of shape {_SHAPE}")
