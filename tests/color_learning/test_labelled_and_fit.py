@@ -227,6 +227,13 @@ def test_a_faulty_file_is_named(fault, tmp_path):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.parametrize("without", ["normalise", "log_posterior", "nothing"])
+def test_a_later_format_is_called_so_whatever_else_its_file_holds(without, tmp_path):
+    (tmp_path / "later.npz").write_bytes(saved(**{without: None}, format=np.int64(2)))
+    with pytest.raises(ColorModelError, match="format 2; this version reads format 1"):
+        load_colors(tmp_path / "later.npz")
+
+
 @pytest.mark.parametrize(
     ("image", "masks"),
     [

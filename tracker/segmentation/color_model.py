@@ -156,14 +156,15 @@ def _read(path: Path, name: str) -> ColorModel:
         raise ColorModelError(f"{what}: cannot be read as .npz ({reason(error)})") from error
     if not small:
         raise ColorModelError(f"{what}: unpacks to more than {_MAX_BYTES} bytes")
-    if missing := {*_KEYS} - {*arrays}:
-        raise ColorModelError(f"{what}: found no {sorted(missing)}, expected {sorted(_KEYS)}")
-    version, codes, normalise = arrays.values()
+    version = arrays.get("format", np.int64(1))
     if version.shape != () or version.dtype.kind not in "iu" or version != 1:
         raise ColorModelError(f"{what}: format {shown(version.tolist())}; this version reads format 1")
+    if missing := {*_KEYS} - {*arrays}:
+        raise ColorModelError(f"{what}: found no {sorted(missing)}, expected {sorted(_KEYS)}")
+    _, codes, normalise = arrays.values()
     if normalise.shape != () or normalise.dtype != np.bool_:
         raise ColorModelError(f"{what}: normalise: found {shown(normalise.tolist())}, expected one boolean")
-    if (codes.dtype, codes.shape) != (np.uint8, _SHAPE):
+    if codes.dtype != np.uint8 or codes.shape != _SHAPE:
         found = described(codes)
         raise ColorModelError(f"{what}: log_posterior: found {found}, expected uint8 of shape {_SHAPE}")
     return ColorModel(name, codes * -_LOG_STEP, bool(normalise))
