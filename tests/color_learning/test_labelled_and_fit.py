@@ -1,3 +1,4 @@
+import dataclasses
 import io
 import os
 import zipfile
@@ -153,8 +154,9 @@ def test_other_objects_images_teach_colours_that_the_own_ones_lack_and_other_tin
     assert found[1] > 0.4
 
 
-def test_a_saved_model_is_read_back(model, tmp_path):
-    model.save(tmp_path / "mine.npz")
+@pytest.mark.parametrize("best", [0.0, -20.0])
+def test_a_saved_model_is_read_back_whatever_its_best_class_has(best, model, tmp_path):
+    dataclasses.replace(model, log_posterior=model.log_posterior + best).save(tmp_path / "mine.npz")
     read = load_colors(tmp_path / "mine.npz")
     assert read.name == "mine"
     assert read.normalise is model.normalise

@@ -133,7 +133,8 @@ class ColorModel(Frozen):
         Raises:
             ColorModelError: it cannot be written.
         """
-        codes = np.clip(np.rint(-self.log_posterior / _LOG_STEP), 0, 255).astype(np.uint8)
+        best = self.log_posterior.max(axis=0)
+        codes = np.clip(np.rint((best - self.log_posterior) / _LOG_STEP), 0, 255).astype(np.uint8)
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes
