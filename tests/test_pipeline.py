@@ -179,6 +179,7 @@ def test_a_tracker_is_shown_in_few_lines(trackers, scenes):
     assert "CuboidModel('cuboid_2x2x8_v2': 20×80×20 mm, +x red, " in text
     assert "CameraRig(camera60, camera180, camera300 of 270×270 px; Arena(" in text
     assert "ColorModel('cuboid_2x2x8_v2': red, " in text
+    assert repr(tracker.load_colors("dice")) == "ColorModel('dice': blue; greys normalised)"
     assert text.count("\n") == 2
     assert "last update" not in text
     one.update(scenes["cuboid_2x2x8_v2"][0].images, 1.5)

@@ -83,7 +83,8 @@ class ColorModel(Frozen):
 
     def __repr__(self) -> str:
         light = "greys normalised" if self.normalise else "images as they are"
-        return f"ColorModel({self.name!r}: {', '.join(COLOR_NAMES[1:])}; {light})"
+        known = [COLOR_NAMES[label] for label in np.unique(self.log_posterior.argmax(axis=0)) if label]
+        return f"ColorModel({self.name!r}: {', '.join(known)}; {light})"
 
     @functools.cached_property
     def _dense(self) -> FloatArray:
