@@ -124,6 +124,9 @@ def test_paints_are_those_of_neutral_light():
     for label in (1, 3):
         assert np.allclose(means[label], others[label], atol=6)
     assert np.allclose(shown[1][1], [0.8 / 1.2, 1 / 1.2, 1], atol=0.03)
+    # The light of most images, however bright each is.
+    several = [LabelledImage("one", exposed(one), labels) for one in (0.4 * scene, scene, tinted)]
+    assert np.allclose(paints(several)[1], 1, atol=0.03)
     assert (LIGHT, 3) in distances(means)
 
 

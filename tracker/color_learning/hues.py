@@ -105,7 +105,7 @@ def paints(images: Sequence[LabelledImage]) -> tuple[dict[int, Array], FloatArra
     lights = []
     for one in images:
         levels, light = neutral(one.image)
-        lights.append(-np.log(light.gains))
+        lights.append(np.log(light.gains[1] / light.gains))
         for label in np.unique(one.labels[one.labels > 0]):
             found.setdefault(int(label), []).append(levels[one.labels == label])
     raw = np.exp(np.median(lights, axis=0))
