@@ -1,8 +1,8 @@
 """The colours of faces: the hues that their names imply, and the distances between them.
 
 Cameras see paints, not pure colours: in labelled images of the platform's objects in neutral light, red
-is at 8 to 23°, yellow at 46 to 56°, green at 81 to 120°, cyan at 172 to 183°, blue at 208 to 215° and
-magenta at 290 to 347°.
+is at 7 to 26°, yellow at 47 to 57°, green at 79 to 120°, cyan at 174 to 190°, blue at 206 to 216° and
+magenta at 291 to 349°.
 
 The distance of two colours is a Mahalanobis distance of log blue, green and red in neutral light, with the
 covariance of the changes that light, shade and camera cause.
