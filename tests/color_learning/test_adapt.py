@@ -91,6 +91,20 @@ def test_a_higher_confidence_that_too_few_frames_reach_ends_the_learning_and_is_
     np.testing.assert_array_equal(found.colors.label_table, COLORS.label_table)
 
 
+@pytest.mark.usefixtures("known_names")
+@pytest.mark.parametrize(("posed", "neutral"), [(0.5, False), (0.6, True)])
+def test_images_are_tried_as_they_are_if_learning_ends_while_few_frames_are_posed(
+    posed, neutral, film, monkeypatch
+):
+    def judged(_model, _footage, colors):
+        gain = 0.2 if colors.normalise else 0.7
+        return lessons.Judgement(0.1 + gain * (colors.name == "fitted"), posed, 4)
+
+    monkeypatch.setattr("tracker.color_learning.adapt.GATES", (0.3, 1.0))
+    monkeypatch.setattr("tracker.color_learning.adapt.judge", judged)
+    assert adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, rounds=2).colors.normalise is neutral
+
+
 def test_images_as_they_are_must_be_explained_better_than_those_in_neutral_light(film, monkeypatch):
     def learned(_model, _footage, start, *_):
         before = lessons.Judgement(0.5 if start.normalise else 0.1, 1.0, 4)

@@ -85,7 +85,7 @@ def adapt(
         tried.append(found)
         best = max(tried, key=lambda one: one.after.explained)
         gained = best.after is not best.before
-        if gained or not fault:
+        if not fault:
             break
         faults.append(f"{initial.name}: refused: {fault}")
         if normalise:
@@ -120,7 +120,8 @@ def _adapted(
         gate = GATES[min(turn, len(GATES) - 1)]
         lessons, too_few = _lessons(model, footage, colors, gate)
         if too_few:
-            fault = "" if turn else too_few  # later, the higher gate ends the learning
+            # Later, a higher gate ends the learning if most frames are posed.
+            fault = "" if turn and best.after.posed > 0.5 else too_few
             break
         pixels = consistent(lessons)
         counts = learned(pixels)
