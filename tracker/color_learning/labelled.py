@@ -21,7 +21,8 @@ from tracker.files import read_bounded, told_of
 from tracker.logs.pictures import READ, check_whole, decoded, head_of
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
-from tracker.segmentation.light import Light, apply_gains, evened, find_light, unveiled
+from tracker.segmentation.labels import in_even_light
+from tracker.segmentation.light import Light, apply_gains
 
 MAX_PIXELS = 1 << 26
 """Largest number of pixels of an image: about eight thousand by eight thousand."""
@@ -110,9 +111,8 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
 
 def neutral(image: Image) -> tuple[Image, Light]:
     """Return an image (H, W, 3) in neutral and even light, as models see it, and its own light."""
-    image = unveiled(image)
-    light = find_light(image)
-    return apply_gains(evened(image, light), light.gains), light
+    even, light = in_even_light(image, normalise=True)
+    return apply_gains(even, light.gains), light
 
 
 def surely_background(labels: Image) -> Array:

@@ -8,7 +8,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.errors import ColorModelError, ImageError
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.light import AS_IT_IS, CLIPPED, Light, evened, find_light, unveiled
+from tracker.segmentation.light import CLIPPED, Light, evened, find_light, unveiled
 
 REFERENCE_SIZE = 270
 """Image height for which the lengths below are stated [px]."""
@@ -105,16 +105,16 @@ def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Ima
     if min(image.shape[:2]) / REFERENCE_SIZE > FINE_IMAGE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
-    image, light = in_even_light(image, colors)
+    image, light = in_even_light(image, colors.normalise)
     labels = np.empty(image.shape[:2], np.uint8)
     look_up(image, colors.channel_tables(light.gains), colors.label_table, light.gains, labels)
     return image, light, labels
 
 
-def in_even_light(image: Image, colors: ColorModel) -> tuple[Image, Light]:
+def in_even_light(image: Image, normalise: bool) -> tuple[Image, Light]:
     """Return the image (H, W, 3) without veil and tilt, and its light; as it is if not to be normalised."""
-    if not colors.normalise:
-        return image, AS_IT_IS
+    if not normalise:
+        return image, Light(np.ones(3), np.zeros((2, 2)), 0.0)
     image = unveiled(image)
     light = find_light(image)
     return evened(image, light), light

@@ -274,10 +274,6 @@ def find_light(image: Image) -> Light:
     return Light(gains, tilt, float(share))
 
 
-AS_IT_IS = Light(np.ones(3), np.zeros((2, 2)), 0.0)
-"""Light of images whose colours are not normalised."""
-
-
 @compiled
 def evened_level(level, factor):  # type: ignore[no-untyped-def]
     """Return a level times a factor; a clipped level stays clipped, since its true value is unknown."""

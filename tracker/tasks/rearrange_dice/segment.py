@@ -108,7 +108,7 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     scale = min(image.shape[:2]) / REFERENCE_SIZE
     # Demosaicing leaves single wrong pixels at the finer resolution.
     image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if scale > FINE_IMAGE else calmed(image)
-    image, light = in_even_light(image, colors)
+    image, light = in_even_light(image, colors.normalise)
     gains = light.gains
     gain = gains[0] if colors.normalise else find_light(image).gains[0]
 
