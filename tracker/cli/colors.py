@@ -319,7 +319,7 @@ def _print_weak(counts: Array) -> None:
         if (share := right / counts[label].sum()) < WEAK:
             taken = COLOR_NAMES[int(others[label].argmax())]
             weak.append(f"weak: {name}: {100 * share:.0f} % is found, most of the rest as {taken}")
-        false = 1 - right / max(counts[:, label].sum(), right, 1)
+        false = 1 - right / max(counts[:, label].sum(), 1)
         if false > FALSE and others[:, label].any():
             of = COLOR_NAMES[int(others[:, label].argmax())]
             weak.append(f"weak: {name}: {100 * false:.0f} % of what is found is something else, mostly {of}")
