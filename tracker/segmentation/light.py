@@ -261,7 +261,7 @@ class Light:
     tilt: FloatArray
     """(2, 2) slopes of ln(blue/green) and ln(red/green), per half image to the right and down; 0: even."""
     share: float
-    """Share of the pixels that are grey; 0 if no grey is found."""
+    """Share of the pixels, neither dark nor clipped, that are grey; 0 if no grey is found."""
 
 
 def find_light(image: Image) -> Light:
