@@ -232,7 +232,7 @@ ENOUGH = 150
 """Smallest number of pixels, over all frames, from which a colour is learned."""
 
 DISTRACTING = 0.2
-"""Share of background pixels whose colours were mistaken for a face, if there are any; they are oversampled,
+"""Least share of background pixels whose colours were mistaken for a face, if any were; they are oversampled,
 since a cross on the table fills only a thousandth of the images."""
 
 MOST = 200_000
@@ -269,7 +269,7 @@ def refit(
 
 
 def _with_distracting(background: Array, taken: Array, rng: np.random.Generator) -> Array:
-    """Resample background so that a share DISTRACTING of it has colours `taken` for a face, if any do."""
+    """Resample background so that a share DISTRACTING or more has colours `taken` for a face, if any do."""
     distracting = background[taken[nodes_of(background)]]
     if len(background) > MOST:
         background = background[rng.integers(len(background), size=MOST)]
