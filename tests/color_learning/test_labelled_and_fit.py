@@ -256,14 +256,19 @@ def test_both_layouts_of_labelled_images_are_read(image, masks, tmp_path):
     np.testing.assert_array_equal(read.labels, np.where(scene.labels > 4, 0, scene.labels))
 
 
-def test_images_have_the_same_names_and_so_the_same_draws_wherever_they_are_read_from(tmp_path, monkeypatch):
-    folder = tmp_path / "mine"
+@pytest.mark.parametrize("name", ["mine", os.fsdecode(b"w\xfcrfel")])
+def test_images_have_the_same_names_and_so_the_same_draws_wherever_they_are_read_from(
+    name, tmp_path, monkeypatch
+):
+    folder = tmp_path / name
     folder.mkdir()
-    cv2.imwrite(str(folder / "1_image.png"), labelled_image(3).image)
-    cv2.imwrite(str(folder / "1_mask_red.png"), labelled_image(3).labels)
     monkeypatch.chdir(folder)
-    for given in (folder, ".", "../mine", ""):
-        assert [one.name for one in read_labelled(given)] == ["mine/1_image"]
+    cv2.imwrite("1_image.png", labelled_image(3).image)
+    cv2.imwrite("1_mask_red.png", labelled_image(3).labels)
+    for given in (folder, ".", f"../{name}", ""):
+        (one,) = read_labelled(given)
+        assert one.name == f"{name}/1_image"
+        assert set(image_histograms(one, FitOptions(draws=10))) == {0, 1}
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generato
 
 def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bool = True) -> Histograms:
     """Return histograms of the classes in one image; background pixels keep a distance from the labels."""
-    rng = np.random.default_rng([options.seed, *labelled.name.encode()])
+    rng = np.random.default_rng([options.seed, *labelled.name.encode(errors="surrogatepass")])
     image = neutral(labelled.image)[0] if normalise else labelled.image
     shown = np.unique(labelled.labels[labelled.labels > 0])
     pixels = {int(label): image[labelled.labels == label] for label in shown}
