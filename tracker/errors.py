@@ -59,9 +59,13 @@ def shown(value: object) -> str:
         return f"a {type(value).__name__}"
 
 
+def message(error: BaseException) -> str:
+    """Return an error's message on one line, or its type if it has none."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
 def reason(error: Exception) -> str:
-    """Return an error's message on one line."""
-    text = str(error)
-    if isinstance(error, OSError):
-        text = f"{error.filename or 'output'}: {error.strerror or error}"
-    return " ".join(text.split()) or type(error).__name__
+    """Return an error's message on one line, with the file that the operating system's errors concern."""
+    if not isinstance(error, OSError):
+        return message(error)
+    return " ".join(f"{error.filename or 'output'}: {error.strerror or message(error)}".split())

@@ -19,7 +19,7 @@ from typing import Any
 from tracker.batch import results
 from tracker.batch.workers import Engine
 from tracker.checks import path_of
-from tracker.errors import LogError, TrackerError, reason
+from tracker.errors import LogError, TrackerError, message, reason
 from tracker.files import claimed, lock_of, read_bounded, write_whole
 from tracker.files.hdf5 import text_of
 from tracker.recordings.track import Job, Options, Recipe, Tracked, fingerprint, run
@@ -172,7 +172,7 @@ def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
     except OSError as error:
         raise LogError(f"{path}: cannot be read, expected a list of recordings: {error.strerror}") from error
     except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise LogError(f"{path}: found no batch: {' '.join(str(error).split())}") from error
+        raise LogError(f"{path}: found no batch: {message(error)}") from error
 
 
 def read_batch(folder: Path) -> Batch:

@@ -29,7 +29,7 @@ import yaml
 
 from tracker.checks import is_number, naming
 from tracker.conventions import FloatArray
-from tracker.errors import CalibrationError, TrackerError, shown
+from tracker.errors import CalibrationError, TrackerError, message, shown
 from tracker.files import read_bounded, told_of
 from tracker.geometry import so3
 from tracker.geometry.camera import COUNTS, ROTATION_TOLERANCE, Camera, check_rotation
@@ -89,8 +89,7 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
         raise CalibrationError(f"{path}: nested too deeply, expected a calibration") from error
     # PyYAML lets errors through that Python raises for values such as the date 2001-99-99 or `!!bool 2`.
     except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
-        reason = " ".join(str(error).split())
-        raise CalibrationError(f"{path}: not plain YAML: {reason}") from error
+        raise CalibrationError(f"{path}: not plain YAML: {message(error)}") from error
     if not isinstance(data, dict):
         raise CalibrationError(f"{path}: found {shown(data)}, expected a mapping with the key camera_matrix")
     if "distortion_model" in data:

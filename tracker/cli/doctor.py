@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import click
 
-from tracker.errors import install
+from tracker.errors import install, message
 from tracker.version import version
 
 NAME = "trifinger-object-tracker"
@@ -111,7 +111,7 @@ def _fault_of_module(name: str) -> str | None:
     try:
         module = importlib.import_module(name)
     except Exception as error:
-        return " ".join(str(error).split())
+        return message(error)
     # If one of two packages that share a folder was removed, the remaining folder imports without error.
     return None if module.__file__ else "only the folder is left"
 

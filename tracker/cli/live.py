@@ -17,7 +17,7 @@ from tracker.cli.live_outputs import LiveOutputs, Lookout, Requested, Statistics
 from tracker.cli.options import Range, argument, command, flag, option
 from tracker.cli.outputs import InFile, Recording
 from tracker.cli.terminal import say
-from tracker.errors import LiveError
+from tracker.errors import LiveError, message
 from tracker.files import on_error
 from tracker.live.sources import CAMERAS, FORMS, SIMULATION
 from tracker.processes import Ended
@@ -123,7 +123,7 @@ def _track(
     outputs.tell()
     error = follower.error
     if error is not None:
-        raise LiveError(f"{name}: {str(error) or type(error).__name__}") from error
+        raise LiveError(f"{name}: {message(error)}") from error
     if not (quiet or isinstance(stopped, Ended)):
         left_out = getattr(given, "skipped", 0)
         click.echo(statistics.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))

@@ -26,7 +26,7 @@ import numpy as np
 
 from tracker.checks import described, naming
 from tracker.conventions import Array
-from tracker.errors import LogError, TrackerError
+from tracker.errors import LogError, TrackerError, message
 from tracker.files import open_regular, told_of
 
 MAX_CHUNK = 1 << 28
@@ -64,8 +64,8 @@ def faults_as_log_errors(what: str) -> Iterator[None]:
         raise LogError(f"{what}: {error}") from error
     # The type of h5py's error depends on the stage at which the library fails.
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError) as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise LogError(f"{what}: cannot be read, expected a whole HDF5 file: {reason}") from error
+        why = message(error)[:200]
+        raise LogError(f"{what}: cannot be read, expected a whole HDF5 file: {why}") from error
 
 
 def open_file(path: str | os.PathLike[str]) -> h5py.File:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tracker.checks import is_number, one_stamp
 from tracker.conventions import Image
-from tracker.errors import LiveError, shown
+from tracker.errors import LiveError, message, shown
 from tracker.files import on_error
 from tracker.live.moment import ImageSet, SourceEnded
 from tracker.logs.log import Settings as Settings
@@ -224,7 +224,7 @@ class CameraSet:
                     settings = camera.settings()
             except Exception as error:
                 with self._changed:
-                    slot.fault = " ".join(str(error).split()) or type(error).__name__
+                    slot.fault = message(error)
                     if isinstance(error, CameraUnfit) and slot.settings is None:
                         slot.final = error
                     self._changed.notify_all()
@@ -254,7 +254,7 @@ class CameraSet:
                 picture = _checked(camera.grab(_GRAB))
                 picture = Grabbed(picture.image, asked_at) if film else picture  # decoding takes its time
             except Exception as error:
-                fault = " ".join(str(error).split()) or type(error).__name__
+                fault = message(error)
                 there = isinstance(error, LiveError) and not isinstance(error, CameraLost | SourceEnded)
                 final = error if isinstance(error, SourceEnded) else None
             with self._changed:

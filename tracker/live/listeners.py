@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from tracker.calibration.rig import CameraRig
-from tracker.errors import LiveError, LogError, TrackerError
+from tracker.errors import LiveError, LogError, TrackerError, message
 from tracker.live.moment import Moment
 from tracker.logs.frame import WentBack
 from tracker.logs.hdf5_writer import Hdf5LogWriter
@@ -72,7 +72,7 @@ class Listener:
                     moment = self._waiting.popleft()
                 self._take_in(moment)
         except Exception as error:
-            self.fault = " ".join(str(error).split()) or type(error).__name__
+            self.fault = message(error)
         try:
             self._finish()
         except TrackerError as error:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tracker.checks import check_sequence, is_number, is_whole, one_stamp, shown_in
 from tracker.conventions import Image
-from tracker.errors import LiveError, shown
+from tracker.errors import LiveError, message, shown
 from tracker.geometry.camera import Camera
 from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults
 from tracker.live.sources import FORMS, open_source
@@ -162,7 +162,7 @@ class Live:
             if self._count > seen:
                 return self.latest()
             if isinstance(self._error, Exception):
-                raise LiveError(f"live: {str(self._error) or type(self._error).__name__}") from self._error
+                raise LiveError(f"live: {message(self._error)}") from self._error
             if self._error is not None:
                 raise self._error
             return None
@@ -219,7 +219,7 @@ class Live:
             try:
                 self._source.close()
             except Exception as error:
-                self._note(f"the source could not be closed: {str(error) or type(error).__name__}")
+                self._note(f"the source could not be closed: {message(error)}")
             self._end()
 
     def _end(self) -> None:
@@ -264,7 +264,7 @@ class Live:
                 listener(moment)
             except Exception as error:
                 self._listeners.remove(listener)
-                self._note(f"a listener is not called any more: {str(error) or type(error).__name__}")
+                self._note(f"a listener is not called any more: {message(error)}")
 
     def _jump(self, taken: ImageSet, now: float) -> str | None:
         """Return how timestamps jumped since the last set, which came at `_begun`; None if they did not."""

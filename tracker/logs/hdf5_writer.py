@@ -17,7 +17,7 @@ from tracker.calibration.camera_info import CAMERA_DATASETS, write_arena
 from tracker.calibration.rig import CameraRig
 from tracker.checks import check_sequence, float_array, is_number, naming, of_kind, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import LogError, shown
+from tracker.errors import LogError, message, shown
 from tracker.files import told_as, whole_file
 from tracker.files.hdf5 import Disk
 from tracker.logs.frame import StampOrder, checked_stamp, pose_from_record
@@ -171,7 +171,7 @@ class Hdf5LogWriter:
                 self._file[name].resize(self._count, axis=0)
             if isinstance(error, LogError):
                 raise
-            raise LogError(f"{self._path}: cannot be written: {' '.join(str(error).split())}") from error
+            raise LogError(f"{self._path}: cannot be written: {message(error)}") from error
         self._count += 1
 
     def flush(self) -> None:

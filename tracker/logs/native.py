@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.errors import LogError
+from tracker.errors import LogError, message
 from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, default_names
@@ -189,7 +189,7 @@ class NativeSource(Source):
                     self._file.seek(offset)
                     return self._file.readinto(data)
             except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-                where = f"before byte {offset + len(data)} of the content: {' '.join(str(error).split())}"
+                where = f"before byte {offset + len(data)} of the content: {message(error)}"
                 raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
 
     def _rewind(self) -> None:

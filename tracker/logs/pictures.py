@@ -18,7 +18,7 @@ import numpy as np
 
 from tracker.checks import in_8_bits, naming, optional
 from tracker.conventions import Array, Image
-from tracker.errors import LogError
+from tracker.errors import LogError, message
 from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.logs.log import check_same_size, check_sides
 
@@ -225,7 +225,7 @@ class FilmFile:
                         if time is not None and time > sought:
                             break
                 except self._faults as error:
-                    fault = " ".join(str(error).split())
+                    fault = message(error)
         raise LogError(f"{where}{fault}")
 
     def _decoded(self, time: int) -> Iterator[Any]:
