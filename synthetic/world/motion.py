@@ -12,7 +12,7 @@ from synthetic.world.acts import PERIOD, Moment, Moments, Stage, push, release, 
 from synthetic.world.carrying import carry, lift_and_lower, random_grip
 from synthetic.world.fingers import random_fingers
 from synthetic.world.placement import MAX_CLEARANCE, Poses, lowest, place, random_place, random_rotation
-from synthetic.world.platform import Platform
+from synthetic.world.platform import DIE_SIZE, Platform
 from synthetic.world.scenes import describe
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
@@ -141,7 +141,10 @@ def _begin(platform: Platform, rng: np.random.Generator, kind: str) -> Stage:
                 stage.grip = found[0]
                 return stage
     elif kind == "drop":
-        positions[:, 2] += rng.uniform(0.01, 0.1, len(positions))
+        # At four heights, so that neighbours have room for their diagonals of 38 mm, however they are turned.
+        odd = np.rint(positions[:, :2] / DIE_SIZE).astype(np.int64) % 2
+        positions[:, 2] += 0.01 + 0.04 * (odd @ [1, 2])
+        rotations = np.stack([random_rotation(rng) for _ in positions])
     states = platform.object_states(positions, rotations)
     joints, _ = random_fingers(platform, states, rng, 0.0)
     return Stage(platform, rng, states, joints)

@@ -115,7 +115,7 @@ def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to():
 
 
 def apart(platform, scene):
-    """Least distance [m] of two level dice along one of the axes; negative: they may overlap."""
+    """Least distance [m] of two dice along one of the axes; negative: they may overlap."""
     points = all_corners(platform, scene)
     low, high = points.min(axis=1), points.max(axis=1)
     gaps = (low[:, None] - high).max(axis=-1)
