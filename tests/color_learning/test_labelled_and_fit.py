@@ -224,9 +224,9 @@ FAULTY_FILES = {
 @pytest.mark.parametrize("fault", FAULTY_FILES)
 def test_a_faulty_file_is_named(fault, tmp_path):
     (tmp_path / "faulty.npz").write_bytes(FAULTY_FILES[fault])
-    with pytest.raises(ColorModelError, match=r"faulty\.npz") as told:
+    with pytest.raises(ColorModelError, match=r"faulty\.npz") as printed:
         load_colors(tmp_path / "faulty.npz")
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(printed.value)
 
 
 @pytest.mark.parametrize("without", ["normalise", "log_posterior", "nothing"])

@@ -210,7 +210,7 @@ def test_a_truncated_log_gives_the_frames_before(tmp_path, cut):
     assert before == after
     with tracker.open_log(packed, recover=True) as log:
         assert len([*log]) == len(after)
-        assert "more of this recording" not in log.fault  # it is not unpacked anew for each frame after
+        assert "more of this recording" not in log.fault  # it is unpacked once
 
 
 def test_a_checksum_that_disagrees_and_bytes_after_the_end_are_reported_at_the_end(tmp_path):
