@@ -87,9 +87,9 @@ def locate(
 ) -> tuple[Die, ...]:
     """Return the dice that together best explain the masks of all cameras, the most certain first.
 
-    Dice lie flat on the table or on each other, anywhere and with any yaw. With inaccurate calibrations, the
-    table may be up to half a die above or below the world's z = 0; its height is estimated from the dice.
-    A die that fingers or other dice hide almost completely is not found.
+    Dice lie flat on the table or on dice that do, not higher, anywhere and with any yaw. With inaccurate
+    calibrations, the table may be up to half a die above or below the world's z = 0; its height is estimated
+    from the dice. A die that fingers or other dice hide almost completely is not found.
 
     Args:
         rig: the cameras.
