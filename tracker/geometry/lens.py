@@ -1,14 +1,15 @@
 """Compiled projection: the camera model of tracker.geometry.camera, point by point."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array
+from tracker.geometry import so3
 from tracker.geometry.camera import VIEW, Camera, all_coefficients, tilt
 from tracker.geometry.cuboid import CORNER_SIGNS
+from tracker.geometry.linear import product
 
 LENS = np.dtype(
     [
@@ -153,23 +154,13 @@ def copy_pose(rotation, position, new_rotation, new_position):  # type: ignore[n
 @compiled
 def apply_update(rotation, position, update):  # type: ignore[no-untyped-def]
     """Move a pose in place by update (6,): p += δp, R = exp(δθ) R."""
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    so3.exp_into(update[3:6], turn)
+    product(turn, rotation, turned)
     for i in range(3):
         position[i] += update[i]
-    x, y, z = update[3], update[4], update[5]
-    angle = math.sqrt(x * x + y * y + z * z)
-    if angle < 1e-12:
-        return
-    x, y, z = x / angle, y / angle, z / angle
-    s, c = math.sin(angle), math.cos(angle)
-    d = 1.0 - c
-    e = np.empty((3, 3))
-    e[0, 0], e[0, 1], e[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
-    e[1, 0], e[1, 1], e[1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
-    e[2, 0], e[2, 1], e[2, 2] = z * x * d - y * s, z * y * d + x * s, c + z * z * d
-    for column in range(3):
-        a, b, g = rotation[0, column], rotation[1, column], rotation[2, column]
-        for i in range(3):
-            rotation[i, column] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * g
+        for k in range(3):
+            rotation[i, k] = turned[i, k]
 
 
 @compiled

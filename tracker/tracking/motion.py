@@ -18,7 +18,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
-from tracker.geometry.lens import copy_pose
+from tracker.geometry.lens import apply_update, copy_pose
 from tracker.geometry.linear import congruence, factorise, product, substitute
 
 STATE = 12
@@ -93,13 +93,7 @@ def _difference(one, other, out):  # type: ignore[no-untyped-def]
 @compiled
 def moved(position, rotation, velocity, error):  # type: ignore[no-untyped-def]
     """Move a state, in place, by an error (12,)."""
-    turn, turned = np.empty((3, 3)), np.empty((3, 3))
-    so3.exp_into(error[3:6], turn)
-    product(turn, rotation, turned)
-    for i in range(3):
-        position[i] += error[i]
-        for k in range(3):
-            rotation[i, k] = turned[i, k]
+    apply_update(rotation, position, error)
     for i in range(6):
         velocity[i] += error[6 + i]
 
