@@ -13,7 +13,7 @@ def factorise(matrix, lower):  # type: ignore[no-untyped-def]
 
     Return False, and leave `lower` undefined, if the matrix is not positive definite.
     """
-    for i in range(matrix.shape[0]):
+    for i in range(len(lower)):
         for j in range(i + 1):
             total = matrix[i, j]
             for k in range(j):

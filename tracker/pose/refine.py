@@ -149,11 +149,8 @@ def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignor
         camera, every, pixels = cameras[c], schedule.every[step], (work.distance[c], work.values[c])
         for i in range(6):
             camera.since[i] = 0.0
-        if not camera.used:
-            continue
-        if camera.every != every:
-            shown = pixels_of(pictures[c]), mask_of(pictures[c])
-            collect(shown, pictures[c], camera, work.strips[c], every, pixels)
+        shown = pixels_of(pictures[c]), mask_of(pictures[c])
+        collect(shown, pictures[c], camera, work.strips[c], every, pixels)
         rough = schedule.blur[step] * camera.scale
         measure(
             work.strips[c], camera, pictures[c].channels, model.colors,
@@ -171,8 +168,6 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
     for c in range(len(cameras)):
         camera = cameras[c]
         seen[c].expected, seen[c].usable = 0.0, 0.0
-        if not camera.used:
-            continue
         scale, widths, (exponent, rim) = camera.scale, 0, shown(solution, camera)
         for s in range(camera.strips):
             if not work.strips[c, s].in_view or s % camera.every:
@@ -197,7 +192,7 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
             camera.blur = 0.0
     for c in range(len(cameras)):
         # A camera that shows only narrow faces takes its blur from the others.
-        if cameras[c].blur == 0.0 or not cameras[c].used:
+        if cameras[c].blur == 0.0:
             cameras[c].blur = cameras[c].scale * (known_blur / knowing if knowing > 0 else likely)
         seen[c].blur = cameras[c].blur
     return robust_std(work.residuals, total)
@@ -208,9 +203,8 @@ def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-un
     """Accumulate every camera's strips; least: smallest Tukey limit [px]; scatter: of the residuals [px]."""
     for c in range(len(cameras)):
         camera = cameras[c]
-        if camera.used:
-            drawn, weighing = shown(solution, camera), weighing_of(camera, least, scatter)
-            accumulate(work.strips[c], work.found[c], camera, camera.since, drawn, weighing, seen[c])
+        drawn, weighing = shown(solution, camera), weighing_of(camera, least, scatter)
+        accumulate(work.strips[c], work.found[c], camera, camera.since, drawn, weighing, seen[c])
 
 
 @compiled
@@ -310,7 +304,6 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
     while step < len(schedule.blur) and not solution.converged:
         if stray:
             _lay_strips(model, solution, cameras, schedule, step, work)
-            share, stated = 1.0, 1.0
         copy_pose(solution.rotation, solution.position, rotation, position)
         _measure_all(model, pictures, cameras, schedule, step, work)
         scatter = _estimate_blurs(solution, cameras, start.blur, work, seen)
@@ -330,8 +323,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
                 return
             own_changes(solution, cameras)
             _move(solution, cameras, radius)
-        whole = late and schedule.every[step] == 1
-        solution.converged = whole and _length(rotation, position, solution) < schedule.negligible[step]
+        solution.converged = late and _length(rotation, position, solution) < schedule.negligible[step]
         step += 1
         stray = rough or (not solution.converged and _moved_out(cameras, work))
         if solution.converged:

@@ -141,8 +141,6 @@ def with_edges(cameras, feet, own, foot):  # type: ignore[no-untyped-def]
             vector[i] = camera.force[i]
             for k in range(i + 1):
                 matrix[i, k] = camera.whole[i, k]
-        if not camera.used:
-            continue
         pivots = 1.0
         for e in range(12):
             if edges[e, KNOWN] == 0.0:
@@ -176,8 +174,6 @@ def _eliminate(camera, share):  # type: ignore[no-untyped-def]
     blind = True
     for i in range(OWN):
         blind = blind and information[i, i] == 0.0
-    if blind:
-        return np.nan
     scaled, pivots, doubt = 1.0 / share, share**6, 0.0
     for i in range(OWN):
         force, held = camera.gradient[i], 0.0
@@ -215,7 +211,7 @@ def _eliminate(camera, share):  # type: ignore[no-untyped-def]
         doubt -= change[i] ** 2
         for j in range(UNKNOWNS):
             reduced[i, j] *= inverse
-    return doubt + math.log(pivots)
+    return np.nan if blind else doubt + math.log(pivots)
 
 
 @compiled
@@ -316,18 +312,11 @@ def own_changes(solution, cameras):  # type: ignore[no-untyped-def]
     shared = np.empty(UNKNOWNS)
     for c in range(len(cameras)):
         camera = cameras[c]
-        blind = True
-        for i in range(OWN):
-            blind = blind and camera.information[i, i] == 0.0
         for k in range(UNKNOWNS):
             shared[k] = solution.change[k]
             if k < 6 and solution.size > UNKNOWNS:
                 shared[k] -= camera.delay * solution.change[UNKNOWNS + k]
         for i in range(OWN - 1, -1, -1):
-            if blind:
-                # A camera that sees nothing returns to its calibration.
-                camera.change[i] = -camera.offset[i]
-                continue
             total = camera.change[i]
             for k in range(UNKNOWNS):
                 total -= camera.reduced[i, k] * shared[k]
@@ -345,11 +334,8 @@ def marginal(solution):  # type: ignore[no-untyped-def]
     See equation (19) of docs/how-it-works.md.
     """
     n = solution.size
-    known, lower, column = np.empty((n, n)), np.zeros((n, n)), np.empty(n)
-    for i in range(n):
-        for k in range(n):
-            known[i, k] = solution.known[i, k]
-    if not factorise(known, lower):
+    lower, column = np.zeros((n, n)), np.empty(n)
+    if not factorise(solution.known, lower):
         return False
     for k in range(6):
         column[:] = 0.0
