@@ -233,7 +233,7 @@ def _add_up(strip, at, narrow, slopes, pixels, space):  # type: ignore[no-untype
         last = first + padded(count)
         edge_products(space, values, start, first, last, count, g, part, slopes)
         if narrow:
-            narrow_products(space, values, start, first, last, g, part, slopes)
+            narrow_products(space, values, start, first, last, g, part)
         eliminate_surfaces(space, g, part, narrow, slopes)
 
 
@@ -273,9 +273,8 @@ def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[
     if not _is_of_face(strip, space.color, channels, table):
         return
     variance = _variance(left, count - 3 * (surfaces + 1))
-    if sharpness > 0.0:
-        found.sharpness = sharpness / variance
-        found.wider = wider / sharpness
+    found.sharpness = sharpness / variance
+    found.wider = wider / sharpness
     slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
     _place_edge(strip, at, count, surfaces, slopes, variance / slope**2, space, found)
 

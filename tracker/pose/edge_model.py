@@ -183,7 +183,7 @@ def edge_products(space, values, start, first, last, count, g, part, slopes):  #
 
 
 @compiled
-def narrow_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
+def narrow_products(space, values, start, first, last, g, part):  # type: ignore[no-untyped-def]
     """Fill the products of surfaces behind narrow ones, and correct those of the share outside."""
     columns, full, raw, mean = space.columns, space.full, space.raw, space.mean
     # The total share outside in the products above: all but the share inside.
@@ -194,8 +194,7 @@ def narrow_products(space, values, start, first, last, g, part, slopes):  # type
         for q in range(first, last):
             area += columns[i, q]
         for j in (INSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR):
-            stale = not slopes and j in (SLOPE_IN, SLOPE_OUT)
-            full[g, i, j] = 0.0 if stale else _dot(space, i, space.columns, j, 0, first, last)
+            full[g, i, j] = _dot(space, i, space.columns, j, 0, first, last)
             full[g, min(OUTSIDE, j), max(OUTSIDE, j)] -= full[g, i, j]
         full[g, i, i] = square + RIDGE
         full[g, i, OUTSIDE] = area - square - full[g, BEFORE, BEYOND] - full[g, i, INSIDE]

@@ -164,8 +164,7 @@ class PoseEstimator:
             return fits
         best = max(fits, key=rank)
         if thorough and not settled(best):
-            other = self.without_worst(sight, best, lag)
-            fits += [other] if other is not best else []
+            fits.append(self.without_worst(sight, best, lag))
         return fits + self._alike(sight, best, lag)
 
     def _best(self, sight: Sight, fits: list[Fit], lag: Lag | None) -> Fit | Status:

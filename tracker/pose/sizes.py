@@ -67,10 +67,8 @@ def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: igno
 
 @compiled
 def _mean(sizes, doubts):  # type: ignore[no-untyped-def]
-    """Posterior mean of sizes (W,) by their doubts; the first if none is finite."""
+    """Posterior mean of sizes (W,) by their doubts."""
     least, weights, mean = doubts[smallest(doubts)], 0.0, 0.0
-    if not math.isfinite(least):
-        return sizes[0]
     for w in range(len(sizes)):
         weight = math.exp(-0.5 * (doubts[w] - least))
         weights += weight
@@ -145,8 +143,6 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
             shares[k] = misfit - 2.0 * math.log(SHARES_PRIOR[k])
     least = shares[smallest(shares)]
     if not math.isfinite(least):
-        if ask:
-            solution.own = WEAR[0]
         return 1.0, 1.0
     if ask:
         weight = ALIKE[0] * (1.0 - ALIKE[1] / max(count, 1)) * max(1.0, alike / ALIKE[2]) ** 2
