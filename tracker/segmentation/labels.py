@@ -135,13 +135,9 @@ def keep_strongest(labels: Image, evidence: Array) -> Image:
         large[0] = False
         if count > 1:
             kept |= np.where(large[parts], np.uint8(label), np.uint8(0))
-    if not kept.any():
-        return np.zeros_like(labels)
     reach = 2 * max(1, round(GAP * scale)) + 1
     joined = cv2.dilate(np.minimum(kept, 1), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
     count, things = cv2.connectedComponents(joined)
     weight = np.bincount(things.ravel(), weights=np.where(kept > 0, evidence, 0).ravel(), minlength=count)
-    weight[0] = 0
     strong = weight >= MIN_EVIDENCE * weight.max()
-    strong[0] = False
     return np.where(strong[things], kept, np.uint8(0))
