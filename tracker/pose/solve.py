@@ -341,8 +341,8 @@ def marginal(solution):  # type: ignore[no-untyped-def]
         column[:] = 0.0
         column[k] = 1.0
         substitute(lower, column, column)
-        for i in range(6):
-            solution.covariance[i, k] = column[i]
+        for i in range(k, 6):
+            solution.covariance[i, k] = solution.covariance[k, i] = column[i]
     column[:] = 0.0
     column[RIM] = 1.0
     substitute(lower, column, column)
@@ -380,7 +380,4 @@ def add_model_errors(covariance, radius):  # type: ignore[no-untyped-def]
     This is equation (19) of docs/how-it-works.md.
     """
     for i in range(6):
-        for k in range(i + 1):
-            covariance[i, k] = 0.5 * (covariance[i, k] + covariance[k, i])
-            covariance[k, i] = covariance[i, k]
         covariance[i, i] += (MODEL_STD[0] * radius) ** 2 if i < 3 else MODEL_STD[1] ** 2
