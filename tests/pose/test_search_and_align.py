@@ -369,6 +369,16 @@ def test_a_camera_without_an_image_explains_nothing(estimator, images, rig, show
     assert scores[0] == scores[1]
 
 
+@pytest.mark.parametrize("left_out", [(), (1,)])
+def test_colours_beside_the_object_are_elsewhere_in_an_image_that_was_left_out(estimator, images, left_out):
+    position, rotation = pose_at(0.0)
+    sight = estimator.reader([images[0], np.roll(images[1], 12, axis=1), images[2]])
+    seen = estimator.refiner(sight, rotation, position, left_out=left_out).cameras[1]
+    assert (seen["extra"] == 0) == bool(left_out)
+    counted = seen["agree"] + seen["wrong"] + seen["extra"] + seen["elsewhere"]
+    assert counted == sight.pictures["colored"][1] > 0
+
+
 @pytest.mark.parametrize("spoilt", ["mixed", "one camera", "empty"])
 def test_few_poses_are_refined_whatever_the_pictures_show(estimator, images, rig, spoilt, monkeypatch):
     moved = shot(rig, pose_at(1.2), 8)
