@@ -157,6 +157,7 @@ REFUSED = {
     "score": [
         (".", "goal.json|--goal"),
         ("job --poses poses.h5", "poses of another recording"),
+        ("jbo --goal job/goal.json --poses poses.h5", "jbo: no such file or folder"),
         ("job --poses poses.h5 --object cuboid_2x2x8_v2", "poses of cube_v2"),
         ("job --poses poses.h5 --goal dice.json", "a goal of dice"),
         ("job --poses poses.h5 --resize-calibration", "the calibration is in this file of poses"),

@@ -97,7 +97,9 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
     try:
         log = tracker.open_log(job, recover=True)
     except LogError:
-        return  # often only a job's poses and goal are kept
+        if job.exists():  # often only a job's poses and goal are kept
+            return
+        raise
     with log:
         refuse_others(path, poses, job, log)
 
