@@ -181,14 +181,14 @@ def held(values: FloatArray) -> FloatArray:
     return values[known[np.maximum(np.searchsorted(known, np.arange(len(values)), side="right") - 1, 0)]]
 
 
-def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
+def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float | None]:
     """Return sum and mean over control steps of rewards (n,) at times (n,) [s], and the final error.
 
-    Each reward is held until the next; NaN is replaced by the reward before, or the first.
+    Each reward is held until the next; NaN is replaced by the reward before, or the first. None if all are.
     """
     rewards = held(rewards)
     if np.isnan(rewards).all():
-        return {}
+        return dict.fromkeys(("reward_total", "reward_mean", "error_end"))
     steps = np.diff(seconds)
     steps = STEPS_PER_SECOND * np.append(steps, np.median(steps) if len(steps) else 0.1)
     total = float(np.sum(rewards * steps))
