@@ -253,6 +253,7 @@ def test_a_camera_that_moved_is_no_reason_to_doubt_the_object(demo):
         (lambda image: np.ascontiguousarray(image[..., ::-1]), "red and blue are swapped"),
         (lambda image: cv2.GaussianBlur(image, (0, 0), 12), "camera60: blurred by .* px: .*and 2 more"),
         (lambda image: image // 16, "camera60: dark, median grey level [0-9]: .*and 2 more"),
+        (lambda image: (0.15 * image).astype(np.uint8), "camera60: dark, median grey level 18: "),
         (lambda image: np.minimum(image.astype(int) * 8, 255).astype(np.uint8), "camera60: over-exposed"),
     ],
 )

@@ -135,16 +135,16 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
     """Return in one line why no certain pose is found; None if one is found, or no cause is known.
 
     A calibration out of view is reported even if one is. Swapped cameras, swapped channels and other objects
-    are tried next; then exposure and sharpness are checked. Unless the pose is certain, this takes as long as
-    several detections. `answer` is the result of `tracker.detect(images)`.
+    are tried next; then exposure and sharpness, without which cameras contradict each other, too. Unless the
+    pose is certain, this takes as long as several detections. `answer` is that of `tracker.detect(images)`.
     """
     cause = misplaced(tracker, images, answer)
-    if cause is not None or _confidence(answer) >= UNSURE:
+    if cause not in (None, DOUBTFUL) or _confidence(answer) >= UNSURE:
         return cause
     given = [(name, one) for name, one in zip(tracker.rig.names, images, strict=True) if one is not None]
     faults = [f"{name}: {fault}" for name, image in given for fault in PictureLook.of(image).faults()]
     more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-    return f"{faults[0]}{more}" if faults else None
+    return f"{faults[0]}{more}" if faults else cause
 
 
 def lasting_remark(tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]) -> str | None:
