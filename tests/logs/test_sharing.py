@@ -1,6 +1,7 @@
 import _thread
 import contextlib
 import gzip
+import os
 import struct
 import sys
 import threading
@@ -14,6 +15,7 @@ import tracker
 from tests.helpers import run_python
 from tests.helpers.log_writers import make_content, native_bytes, write_hdf5, write_native, write_store
 from tests.helpers.reading import peak_memory
+from tracker.errors import LogError
 
 COUNT = 24
 
@@ -55,6 +57,19 @@ def test_threads_share_a_log(write, tmp_path):
     for number, frame in zip(numbers, found, strict=True):
         assert frame.index == number
         np.testing.assert_array_equal(frame.images, expected[number])
+
+
+@pytest.mark.parametrize("lost", [100, 5000])
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_a_log_that_shrinks_while_it_is_open_gives_the_same_images_or_an_error(write, lost, tmp_path):
+    path = write(tmp_path / "log")
+    with tracker.open_log(path) as log:
+        expected = [frame.images for frame in log]
+        file = path / "data.mdb" if path.is_dir() else path
+        os.truncate(file, max(file.stat().st_size - lost, 0))
+        for number, images in enumerate(expected):
+            with contextlib.suppress(LogError):
+                np.testing.assert_array_equal(log.frame(number).images, images)
 
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
