@@ -75,6 +75,7 @@ def test_images_in_colour_are_given_as_they_are_but_for_what_is_transparent(alph
         # Nor the last two; the second episode may lack its end.
         (3 * np.repeat(np.arange(8), 5), [19, 39], np.arange(10) / 10, (0, 4)),
         (3 * np.repeat(np.arange(8), 5), [19], np.arange(10) / 10, (0, 4)),
+        ([], [], np.arange(3) / 10, (0,)),
     ],
 )
 def test_stamps_are_those_of_the_steps_that_saw_the_images(shown, ends, stamps, starts, tmp_path):

@@ -142,8 +142,9 @@ def test_what_was_never_written_is_not_read_as_zeros(tmp_path, name, chunk):
         )
         if chunk:
             field[:4] = values[:4]
-    with pytest.raises(LogError, match=f"{name}: (found 0 bytes stored|cannot be read)"):
+    with pytest.raises(LogError, match=f"{name}: (found 0 bytes stored|cannot be read)") as raised:
         frames_of(path)
+    assert str(raised.value).count(str(path)) == 1
 
 
 FILTERS = {}, {"compression": "gzip", "shuffle": True}, {"fletcher32": True}
@@ -179,9 +180,12 @@ def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(tmp_path,
 
 
 @pytest.mark.parametrize("recover", [False, True])
-def test_a_file_that_ends_too_early_is_refused(tmp_path, recover):
+@pytest.mark.parametrize(
+    "changed", [lambda data: data[:-1], lambda data: data[:40], lambda data: data[:8] + data]
+)
+def test_a_file_that_ends_too_early_or_has_an_unknown_head_is_refused(tmp_path, changed, recover):
     path = write_hdf5(tmp_path / "log.h5", make_content(3))
-    path.write_bytes(path.read_bytes()[:-1])
+    path.write_bytes(changed(path.read_bytes()))
     with pytest.raises(LogError):
         tracker.open_log(path, recover=recover)
 
