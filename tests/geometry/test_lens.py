@@ -8,7 +8,7 @@ from tests.helpers import LENSES, image_grid, make_camera, random_rotations
 from tracker.geometry import lens, so3
 from tracker.geometry.cuboid import visible_faces
 from tracker.geometry.lens import stack_lenses
-from tracker.geometry.linear import factorise, solve_positive, substitute
+from tracker.geometry.linear import factorise, median, solve_positive, substitute
 
 
 @pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
@@ -90,3 +90,9 @@ def test_factor_and_solution_are_numpys_and_only_lower_halves_are_read(rng, size
     for none in (np.diag([1.0, -1.0, 2.0]), np.ones((3, 3)), np.zeros((3, 3)), np.full((3, 3), np.nan)):
         assert not solve_positive(none, rng.normal(size=3), np.empty(3))
         assert not factorise(none, np.empty((3, 3)))
+
+
+def test_median_is_numpys_with_ties_and_without(rng):
+    for n in range(1, 60):
+        for values in (rng.normal(size=n), rng.integers(0, n, n).astype(float)):
+            assert median(values.copy(), n) == np.median(values)

@@ -98,11 +98,9 @@ def sum_from(values, first):  # type: ignore[no-untyped-def]
 
 @compiled
 def smallest(values):  # type: ignore[no-untyped-def]
-    """Return the index of the smallest value (n,), or of the first NaN if there is any."""
+    """Return the index of the smallest value (n,)."""
     best = 0
     for i in range(len(values)):
-        if math.isnan(values[i]):
-            return i
         if values[i] < values[best]:
             best = i
     return best
@@ -125,10 +123,8 @@ def median(values, n):  # type: ignore[no-untyped-def]
                 j -= 1
         if middle <= j:
             high = j
-        elif middle >= i:
-            low = i
         else:
-            break
+            low = i
     upper = values[middle]
     if n % 2:
         return upper
