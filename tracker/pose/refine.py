@@ -149,8 +149,9 @@ def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignor
         camera, every, pixels = cameras[c], schedule.every[step], (work.distance[c], work.values[c])
         for i in range(6):
             camera.since[i] = 0.0
-        shown = pixels_of(pictures[c]), mask_of(pictures[c])
-        collect(shown, pictures[c], camera, work.strips[c], every, pixels)
+        if camera.every != every:
+            shown = pixels_of(pictures[c]), mask_of(pictures[c])
+            collect(shown, pictures[c], camera, work.strips[c], every, pixels)
         rough = schedule.blur[step] * camera.scale
         measure(
             work.strips[c], camera, pictures[c].channels, model.colors,
