@@ -104,6 +104,19 @@ def test_what_is_hidden_more_is_seen_worse():
     assert spread[1] == pytest.approx(2.0 * spread[0])
 
 
+def test_the_confidence_falls_with_the_errors_as_stated_and_scatters_otherwise():
+    own, (p, q, v) = {"clear": 0.9, "visible": 2.0, "distance": 300.0, "angle": 5.0}, truths(visible=0.5)
+    errors = {"position": {"fast": 1e-3}, "rotation": {"fast": 0.02}}
+    rotation = tracker.geometry.so3.matrix_from_quaternion
+    for spread in (0.0, 0.5):
+        seen = state_of(**errors, confidence={**own, "spread": spread}).step(p, q, v, 0.1)
+        turns = tracker.geometry.so3.angle_between(rotation(seen.orientation), rotation(q))
+        expected = np.log(9.0 / 4.0) - 300.0 * np.linalg.norm(seen.position - p, axis=1) - 5.0 * turns
+        left = np.log(seen.confidence / (1.0 - seen.confidence)) - expected
+        assert left.std() == pytest.approx(spread, rel=0.05, abs=1e-9)
+        assert left.mean() == pytest.approx(0.0, abs=0.05 * spread + 1e-9)
+
+
 def test_misses_last_as_stated_and_never_bear_a_pose():
     state, truth = state_of(missed={"lost": 1.0, "found": 4.0}), truths()
     seen = [state.step(*truth, 0.05) for _ in range(100)]
@@ -222,6 +235,13 @@ def test_what_is_no_model_or_start_is_refused_with_the_reason(tmp_path):
         (r"\[delay\]", "[delays]", "'delay' is missing|'delays' is unknown"),
         ("bias =", "bias", "not a TOML file"),
         ("value = ", "value = -", "found value -"),
+        (
+            r"interval = \[",
+            "interval = [0.0, 9.0, ",
+            "found interval a list of 4, expected two numbers around",
+        ),
+        (r"interval = \[[^,]*", "interval = [9.0", "found interval a list of 2, expected two numbers around"),
+        (r"interval = \[[^,]*", 'interval = ["0"', "found interval a list of 2, expected two numbers around"),
         *(
             (rf"\b{name} = \{{value = [\d.]+", f"{name} = {{value = {value}", message)
             for name, value, message in (
