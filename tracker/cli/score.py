@@ -3,7 +3,7 @@
 import json
 from dataclasses import astuple
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
 import numpy as np
@@ -17,9 +17,11 @@ from tracker.cli.outputs import InFile
 from tracker.cli.terminal import bar, listing
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError, TaskError
-from tracker.summaries.summary import best, goal_file, held, refuse_others, seconds_since_beginning, totals
+from tracker.summaries.summary import best, goal_file, refuse_others, scored, seconds_since_beginning, totals
 from tracker.tasks import rearrange_dice
 from tracker.tasks.job_goal import JobGoal, read_job_goal
+
+Scored: TypeAlias = tuple[FloatArray, FloatArray, Array, dict[str, float | None]]
 
 
 @command()
@@ -45,15 +47,14 @@ def score(
     if goal.task == "rearrange_dice":
         if poses_path is not None or object_name is not None:
             raise click.UsageError("--poses, --object: not for a goal of dice, which are found in the images")
-        seconds, rewards, seen = _of_dice(job, goal, cameras, every, quiet)
+        seconds, rewards, seen, over_time = _of_dice(job, goal, cameras, every, quiet)
     else:
         if every != 1:
             raise click.UsageError(f"--every {every}: only for a goal of dice")
-        seconds, rewards, seen = _of_object(job, goal, cameras, poses_path, object_name, quiet)
+        seconds, rewards, seen, over_time = _of_object(job, goal, cameras, poses_path, object_name, quiet)
     listed = [value if known else None for value, known in zip(rewards.tolist(), seen.tolist(), strict=True)]
-    scored = len(listed) - listed.count(None)
-    found: dict[str, Any] = {"level": goal.level, "frames": len(listed), "scored_frames": scored}
-    found |= totals(rewards, seconds)
+    count = len(listed) - listed.count(None)
+    found: dict[str, Any] = {"level": goal.level, "frames": len(listed), "scored_frames": count, **over_time}
     if as_json:
         every_frame = {"seconds": seconds.tolist(), "rewards": listed}
         click.echo(json.dumps({"task": goal.task, **found, **every_frame}, allow_nan=False))
@@ -71,8 +72,8 @@ def _of_object(
     poses_path: Path | None,
     object_name: str | None,
     quiet: bool,
-) -> tuple[FloatArray, FloatArray, Array]:
-    """Return times (n,) [s], rewards (n,) of the poses of all frames, and (n,) whether it was seen."""
+) -> Scored:
+    """Return times (n,) [s] and rewards (n,) of all frames, (n,) whether it was seen, and the totals."""
     if poses_path is not None:
         if any(astuple(cameras)):
             raise click.UsageError(f"{poses_path}: the calibration is in this file of poses, expected none")
@@ -86,10 +87,9 @@ def _of_object(
             count, rig = len(log), cameras.rig_of(job, log)
         with bar(job.name, count, quiet) as progress:
             poses = tracker.track(job, model, rig=rig, progress=progress).poses
-    columns = best(poses)
     seconds = seconds_since_beginning(job, poses)
-    rewards = goal.rewards(seconds, held(columns.position), held(columns.orientation), model)
-    return seconds, rewards, columns.has_pose
+    rewards, over_time = scored(goal, poses, seconds, model)
+    return seconds, rewards, best(poses).has_pose, over_time
 
 
 def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
@@ -104,9 +104,7 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
         refuse_others(path, poses, job, log)
 
 
-def _of_dice(
-    job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool
-) -> tuple[FloatArray, FloatArray, Array]:
+def _of_dice(job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool) -> Scored:
     """Like `_of_object`; the rewards are minus the number of pixels that show dice outside the goal."""
     assert goal.position is not None
     stamps, rewards = [], []
@@ -120,5 +118,5 @@ def _of_dice(
             if k % every == 0 and len(images) == len(masks):
                 rewards[k] = float(rearrange_dice.reward(masks, [*map(rearrange_dice.segment_dice, images)]))
             progress(1)
-    seconds = np.array(stamps) - stamps[0] if stamps else np.zeros(0)
-    return seconds, np.array(rewards), ~np.isnan(rewards)
+    seconds, found = np.array(stamps) - stamps[0] if stamps else np.zeros(0), np.array(rewards)
+    return seconds, found, ~np.isnan(found), totals(found, seconds)

@@ -13,7 +13,7 @@ from tracker.pose.result import CameraUse
 from tracker.poses.columns import FilteredColumns, MeasuredColumns
 from tracker.poses.poses import Kind, Poses, compare
 from tracker.recordings.track import Job, Tracked, unicode_text
-from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
+from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, JobGoal, read_job_goal
 
 SURE = 0.9
 """Confidence at and above which a pose may be acted on."""
@@ -165,12 +165,27 @@ def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
         found: dict[str, Any] = {"task": goal.task, "level": goal.level}
         if goal.task == "rearrange_dice":
             return found
-        columns = best(poses)
-        seconds = seconds_since_beginning(log, poses)
-        rewards = goal.rewards(seconds, held(columns.position), held(columns.orientation), model)
+        _, over_time = scored(goal, poses, seconds_since_beginning(log, poses), model)
     except (TaskError, LogError, OSError) as error:
         return {"goal_fault": unicode_text(reason(error))}
-    return {**found, **totals(rewards, seconds)}
+    return {**found, **over_time}
+
+
+def scored(
+    goal: JobGoal, poses: Poses, seconds: FloatArray, model: CuboidModel
+) -> tuple[FloatArray, dict[str, float | None]]:
+    """Return rewards (n,) of poses at times (n,) [s] since the beginning, and their `totals`.
+
+    A pose is held until the next. A goal that begins between two frames counts from then on.
+    """
+    columns = best(poses)
+    position, orientation = held(columns.position), held(columns.orientation)
+    begins = np.array([step for step, _ in goal.trajectory]) / STEPS_PER_SECOND
+    at = np.searchsorted(seconds, begins)
+    times = np.union1d(seconds, begins[(at > 0) & (at < len(seconds))])
+    last = np.searchsorted(seconds, times, side="right") - 1
+    rewards = goal.rewards(times, position[last], orientation[last], model)
+    return goal.rewards(seconds, position, orientation, model), totals(rewards, times)
 
 
 def held(values: FloatArray) -> FloatArray:
