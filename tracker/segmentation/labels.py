@@ -31,7 +31,9 @@ MAY_BE_GREY = 1.2
 
 @compiled
 def may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
-    """Whether a pixel with a clipped channel may be grey; a clipped channel's value is a lower bound."""
+    """Whether a pixel has a clipped channel, whose level is a lower bound, and may be grey."""
+    if max(b, g, r) < CLIPPED:
+        return False
     brightest, least, most = 0.0, 1e9, 0.0
     for k in range(3):
         raw = b if k == 0 else g if k == 1 else r
@@ -52,7 +54,7 @@ def label_of(b, g, r, channels, table, gains):  # type: ignore[no-untyped-def]
     # Unsigned, since a signed index could count from the end.
     cell = channels[0, np.uint8(b)] + channels[1, np.uint8(g)] + channels[2, np.uint8(r)]
     label = table[np.uint32(cell)]
-    if label > 0 and max(b, g, r) >= CLIPPED and may_be_grey(b, g, r, gains):
+    if label > 0 and may_be_grey(b, g, r, gains):
         return np.uint8(0)
     return label
 

@@ -15,7 +15,7 @@ from tracker.conventions import Array, Image
 from tracker.errors import ColorModelError
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import FINE_IMAGE, REFERENCE_SIZE, check_image, in_even_light, may_be_grey
-from tracker.segmentation.light import CLIPPED, TARGET_GREY, find_light
+from tracker.segmentation.light import TARGET_GREY, find_light
 from tracker.segmentation.sensor import calmed
 
 CERTAIN = 32
@@ -51,14 +51,14 @@ PALE = 0.8
 
 
 @compiled
-def read_levels(image, channels, table, ratios, gains, gain, certain, inside, ratio, blue):  # type: ignore[no-untyped-def]
+def read_levels(image, channels, table, ratios, gains, gain, inside, ratio, blue):  # type: ignore[no-untyped-def]
     """Fill (H, W) inside (1: certain), ratio (log of blue over red; 0: clipped grey) and blue (its level)."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
-            grey = max(b, g, r) >= CLIPPED and may_be_grey(b, g, r, gains)
+            grey = may_be_grey(b, g, r, gains)
             cell = channels[0, b] + channels[1, g] + channels[2, r]
-            inside[j, i] = 1 if table[cell] >= certain and not grey else 0
+            inside[j, i] = 1 if table[cell] >= CERTAIN and not grey else 0
             ratio[j, i] = 0.0 if grey else ratios[0, b] - ratios[1, r]
             blue[j, i] = min(int(gain * b), 255)
 
@@ -116,7 +116,7 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     ratio = np.empty(image.shape[:2], np.float32)
     ratios = np.log(np.outer(gains[[0, 2]], np.arange(256)) + OFFSET).astype(np.float32)
     channels = colors.channel_tables(gains)
-    read_levels(image, channels, colors.margin_table, ratios, gains, gain, CERTAIN, inside, ratio, blue)
+    read_levels(image, channels, colors.margin_table, ratios, gains, gain, inside, ratio, blue)
     inside = np.asarray(cv2.medianBlur(inside, 3), dtype=np.uint8)
     mask: Image = np.zeros(image.shape[:2], np.uint8)
     left, top, width, height = cv2.boundingRect(inside)
