@@ -19,7 +19,7 @@ import numpy as np
 from tracker.checks import Frozen, described, float_array, of_kind, path_of
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
-from tracker.errors import ColorModelError, reason, shown
+from tracker.errors import ColorModelError, message, shown
 from tracker.files import read_bounded, told_as, write_whole
 from tracker.objects.labels import COLOR_NAMES
 
@@ -155,7 +155,7 @@ def _read(path: Path, name: str) -> ColorModel:
             arrays = {key: np.asarray(data[key]) for key in _KEYS if key in data} if small else {}
     # For a broken file, zipfile, zlib and NumPy raise errors of many types.
     except Exception as error:
-        raise ColorModelError(f"{what}: cannot be read as .npz ({reason(error)})") from error
+        raise ColorModelError(f"{what}: cannot be read as .npz ({message(error)})") from error
     if not small:
         raise ColorModelError(f"{what}: unpacks to more than {_MAX_BYTES} bytes")
     version = arrays.get("format", np.int64(1))
