@@ -29,6 +29,9 @@ HISTORY = 256
 STAMPS_APART = 1.0
 """Largest difference of a camera's timestamp from the others' [s]; beyond it the image is dropped."""
 
+FAULTS = 100
+"""Number of faults kept."""
+
 CLOSING = 5.0
 """How long `close` waits for a source that does not return [s]."""
 
@@ -87,7 +90,7 @@ class Live:
         self._changed = threading.Condition()
         self._newest: Moment | None = None
         self._forecasts: deque[tuple[float, Callable[[float], MotionEstimate | None]]] = deque(maxlen=history)
-        self._faults: tuple[str, ...] = ()
+        self._faults: dict[str, str] = {}  # the last of each kind
         self._error: BaseException | None = None
         self._stopping, self._running, self._working = threading.Event(), True, False
         self._count, self._jump_count = 0, 0
@@ -129,7 +132,8 @@ class Live:
     @property
     def faults(self) -> tuple[str, ...]:
         """The last hundred faults after which tracking continued, distinct but for times."""
-        return self._faults
+        with self._lock:
+            return tuple(self._faults.values())
 
     def latest(self) -> Moment | None:
         """Return the newest moment, None before the first; its age follows from its timestamp."""
@@ -313,8 +317,10 @@ class Live:
     def _note(self, fault: str) -> None:
         with self._changed:
             kind = re.sub(r"\d+\.\d{3} s", "", fault)  # one of every set, of other times, displaces no others
-            others = [one for one in self._faults if re.sub(r"\d+\.\d{3} s", "", one) != kind]
-            self._faults = (*others, fault)[-100:]
+            self._faults.pop(kind, None)
+            self._faults[kind] = fault
+            if len(self._faults) > FAULTS:
+                del self._faults[next(iter(self._faults))]
 
 
 def _misfit(image: object, camera: Camera) -> str | None:
