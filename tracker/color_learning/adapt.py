@@ -38,6 +38,9 @@ FEW = 2
 GAIN = 0.002
 """Smallest gain of `Judgement.explained` with which a fit counts as better."""
 
+ENOUGH_POSED = 0.5
+"""Share of the frames with a pose above which learning may end as few poses are confident."""
+
 OFTEN = 5
 """Number of pixels of one colour mistaken for a face in a round that cannot be chance."""
 
@@ -120,8 +123,7 @@ def _adapted(
         gate = GATES[min(turn, len(GATES) - 1)]
         lessons, too_few = _lessons(model, footage, colors, gate)
         if too_few:
-            # Later, a higher gate ends the learning if most frames are posed.
-            fault = "" if turn and best.after.posed > 0.5 else too_few
+            fault = "" if turn and best.after.posed > ENOUGH_POSED else too_few
             break
         pixels = consistent(lessons)
         counts = learned(pixels)
