@@ -21,7 +21,8 @@ from tracker.summaries.summary import best, goal_file, refuse_others, scored, se
 from tracker.tasks import rearrange_dice
 from tracker.tasks.job_goal import JobGoal, read_job_goal
 
-Scored: TypeAlias = tuple[FloatArray, FloatArray, Array, dict[str, float | None]]
+Rewards: TypeAlias = tuple[FloatArray, FloatArray, Array, dict[str, float | None]]
+"""Times (n,) [s] and rewards (n,) of all frames, (n,) whether each was seen, and the totals."""
 
 
 @command()
@@ -72,8 +73,8 @@ def _of_object(
     poses_path: Path | None,
     object_name: str | None,
     quiet: bool,
-) -> Scored:
-    """Return times (n,) [s] and rewards (n,) of all frames, (n,) whether it was seen, and the totals."""
+) -> Rewards:
+    """Return the rewards of the object's poses."""
     if poses_path is not None:
         if any(astuple(cameras)):
             raise click.UsageError(f"{poses_path}: the calibration is in this file of poses, expected none")
@@ -87,9 +88,9 @@ def _of_object(
             count, rig = len(log), cameras.rig_of(job, log)
         with bar(job.name, count, quiet) as progress:
             poses = tracker.track(job, model, rig=rig, progress=progress).poses
-    seconds = seconds_since_beginning(job, poses)
-    rewards, over_time = scored(goal, poses, seconds, model)
-    return seconds, rewards, best(poses).has_pose, over_time
+    columns, seconds = best(poses), seconds_since_beginning(job, poses)
+    rewards, over_time = scored(goal, columns, seconds, model)
+    return seconds, rewards, columns.has_pose, over_time
 
 
 def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
@@ -104,7 +105,7 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
         refuse_others(path, poses, job, log)
 
 
-def _of_dice(job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool) -> Scored:
+def _of_dice(job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool) -> Rewards:
     """Like `_of_object`; the rewards are minus the number of pixels that show dice outside the goal."""
     assert goal.position is not None
     stamps, rewards = [], []

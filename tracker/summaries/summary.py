@@ -165,20 +165,19 @@ def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
         found: dict[str, Any] = {"task": goal.task, "level": goal.level}
         if goal.task == "rearrange_dice":
             return found
-        _, over_time = scored(goal, poses, seconds_since_beginning(log, poses), model)
+        _, over_time = scored(goal, best(poses), seconds_since_beginning(log, poses), model)
     except (TaskError, LogError, OSError) as error:
         return {"goal_fault": unicode_text(reason(error))}
     return {**found, **over_time}
 
 
 def scored(
-    goal: JobGoal, poses: Poses, seconds: FloatArray, model: CuboidModel
+    goal: JobGoal, columns: MeasuredColumns, seconds: FloatArray, model: CuboidModel
 ) -> tuple[FloatArray, dict[str, float | None]]:
-    """Return rewards (n,) of poses at times (n,) [s] since the beginning, and their `totals`.
+    """Return rewards (n,) of poses (n,) at times (n,) [s] since the beginning, and their `totals`.
 
     A pose is held until the next. A goal that begins between two frames counts from then on.
     """
-    columns = best(poses)
     position, orientation = held(columns.position), held(columns.orientation)
     begins = np.array([step for step, _ in goal.trajectory]) / STEPS_PER_SECOND
     at = np.searchsorted(seconds, begins)
