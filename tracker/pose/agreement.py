@@ -66,13 +66,12 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
             # Constrains directions that no camera sees.
             joint[i, i] = 3.0 / radius**2 if i < 3 else 10.0
         for c in range(len(information)):
-            known, lens, distance = information[c], lenses[c], 0.0
+            known = information[c]
             if known[0, 0] <= 0.0:
                 continue
             for i in range(3):
-                sight[i] = lens.position[i] - position[i]
-                distance += sight[i] ** 2
-            distance = math.sqrt(distance)
+                sight[i] = lenses[c].position[i] - position[i]
+            distance = math.sqrt(sight[0] ** 2 + sight[1] ** 2 + sight[2] ** 2)
             for i in range(6):
                 for j in range(6):
                     full[i, j] = known[i, j]
@@ -85,8 +84,7 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
                 for i in range(3):
                     full[first + i, first + i] += across
                     for j in range(3):
-                        shared = sight[i] * sight[j] / distance**2
-                        full[first + i, first + j] += (along - across) * shared
+                        full[first + i, first + j] += (along - across) * sight[i] * sight[j] / distance**2
             if not factorise(full, lower):
                 continue
             # N - N (N + W)⁻¹ N: the camera's information with its own error marginalised.
