@@ -12,6 +12,7 @@ from tests.helpers.reading import attribute, change, datasets, frames_of, unpack
 from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
+from tracker.files.hdf5 import Disk
 from tracker.logs.frame import RecordedPose
 from tracker.logs.hdf5_writer import Hdf5LogWriter, write_hdf5
 from tracker.logs.pictures import from_bayer, to_bayer
@@ -217,6 +218,28 @@ def test_what_was_flushed_survives_the_process(ended):
     assert len(frames) >= 20
     for frame in frames[:20]:
         assert (np.array(frame.raw) == content.raw[frame.index]).all()
+
+
+def test_whatever_write_is_the_last_all_that_was_flushed_is_read(tmp_path, monkeypatch):
+    path, content, states, flushed = tmp_path / "log.h5", make_content(4), [], [0]
+
+    class Watched(Disk):
+        def write(self, data):
+            size = super().write(data)
+            states.append((flushed[-1], path.read_bytes()))
+            return size
+
+    monkeypatch.setattr("tracker.logs.hdf5_writer.Disk", Watched)
+    with Hdf5LogWriter(path, tiny_rig(), flush_every=1) as writer:
+        for raw, stamp in zip(content.raw, content.stamps, strict=True):
+            writer.append(list(raw), stamp)
+            flushed.append(len(writer))
+    for count, state in states:
+        if count:
+            (tmp_path / "killed.h5").write_bytes(state)
+            frames = frames_of(tmp_path / "killed.h5")
+            assert len(frames) >= count
+            assert all((np.array(frame.raw) == content.raw[frame.index]).all() for frame in frames)
 
 
 def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):

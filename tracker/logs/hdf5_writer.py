@@ -185,12 +185,14 @@ class Hdf5LogWriter:
         """Finish the file; LogError if it cannot be written."""
         with uninterrupted():
             if self._file:
+                self._flush(self._count)
                 del self._file.attrs[FLUSHED]
                 self._file.close()
                 self._disk.close()
                 self._check_disk()
 
     def _flush(self, count: int) -> None:
+        self._file.flush()  # the frames before their number, in case the process is killed in between
         self._file.attrs.modify(FLUSHED, np.uint64(count))
         self._file.flush()
 
