@@ -75,10 +75,12 @@ def test_every_recording_has_a_result_and_only_what_is_broken_changed_or_missing
     assert sorted(result["frames"] for result in tracked) == [0, 10, 11]
     assert before == COUNT - 3
     assert contents(one.folder) == whole
-    stamp = results.summary_file(outputs[3]).stat().st_mtime_ns + 1
-    os.utime(outputs[3], ns=(stamp, stamp))  # as of poses that another run has replaced since
-    tracked, before = do(one)
-    assert ([result["frames"] for result in tracked], before) == ([0], COUNT - 1)
+    for later in (1, 3_600_000_000_000):  # as of poses that another run has replaced, also by a clock ahead
+        stamp = results.summary_file(outputs[3]).stat().st_mtime_ns + later
+        os.utime(outputs[3], ns=(stamp, stamp))
+        tracked, before = do(one)
+        assert ([result["frames"] for result in tracked], before) == ([0], COUNT - 1)
+        assert do(one) == ([], COUNT)
     os.utime(recordings / "003" / "camera_data.dat", (0, 0))
     os.utime(recordings / "004" / "camera60.yml", (0, 0))
     tracked, _ = do(one)

@@ -75,11 +75,12 @@ def make_result(task: Task) -> dict[str, Any]:
             results.remove_tables(output.parent)
         job = task.job
         tracked = run(job)
-        mark = tracked.poses.about.fingerprint
-        line = {"fingerprint": mark, "bytes": output.stat().st_size, "goal": _goal_of(job.log)}
-        line["agreed"] = task.agreed
+        mark, about = tracked.poses.about.fingerprint, output.stat()
+        line = {"fingerprint": mark, "bytes": about.st_size, "goal": _goal_of(job.log), "agreed": task.agreed}
         line |= row(job, tracked, remark_on_recording(job, tracked.poses))
         _write(results.summary_file(output), line)
+        # With the poses' time: if the clock was set back since, its own would be earlier, as of older poses.
+        os.utime(results.summary_file(output), ns=(about.st_atime_ns, about.st_mtime_ns))
         results.failure_file(output).unlink(missing_ok=True)
     except Exception as error:  # any error: the other recordings must still be done
         return _failed(task, error)
