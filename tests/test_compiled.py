@@ -250,6 +250,8 @@ def test_a_change_in_what_a_kernel_calls_or_imports_and_damage_lead_to_new_machi
     edit(toy, "constants.py", "2.0", "3.0")
     assert in_new_process(toy, TOY) == [11.0, 0]
     edit(toy, "unrelated.py", "0", "1")
+    (toy / "toy" / ".#inner.py").symlink_to("user@host.1:2")  # of an editor that has inner.py open
+    (toy / "toy" / "._inner.py").write_bytes(b"\xff")  # of a file system for Macs
     assert in_new_process(toy, TOY) == [11.0, 1]
 
 

@@ -142,7 +142,7 @@ def fingerprint(package: str) -> str:
     be read.
     """
     root = Path(sys.modules[package].__path__[0])
-    texts = {path: path.read_text(encoding="utf-8") for path in sorted(root.rglob("*.py"))}
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(root.rglob("[!.]*.py"))}
     waiting = [path for path, text in texts.items() if _KERNEL.search(text)]
     if not waiting:
         raise OSError(f"{root} holds no sources")

@@ -180,7 +180,7 @@ def code() -> str:
     digest = hashlib.sha256(repr(versions).encode())
     root = Path(__file__).parents[1]
     others = tuple(f"{name}/" for name in _OTHERS)
-    for path in sorted(root.rglob("*.py")):
+    for path in sorted(root.rglob("[!.]*.py")):
         name = path.relative_to(root).as_posix()
         if not name.startswith(others):
             digest.update(f"\0{name}\0".encode() + path.read_bytes())
