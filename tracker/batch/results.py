@@ -10,7 +10,6 @@ The small files are the only state of a batch, so any number of processes on any
 contain no times or machine names: the same recordings give the same bytes.
 """
 
-import contextlib
 import glob
 import json
 import os
@@ -160,8 +159,7 @@ def remove_tables(folder: Path) -> None:
     """Remove all files about a whole image store from the folder of its episodes."""
     shutil.rmtree(folder / ZARR, ignore_errors=True)
     for name in (IMAGES, STEPS, REPORT):
-        with contextlib.suppress(OSError):  # there is none
-            (folder / name).unlink()
+        (folder / name).unlink(missing_ok=True)
 
 
 def summary_file(output: Path) -> Path:

@@ -22,7 +22,6 @@ from tracker.errors import LogError, shown
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file; here, so that h5py is loaded for such files only."""
 
-
 _NOT_REGULAR = "found a pipe or a device, expected a regular file"
 
 
