@@ -430,6 +430,10 @@ def test_poses_are_taken_once_no_more_than_requested_spread_evenly_and_too_few_r
     assert different("cube", once * 2, 100) == once
     with pytest.raises(CalibrationError, match=r"found 10 different poses .*expected 18 or more"):
         different("cube", anywhere(10, rng), 100)
+    # Some are turned to both sides of the first: by 50° from each other.
+    angles = np.radians([0.0, 25.0, -25.0] * 10)
+    turned = [dataclasses.replace(p, rotation=so3.exp([0, 0, a])) for p, a in zip(once, angles, strict=True)]
+    assert different("cube", turned, 100) == turned
     numbers = [one.number for one in different("cube", anywhere(90, rng), 30)]
     assert len(numbers) == 30
     assert numbers[0] == 0

@@ -212,7 +212,8 @@ def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
         raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}{_FAR_OFF}")
     chosen = apart(sharp)
     places = np.array([one.position for one in chosen])
-    turn = max(so3.angle_between(one.rotation, chosen[0].rotation) for one in chosen)
+    turns = np.array([one.rotation for one in chosen])
+    turn = max(so3.angle_between(turns, one.rotation).max() for one in evenly(chosen, most))
     spread = float(np.sqrt(places.var(axis=0).sum()))
     if len(chosen) < LEAST or spread < SPREAD or turn < TURNED:
         raise CalibrationError(
