@@ -255,12 +255,10 @@ def _start(
 
 def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: FloatArray) -> Calibrated:
     """Return the camera at its pose, with the element-wise deviations that follow from those of (ω, δt)."""
-    std, pose = np.zeros((4, 4)), camera_from_world.copy()
-    turns = rotation_slopes(pose[:3, :3])
+    std, turns = np.zeros((4, 4)), rotation_slopes(camera_from_world[:3, :3])
     std[:3, :3] = np.sqrt(np.einsum("aij,ab,bij->ij", turns, covariance[:3, :3], turns))
     std[:3, 3] = np.sqrt(np.diagonal(covariance)[3:])
-    pose[:3, :3] = so3.nearest_rotation(pose[:3, :3])
-    camera = dataclasses.replace(lens.camera, camera_from_world=pose, camera_from_world_std=std)
+    camera = dataclasses.replace(lens.camera, camera_from_world=camera_from_world, camera_from_world_std=std)
     return dataclasses.replace(lens, camera=camera, placed=True)
 
 
