@@ -39,7 +39,6 @@ SQUARE = 0.003
 DEPTH = 2e-3
 """Largest depth error of a single camera, which determines how accurate its focal length must be [m]."""
 
-
 LIMIT = 1.6 / FOCAL
 """Largest median disagreement of the cameras [rad]: 1.6 px on the platform, 3 mm at half a metre."""
 
