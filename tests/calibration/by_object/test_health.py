@@ -109,6 +109,8 @@ def test_what_was_not_measured_is_named_in_one_line_and_has_no_plot(well, text):
     )
     line = "not measured: residual, disagreement, blur, table; the object was not surely found"
     assert lost.missing() == line
+    nowhere = dataclasses.replace(well, height=np.full(FRAMES, np.nan))  # at rest, but there is no table
+    assert nowhere.missing() == "not measured: table; the object was not seen at rest on a table"
     shown = page(lost, "film")
     assert f"N{line[1:]}." in shown
     assert shown.count("data:image/png;base64,") == len(QUANTITIES) + 1 - 4

@@ -142,7 +142,7 @@ class Health:
         if not names:
             return None
         seen = np.isfinite(self.values["residual"]).any()
-        why = "the object was not seen at rest" if seen else "the object was not surely found"
+        why = "the object was not seen at rest on a table" if seen else "the object was not surely found"
         if seen and len(self.cameras) == 1:
             why = "there is a single camera"
         return f"not measured: {', '.join(names)}; {why}"
