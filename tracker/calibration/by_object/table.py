@@ -178,11 +178,9 @@ def _equations(
     slope = -up[:2] / up[2]
     values, design = np.array([point[2], *slope]), np.eye(3)
     design[0, 1:] = point[:2] - center
-    # δup = δθ × up; the contact moves by δp + δθ × (point - position).
-    upwards, swing = -so3.hat(up), -so3.hat(point - rest.position)
-    moves = np.zeros((3, 6))
+    # δup = δθ × up. A turn about the centre moves the contact within its face only.
+    moves, upwards = np.zeros((3, 6)), -so3.hat(up)
     moves[0, :3] = [*-slope, 1.0]
-    moves[0, 3:] = moves[0, :3] @ swing
     moves[1:, 3:] = -(upwards[:2] + slope[:, None] * upwards[2]) / up[2]
     return values, design, moves
 
