@@ -1,6 +1,6 @@
 """Estimate the error of each camera from the poses in which the cameras separately see the same object.
 
-A camera c with error ξ_c = (a, w) of its transform (see `deviations`) sees an object at P displaced by
+A camera c whose true transform is off by -ξ_c = (a, w) (see `deviations`) sees an object at P displaced by
 d_c = -G(P) ξ_c, with G(P) = [I, -[P]×; 0, I]. From many looks at still objects, each with an unknown pose,
 least squares with the poses eliminated gives the ξ_c; an error common to all cameras is not observable.
 The errors stated in the files are the prior. A camera counts as moved if the looks are much more probable
