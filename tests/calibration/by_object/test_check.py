@@ -282,6 +282,14 @@ def test_what_a_camera_has_nearer_along_its_line_of_sight_is_no_miss_wherever_th
     assert check_calibration([one._replace(moved=seen)], CAMERAS).cameras[0].miss_px < 0.01
 
 
+def test_cameras_that_observe_the_object_along_one_axis_disagree_along_it():
+    one, seen = looks(CAMERAS, CAMERAS, count=1)[0], np.zeros((3, 6))
+    one.information[:], seen[0, 0] = np.diag([1e8, 0, 0, 0, 0, 0]), 1e-3
+    expected = CAMERAS[0].project_with_jacobian(one.position[None])[1][0, :, 0] * 1e-3
+    missed = CameraErrors([one._replace(moved=seen)], CAMERAS).misses()
+    np.testing.assert_allclose(missed[0, 0], expected, rtol=1e-2)
+
+
 def test_errors_of_a_view_are_along_and_across_the_line_of_sight_wherever_the_object_is():
     one = looks(CAMERAS, CAMERAS, count=1)[0]._replace(position=np.array([0.12, -0.1, 0.03]))
     for c, camera in enumerate(CAMERAS):

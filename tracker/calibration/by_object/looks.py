@@ -188,7 +188,7 @@ class CameraErrors:
         if known[c, 0, 0] <= 0.0 or not (np.delete(known[:, 0, 0], c) > 0.0).any():
             return None
         known[c] *= 1e-3  # so that directions the others do not observe come from the camera itself
-        result = -np.linalg.solve(known.sum(axis=0), known)
+        result = -np.linalg.solve(known.sum(axis=0) + _FAINT, known)
         result[c] += np.eye(6)
         return result
 
