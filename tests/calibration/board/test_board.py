@@ -140,6 +140,14 @@ def test_an_image_with_edges_along_one_axis_has_a_blur():
     assert photo_blur(steps) == photo_blur(steps.T) < 1.0
 
 
+@pytest.mark.parametrize("angle", [20, 45, 60, 80])
+def test_a_slanting_edge_is_no_more_blurred(angle):
+    y, x = np.mgrid[:200, :200] - 99.5
+    beyond = np.cos(np.radians(angle)) * x + np.sin(np.radians(angle)) * y
+    edge = cv2.GaussianBlur(np.where(beyond > 0, np.uint8(210), np.uint8(40)), (0, 0), 1.8)
+    assert photo_blur(edge) == pytest.approx(1.8, rel=0.2)
+
+
 @pytest.mark.parametrize("more", [(), ((5, 2),)])
 def test_corners_in_a_line_with_or_without_another_give_no_pose(more):
     page = page_of(BOARD)

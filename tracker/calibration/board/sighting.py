@@ -259,17 +259,18 @@ def photo_blur(gray: Image) -> float:
 
 
 def _blur_along_rows(image: Array) -> float:
-    if image.shape[1] < 2:
+    if min(image.shape) < 2:
         return float("nan")
     more = 2.0
-    slope = np.abs(np.gradient(image, axis=1))
+    beside, slope = np.abs(np.gradient(image))
     strong = slope >= max(float(np.quantile(slope, 0.995)), 1.0)
     if not strong.any():
         return float("nan")
     again = cv2.GaussianBlur(image, (0, 1), more, sigmaY=1e-6)
     slope_again = np.abs(np.gradient(again, axis=1))
-    ratio = float(np.median(slope[strong] / np.maximum(slope_again[strong], 1e-6)))
-    return more / float(np.sqrt(max(ratio**2 - 1, 1e-6)))
+    ratio = slope[strong] / np.maximum(slope_again[strong], 1e-6)
+    across = slope[strong] / np.hypot(beside, slope)[strong]  # a slanting edge is wider along the row
+    return float(np.median(more * across / np.sqrt(np.maximum(ratio**2 - 1, 1e-6))))
 
 
 def _profile_blur(gray: Image, start: FloatArray, end: FloatArray) -> float:
