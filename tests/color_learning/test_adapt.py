@@ -129,13 +129,15 @@ def test_a_new_object_keeps_the_colours_of_names_that_nothing_improves(film):
         adapt(MODEL, [footage_of(empty)], start, OPTIONS, rounds=1, first=True)
 
 
-def test_the_nearest_shipped_model_explains_most(film):
+def test_the_nearest_model_explains_most_and_may_know_only_names(film, names, monkeypatch):
     footage = footage_of(film)
     judged = [dataclasses.replace(footage, held_out=footage.learned)]
-    best = lessons.judge(MODEL, judged, nearest(MODEL, [footage])).explained
+    best = lessons.judge(MODEL, judged, nearest(MODEL, [footage], 0)).explained
     for name in ("cube_v1", "cube_v2", "simulation"):
         colors = dataclasses.replace(tracker.load_colors(name), normalise=True)
         assert best >= lessons.judge(MODEL, judged, colors).explained
+    monkeypatch.setattr("tracker.color_learning.adapt.color_model_names", lambda: ["dice"])
+    assert nearest(dataclasses.replace(MODEL, colors="not yet"), [footage], 0).name == names.name
 
 
 def test_the_objects_own_colours_are_tried_beside_the_shipped_ones(film, tmp_path, monkeypatch):
@@ -143,11 +145,11 @@ def test_the_objects_own_colours_are_tried_beside_the_shipped_ones(film, tmp_pat
     COLORS.save(file)
     monkeypatch.setattr("tracker.color_learning.adapt.color_model_names", lambda: ["dice"])
     mine = dataclasses.replace(MODEL, colors=str(file))
-    found = nearest(mine, [footage])
+    found = nearest(mine, [footage], 0)
     np.testing.assert_array_equal(found.label_table, dataclasses.replace(COLORS, normalise=True).label_table)
     # A new object has none yet.
     monkeypatch.setattr("tracker.color_learning.adapt.color_model_names", lambda: ["dice", "cube_v3"])
-    assert nearest(dataclasses.replace(MODEL, colors="not yet"), [footage]).name == "cube_v3"
+    assert nearest(dataclasses.replace(MODEL, colors="not yet"), [footage], 0).name == "cube_v3"
 
 
 def test_colors_that_are_not_shown_stay_as_they_were():

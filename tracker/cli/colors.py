@@ -15,7 +15,7 @@ from tracker.cli.options import command, file_option, flag, option, several
 from tracker.cli.outputs import InFile, OutFile, Recording
 from tracker.cli.stills import silent_libraries
 from tracker.cli.terminal import listing, table
-from tracker.color_learning.adapt import Adapted, from_names
+from tracker.color_learning.adapt import Adapted
 from tracker.color_learning.adapt import adapt as learn_colors
 from tracker.color_learning.fit import FitOptions, combine, image_histograms
 from tracker.color_learning.hues import LIGHT, NEAR, better_set, distances, paints
@@ -121,9 +121,10 @@ def new(
 ) -> None:
     """Fit a colour model to RECORDINGs of a new object.
 
-    Needs the object's size and the names of its colours. Starts with the hues of the names, then
-    continues like `adapt`, but keeps the start if nothing is gained. Also writes the object's TOML file,
-    unless --object gives one. Use its path wherever an object's name goes.
+    Needs the object's size and the names of its colours. Starts with the hues of the names, or with a
+    colour model of the package that explains more, then continues like `adapt`, but keeps the start if
+    nothing is gained. Also writes the object's TOML file, unless --object gives one. Use its path wherever
+    an object's name goes.
     """
     description = lesson.output.with_suffix(".toml")
     if known is not None and (size is not None or faces is not None):
@@ -132,7 +133,7 @@ def new(
         raise click.UsageError(f"{description}: exists; expected --object to use it, or another -o")
     model = described(lesson.output, size, faces) if known is None else tracker.load_object(known)
     text = to_toml(model) if known is None else ""
-    lesson.learn(model, from_names(lesson.seed), first=True)
+    lesson.learn(model, None, first=True)
     if known is None:
         write_whole(description, text)
         if not lesson.quiet:
@@ -161,7 +162,7 @@ def _learned(learned: Adapted, output: Path) -> str:
     kinds = table([["training pixels", *pixels], ["", *map(str, pixels.values())]])
     kept = [f"{color}: too few pixels, so it stays as it was" for color, count in pixels.items() if not count]
     if learned.after is before:
-        kept = ["no round was better: the colours stay those of the names"]
+        kept = [f"no round was better: the colours stay those of {learned.colors.name}"]
     if not learned.colors.normalise:
         kept.append("for images as they are: keep exposure and white balance fixed")
     judged = ["before", f"{before} of {before.frames} held-out frames"], ["after", str(learned.after)]

@@ -81,7 +81,8 @@ def adapt(
     faults: list[str] = []
     tried: list[Adapted] = []
     for normalise in (True, False):
-        initial = dataclasses.replace(start or nearest(model, footage, normalise), normalise=normalise)
+        initial = start or nearest(model, footage, options.seed, normalise)
+        initial = dataclasses.replace(initial, normalise=normalise)
         if wrong := _told_wrong(hues_of_model(initial)):
             raise ColorModelError(f"colour model {initial.name}: refused: {wrong}")
         found, fault = _adapted(model, footage, initial, options, rounds, say)
@@ -183,15 +184,15 @@ TRIED = 12
 """Approximate number of frames on which the models are compared."""
 
 
-def nearest(model: CuboidModel, footage: Sequence[Frames], normalise: bool = True) -> ColorModel:
-    """Return the colour model, the object's or a shipped one, that best explains a sample of the frames.
+def nearest(model: CuboidModel, footage: Sequence[Frames], seed: int, normalise: bool = True) -> ColorModel:
+    """Return the model, the object's, a shipped one or `from_names`, that explains most of a few frames.
 
     normalise: whether the images' greys are made grey, whatever the models say.
     """
     step = max(1, sum(len(one.learned) for one in footage) // TRIED)
     few = [dataclasses.replace(one, learned=(), held_out=one.learned[::step]) for one in footage]
     names = [name for name in color_model_names() if name != "dice"]  # a single colour fits no cuboid
-    models = []
+    models = [dataclasses.replace(from_names(seed), normalise=normalise)]
     for name in dict.fromkeys((model.colors, *names)):
         with suppress(ColorModelError):  # a new object has none yet
             models.append(dataclasses.replace(load_colors(name), normalise=normalise))
