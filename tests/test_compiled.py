@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import sys
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -19,7 +20,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from tests.helpers import ROOT, run_python
 from tracker import ObjectTracker, open_log
 from tracker.cli.demo import DATA
-from tracker.compiled import _place, compiled, fingerprint
+from tracker.compiled import _place, compiled, fingerprint, is_cached
 
 
 @compiled
@@ -261,7 +262,15 @@ def test_what_a_script_compiles_is_as_new_as_the_package_whose_kernels_it_may_ca
     )
     monkeypatch.syspath_prepend(tmp_path)
     twice = importlib.import_module("one_file").twice
+    assert not is_cached(twice)
     assert twice(2) == 4
+    assert is_cached(twice)
+    with monkeypatch.context() as other:
+        other.setattr(numba.config, "CPU_NAME", "generic")
+        assert not is_cached(twice)
+    for index in Path(twice.stats.cache_path).glob("one_file.twice-*.nbi"):
+        index.write_bytes(b"")
+    assert not is_cached(twice)
     assert fingerprint("tracker") in twice._cache._impl.locator.get_source_stamp()
 
 

@@ -126,11 +126,11 @@ def _compiled_as_part(dispatcher: Any, arguments: tuple[types.Type, ...]) -> Any
 
 
 def is_cached(function: Any) -> bool:
-    """Whether the machine code of a compiled function is on disk, so that its first call is quick."""
-    folder = getattr(function.stats, "cache_path", None)
-    stem, version = Path(function.py_func.__code__.co_filename).stem, "py{}{}".format(*sys.version_info)
-    name = f"{stem}.{function.py_func.__qualname__}-*.{version}*.nbi"
-    return folder is not None and any(Path(folder).glob(name))
+    """Whether a compiled function's machine code for this processor is on disk: its first call is quick."""
+    with contextlib.suppress(Exception):  # it has no cache, or a damaged one
+        processor = function.targetctx.codegen().magic_tuple()
+        return any(processor == its for _, its, _ in function._cache._cache_file._load_index())
+    return False
 
 
 @functools.cache
