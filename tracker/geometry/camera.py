@@ -22,6 +22,7 @@ import numpy.typing as npt
 from tracker.checks import Frozen, float_rows, is_whole
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
+from tracker.geometry import so3
 
 COUNTS = (5, 8, 12, 14)
 """Numbers of coefficients: k1 k2 p1 p2 k3, k4 k5 k6, s1 s2 s3 s4, τx τy."""
@@ -159,10 +160,7 @@ class Camera(Frozen):
     @property
     def world_from_camera(self) -> FloatArray:
         """(4, 4) inverse of `camera_from_world`."""
-        out = np.eye(4)
-        out[:3, :3] = self.camera_from_world[:3, :3].T
-        out[:3, 3] = self.position
-        return out
+        return so3.transform(self.camera_from_world[:3, :3].T, self.position)
 
     @property
     def position(self) -> FloatArray:
