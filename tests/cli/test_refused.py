@@ -156,6 +156,7 @@ REFUSED = {
     ],
     "score": [
         (".", "goal.json|--goal"),
+        ("cut/camera_data.dat", "found no cut/goal.json|--goal"),
         ("job --poses poses.h5", "poses of another recording"),
         ("jbo --goal job/goal.json --poses poses.h5", "jbo: no such file or folder"),
         ("job --poses poses.h5 --object cuboid_2x2x8_v2", "poses of cube_v2"),

@@ -43,7 +43,7 @@ def score(
     recording's first frame. A pose holds until the next frame in which the object is seen.
     """
     if goal_path is None and not goal_file(job).is_file():
-        raise TaskError(f"{job}: found no {goal_file(job).name} in it, expected one there or --goal")
+        raise TaskError(f"{job}: found no {goal_file(job)}, expected one there or --goal")
     goal = read_job_goal(goal_path or goal_file(job))
     if goal.task == "rearrange_dice":
         if poses_path is not None or object_name is not None:
