@@ -192,6 +192,8 @@ def test_film_holds_its_pictures_in_order(tmp_path):
     assert film_to(tmp_path / "film.mp4") == 12
     with av.open(str(tmp_path / "film.mp4")) as opened:
         assert float(opened.streams.video[0].average_rate) == pytest.approx(10)
+        # Its pixels are BT.601's; of a large film without a matrix, players assume BT.709's.
+        assert opened.streams.video[0].codec_context.colorspace == 6
         read = [frame.to_ndarray(format="bgr24") for frame in opened.decode(video=0)]
     assert len(read) == 12
     for k, (shown, expected) in enumerate(zip(read, film(), strict=True)):

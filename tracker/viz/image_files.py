@@ -75,7 +75,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
     ):
         stream = film.add_stream("libx264", rate=Fraction(float(rate)).limit_denominator(1000))
         stream.pix_fmt = "yuv420p"
-        stream.options = {"crf": "18", "preset": "veryfast"}
+        stream.options = {"crf": "18", "preset": "veryfast", "colorspace": "smpte170m"}
         for picture in pictures:
             shape = picture.shape if isinstance(picture, np.ndarray) else (0, 0)
             height, width = (side - side % 2 for side in shape[:2])
