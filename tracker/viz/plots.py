@@ -49,6 +49,7 @@ _STYLE: Any = {
     "axes.axisbelow": True,
     "figure.dpi": 130,
     "savefig.dpi": 130,
+    "text.parse_math": False,  # names of files may hold dollar signs, which begin formulas
 }
 """Changes to matplotlib's default style: dark, with a faint grid and few lines."""
 
@@ -56,7 +57,8 @@ _STYLE: Any = {
 @contextmanager
 def figure(size: tuple[float, float]) -> Iterator[Figure]:
     """Yield an empty figure of a given size [inch]; TrackerError if the package `matplotlib` is missing."""
-    with optional("matplotlib", "plot", "a plot").rc_context(_STYLE):
+    with warnings.catch_warnings(), optional("matplotlib", "plot", "a plot").rc_context(_STYLE):
+        warnings.filterwarnings("ignore", "Glyph")  # a title may hold any character
         # Without pyplot, no display is needed and no figure stays in memory.
         yield optional("matplotlib.figure", "plot", "a plot").Figure(figsize=size, layout="constrained")
 
@@ -191,8 +193,7 @@ def write_trajectory_plot(path: str | os.PathLike[str], poses: Poses, title: str
     of_kind(poses, Poses, "plot: poses", TrackerError, "tracker.read_poses")
     of_kind(title, str, "plot: title", TrackerError)
     title = title or " · ".join(filter(None, (poses.about.object_name, poses.about.source)))
-    with warnings.catch_warnings(), figure_file(path, (12.0, 10.0)) as figure:
-        warnings.filterwarnings("ignore", "Glyph")  # a title may hold any character
+    with figure_file(path, (12.0, 10.0)) as figure:
         _draw_trajectory(figure, poses, title)
 
 
@@ -207,9 +208,7 @@ def _draw_trajectory(figure: Any, poses: Poses, title: str) -> None:
         axes[0].set_xticks([])
     found = best(poses).has_pose
     share = f"{100 * np.mean(found):.1f} % of {len(poses)} frames have a pose" if len(poses) else "no frames"
-    # Escape dollar signs in file names; they would begin a formula.
-    heading = title.replace("$", r"\$")
-    axes[0].set_title(heading, loc="left", color=rgb(paint.BRIGHT), fontsize=14, pad=30)
+    axes[0].set_title(title, loc="left", color=rgb(paint.BRIGHT), fontsize=14, pad=30)
     axes[0].set_title(share, loc="right", fontsize=10, pad=30)
     fused, recorded = bool(poses.filtered.has_pose.any()), poses.recorded is not None
     some, both = bool(found.any()), fused and bool(poses.measured.has_pose.any())
