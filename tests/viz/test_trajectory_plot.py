@@ -112,6 +112,9 @@ def test_recorded_poses_are_seen(path, rng):
     near = [np.abs(drawn(path, one).astype(int) - color).sum(axis=2) < 120
             for one in (poses, dataclasses.replace(poses, recorded=None))]  # fmt: skip
     assert near[0].sum() > near[1].sum() + 500
+    high = dataclasses.replace(poses.recorded, confidence=1.5 * poses.recorded.confidence)
+    panel = series_of(dataclasses.replace(poses, recorded=high))[-1]
+    assert 1.04 < np.nanmax(panel.values) < panel.limits[1]
 
 
 def test_a_missing_package_is_named(path, rng, monkeypatch):

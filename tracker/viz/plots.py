@@ -251,7 +251,8 @@ def series_of(poses: Poses) -> list[Series]:
     result.append(Series("rotation [°]", (210, 140, 200), values, band, _limits(values)))
     values = np.stack([one.confidence for one in kinds])
     nothing = np.full((2, len(poses)), np.nan)
-    return [*result, Series("confidence", paint.BRIGHT, values, nothing, (-0.04, 1.04))]
+    highest = float(np.fmax.reduce(values, axis=None, initial=1.0))  # a recorder's may exceed 1
+    return [*result, Series("confidence", paint.BRIGHT, values, nothing, (-0.04, highest + 0.04))]
 
 
 def _limits(values: FloatArray) -> tuple[float, float]:
