@@ -215,14 +215,14 @@ def footage(stills):
 
 
 class Film:
-    """Pictures at 10 Hz, unless another period is given [s]."""
+    """Pictures at 10 Hz, unless another period is given [s]; each camera's `lag` after the one before [s]."""
 
-    def __init__(self, frames, period=0.1):
-        self.frames, self.period = frames, period
+    def __init__(self, frames, period=0.1, lag=0.0):
+        self.frames, self.period, self.lags = frames, period, lag * np.arange(3)
 
     def shots(self):
         for k, images in enumerate(self.frames):
-            yield Shot(k, images, np.full(3, self.period * k), k == 0)
+            yield Shot(k, images, self.period * k + self.lags, k == 0)
 
     def images(self, numbers):
         return (self.frames[number] for number in numbers)
@@ -325,8 +325,13 @@ def test_an_episode_whose_first_frame_is_damaged_begins_with_its_next(tmp_path):
         (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 different poses .* expected 18"),
         (lambda: footage(rests() * 3), WRONG, "move and turn it .* need a board"),
         (lambda: Film([EMPTY] * 3), WRONG, "no frame in which cube_v2 is surely seen; .* need a board"),
+        (
+            lambda: Film([one.images for one in carried()], lag=0.005),
+            RIG,
+            "in 27 more it moved between the cameras' images",
+        ),
     ],
-    ids=["one camera", "an inverted camera", "at rest", "never turned", "no object"],
+    ids=["one camera", "an inverted camera", "at rest", "never turned", "no object", "too fast to follow"],
 )
 def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, message):
     with pytest.raises(CalibrationError, match=message):
@@ -394,7 +399,7 @@ STILL, FILM = np.zeros(6), Film([])
 
 
 def sighting(number, *, at=(0.0, 0.0), turn=(0.0, 0.0, 0.3), velocity=STILL, begins=False):
-    return Sighting(FILM, number, np.array([*at, 0.0325]), so3.exp(turn), velocity, 0.0, begins)
+    return Sighting(FILM, number, np.array([*at, 0.0325]), so3.exp(turn), velocity, np.zeros(2), begins)
 
 
 @pytest.mark.parametrize(
@@ -420,7 +425,7 @@ def anywhere(count, rng, *, speed=0.0, turning=0.0, skew=0.0):
     places = rng.uniform([-0.1, -0.1, 0.03], [0.1, 0.1, 0.1], (count, 3))
     velocity = np.array([speed, 0, 0, 0, turning, 0])
     return [
-        Sighting(FILM, k, place, rotation, velocity, skew, k == 0)
+        Sighting(FILM, k, place, rotation, velocity, skew * np.array([speed, turning]), k == 0)
         for k, (place, rotation) in enumerate(zip(places, random_rotations(rng, count), strict=True))
     ]
 

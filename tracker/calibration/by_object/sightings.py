@@ -77,8 +77,8 @@ class Sighting:
     rotation: FloatArray
     velocity: FloatArray | None
     """(6,) [m/s, rad/s]; None in a still."""
-    skew: float
-    """Time between the first and the last image of the shot [s]."""
+    smear: FloatArray
+    """(2,) motion between the first and the last image of the shot, RMS of what is known [m, rad]."""
     begins: bool
     """Whether it is the first sighting of its episode."""
 
@@ -117,10 +117,13 @@ def all_sightings(
             lost = tracked is not None and motion is None
             if lost or pose is None or pose.confidence < least:
                 continue
-            velocity = None if motion is None else motion.velocity
-            shown = [image is not None for image in shot.images]
-            skew = 0.0 if shot.stamps is None else float(np.ptp(shot.stamps[shown]))
-            seen.append(Sighting(one, shot.number, pose.position, pose.rotation, velocity, skew, begins))
+            velocity, smear = None, np.zeros(2)
+            if motion is not None and shot.stamps is not None:
+                velocity = motion.velocity
+                squares = velocity**2 + np.diag(motion.velocity_covariance)
+                skew = np.ptp(shot.stamps[[image is not None for image in shot.images]])
+                smear = skew * np.sqrt(squares.reshape(2, 3).sum(axis=1))
+            seen.append(Sighting(one, shot.number, pose.position, pose.rotation, velocity, smear, begins))
             begins = False
             progress(1)
     some = evenly([(one.footage, one.number) for one in seen] or every, SAMPLE)
@@ -201,12 +204,7 @@ def apart(sightings: Sequence[Sighting]) -> list[Sighting]:
 
 def different(name: str, seen: Sequence[Sighting], most: int) -> list[Sighting]:
     """Return up to `most` sightings in different poses; CalibrationError if there are too few."""
-    sharp = [
-        one
-        for one in seen
-        if one.velocity is None
-        or (one.skew * np.linalg.norm(one.velocity.reshape(2, 3), axis=1) < SMEARED).all()
-    ]
+    sharp = [one for one in seen if (one.smear < SMEARED).all()]
     if not sharp:
         more = f"; in {len(seen)} more it moved between the cameras' images" if seen else ""
         raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}{_FAR_OFF}")
