@@ -22,7 +22,9 @@ from tracker.files import claimed, lock_of, open_regular, read_bounded, whole_fi
 from tracker.files.hdf5 import Disk, check_stated_end, open_file
 from tracker.files.stores import LmdbFile
 from tracker.logs.native import NativeSource
+from tracker.objects.model import object_names
 from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
+from tracker.segmentation.color_model import color_model_names
 
 pytestmark = pytest.mark.timeout(5)  # a read that waits fails soon
 
@@ -52,6 +54,14 @@ def test_an_interrupt_while_a_file_is_opened_is_not_taken_for_a_fault_of_it(tmp_
     monkeypatch.setattr("tracker.files.open", interrupted, raising=False)
     with pytest.raises(KeyboardInterrupt):
         open_regular(tmp_path / "file")
+
+
+def test_hidden_files_are_neither_objects_nor_colours(tmp_path, monkeypatch):
+    monkeypatch.setattr("tracker.objects.model._DATA", tmp_path)
+    monkeypatch.setattr("tracker.segmentation.color_model._DATA", tmp_path)
+    for name in ("a.toml", "._a.toml", "b.npz", "._b.npz"):  # of a file system for Macs
+        (tmp_path / name).touch()
+    assert (object_names(), color_model_names()) == (("a",), ("b",))
 
 
 def test_files_and_links_to_files_are_read_up_to_their_bound(tmp_path):

@@ -21,7 +21,7 @@ MAX_FILE_SIZE = 100_000
 
 def names_in(folder: Path) -> tuple[str, ...]:
     """Return the sorted names of the TOML files in a folder of the package."""
-    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
+    return tuple(sorted(path.stem for path in folder.glob("[!.]*.toml")))
 
 
 def found_by(given: str | os.PathLike[str], folder: Path, what: str, fault: type[TrackerError]) -> Path:

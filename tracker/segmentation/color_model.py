@@ -174,7 +174,7 @@ def _read(path: Path, name: str) -> ColorModel:
 
 def color_model_names() -> tuple[str, ...]:
     """Return the names of the colour models in the package."""
-    return tuple(sorted(path.stem for path in _DATA.glob("*.npz")))
+    return tuple(sorted(path.stem for path in _DATA.glob("[!.]*.npz")))
 
 
 @functools.lru_cache(maxsize=16)
