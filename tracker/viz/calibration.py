@@ -177,5 +177,5 @@ def _plot(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple
         axis.set_xlabel("time [s]")
         axis.set_ylabel(quantity.unit, fontsize=8)
         axis.yaxis.set_label_coords(-0.05, 0.5)
-        axis.legend(ncols=len(names), loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0)
+        axis.legend(ncols=min(len(names), 6), loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0)
         return png(picture)

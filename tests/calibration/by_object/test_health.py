@@ -118,6 +118,12 @@ def test_what_was_not_measured_is_named_in_one_line_and_has_no_plot(well, text):
     assert "0 to 5.4 mrad" in text
 
 
+def test_the_names_of_many_cameras_leave_room_for_the_plots(well):
+    many = {key: np.repeat(values, 6, axis=1) for key, values in well.values.items()}
+    # Matplotlib warns, which is an error here, if nothing is left of a plot.
+    page(dataclasses.replace(well, values=many, cameras=tuple(f"camera{k}" for k in range(18))), "film")
+
+
 def test_a_single_camera_measures_no_height(film, rig, tmp_path):
     shutil.copytree(film / rig.names[0], tmp_path / "alone" / rig.names[0])
     alone = measured(tmp_path / "alone", tracker.CameraRig(rig.cameras[:1], rig.arena))
