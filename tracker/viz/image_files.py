@@ -31,13 +31,12 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
     """
     target = path_of(path, "image", ImageError)
     check_suffix(target, IMAGE_SUFFIXES, "image", ImageError)
+    found = f"image {target}: found {shown(image)}"
     of_pixels = isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.size
     if not (of_pixels and (image.ndim == 2 or image.shape[2:] == (3,))):
-        found = shown(image)
-        raise ImageError(f"image {target}: found {found}, expected uint8 of shape (H, W) or (H, W, 3)")
+        raise ImageError(f"{found}, expected uint8 of shape (H, W) or (H, W, 3)")
     if max(image.shape[:2]) > MAX_SIDE:
-        found = shown(image)
-        raise ImageError(f"image {target}: found {found}, expected at most {MAX_SIDE} px a side")
+        raise ImageError(f"{found}, expected at most {MAX_SIDE} px a side")
     suffix = target.suffix.lower()
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
     content = cv2.imencode(suffix, image, options)[1].tobytes()
