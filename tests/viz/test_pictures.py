@@ -15,7 +15,16 @@ from tests.viz.test_overlays import MODEL, black, found
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TaskError, TrackerError
 from tracker.tasks import rearrange_dice as dice
-from tracker.viz import dice_overlay, goal_picture, overlay, write_film, write_image, write_trajectory_plot
+from tracker.viz import (
+    dice_overlay,
+    goal_picture,
+    overlay,
+    paint,
+    write_film,
+    write_image,
+    write_trajectory_plot,
+)
+from tracker.viz.calibration import residual_picture
 from tracker.viz.image_files import film_rate
 
 RIG = make_rig()
@@ -185,6 +194,16 @@ def test_a_write_that_breaks_off_leaves_the_old_file(write, tmp_path, monkeypatc
         write(target)
     assert target.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a.png"]
+
+
+def test_residuals_point_their_way_however_long(monkeypatch):
+    drawn, missed = [], np.array([[0.1, 0.2], [20.0, 5.0], [-300.0, 1.0]])
+    monkeypatch.setattr(paint, "stroke", lambda _, lines, *how: drawn.extend(lines))
+    photos = [(np.full((1, 2), 99.0), missed[:1], True), (np.full((2, 2), 99.0), missed[1:], False)]
+    residual_picture("camera60", (270, 270), photos)
+    *ways, _ = (line[1] - line[0] for line in drawn if len(line) == 2)
+    angles = [np.arctan2(*way) for way in ways]
+    assert angles == pytest.approx([np.arctan2(*way) for way in missed])
 
 
 def test_film_holds_its_pictures_in_order(tmp_path):

@@ -81,7 +81,8 @@ def residual_picture(
     for pixels, missed, counts in photos:
         color = GOOD if counts else BAD
         starts = (pixels + 0.5) * scale - 0.5
-        ends = starts + np.clip(missed * longer, -_WIDTH / 4, _WIDTH / 4)
+        far = np.maximum(np.linalg.norm(missed, axis=1, keepdims=True), 1e-9)
+        ends = starts + missed * np.minimum(longer, _WIDTH / 4 / far)
         paint.stroke(picture[:height], list(np.stack([starts, ends], axis=1)), color, 1.5)
         paint.stroke(picture[:height], [paint.circle(start, 2.0) for start in starts], color, 1.0)
     left, bar = 16, longer * rms
