@@ -125,6 +125,17 @@ def test_corners_are_found_where_they_are(photos):
     assert np.median(np.linalg.norm(together, axis=1)) < 0.12
 
 
+def test_corners_of_slanting_squares_are_found_where_they_are():
+    page, angle = page_of(BOARD), np.radians(40)
+    slanting = 0.42 * np.array([[1.0, np.cos(angle), 48], [0.0, np.sin(angle), 48]])
+    flat = cv2.GaussianBlur(page_image(page, 101.6), (0, 0), 2.0)  # four pixels a millimetre
+    found = find_board("photo", cv2.warpAffine(flat, slanting, (900, 600)), BOARD)
+    assert found is not None
+    printed_at = 4 * (found.points[:, :2] * (1000, -1000) + (100, 140) + page.origin) - 0.5
+    expected = printed_at @ slanting[:, :2].T + slanting[:, 2]
+    assert np.linalg.norm(found.pixels - expected, axis=1).max() < 0.3
+
+
 @pytest.mark.parametrize("blur", [0.5, 0.8, 1.1])
 def test_blur_is_given_in_pixels(blur, photos):
     image = photo(photos[0][0], np.random.default_rng(72), blur=blur)

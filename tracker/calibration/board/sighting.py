@@ -156,7 +156,7 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
     found = numbers.ravel()[order]
     places = np.asarray(pixels, np.float64).reshape(-1, 2)[order]
     beside = _neighbours(found.tolist(), board.columns - 1)
-    places = _refined(gray, places, np.concatenate(beside), board)
+    places = _refined(gray, places, beside, board)
     height, width = gray.shape
     # A moving board is blurred differently along rows and columns: the larger blur counts.
     blurs = [[_profile_blur(gray, *places[pair]) for pair in pairs] for pairs in beside]
@@ -173,14 +173,16 @@ def _neighbours(numbers: list[int], columns: int) -> tuple[Array, Array]:
     return np.array(right, int).reshape(-1, 2), np.array(below, int).reshape(-1, 2)
 
 
-def _refined(gray: Image, places: FloatArray, neighbours: Array, board: Board) -> FloatArray:
+def _refined(gray: Image, places: FloatArray, beside: Sequence[Array], board: Board) -> FloatArray:
     """Return corners (N, 2) refined to saddle points, since those of OpenCV 4 are off by half a pixel.
 
-    The windows end well before the markers, whose blurred edges would pull the corners towards them.
+    The windows end well before the markers, whose blurred edges would pull the corners towards them. The
+    nearest marker's corner lies along the shorter diagonal of a square.
     """
-    apart = np.hypot(*(places[neighbours[:, 1]] - places[neighbours[:, 0]]).T)
-    gap = 0.5 * (1.0 - board.marker / board.square) * float(np.median(apart)) if len(apart) else 0.0
-    half = max(2, int(CLEAR * gap))
+    steps = [places[pairs[:, 1]] - places[pairs[:, 0]] for pairs in beside]
+    right, down = (step.sum(axis=0) / max(len(step), 1) for step in steps)
+    edge = np.sqrt(0.5) * min(np.hypot(*(right + down)), np.hypot(*(right - down)))
+    half = max(2, round(CLEAR * 0.5 * (1.0 - board.marker / board.square) * edge))
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
     points = places.astype(np.float32).reshape(-1, 1, 2)
     refined: Any = cv2.cornerSubPix(gray, points, (half, half), (-1, -1), stop)
