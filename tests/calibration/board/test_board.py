@@ -183,7 +183,7 @@ def test_corners_in_a_line_with_or_without_another_give_no_pose(more):
         (lambda image: image[:1, :1].copy(), BOARD, "no marker of DICT_APRILTAG_16h5 found"),
         (np.copy, Board(5, 7, 0.04, 0.03, "DICT_5X5_100"), "no marker of DICT_5X5_100 found"),
         *[
-            (np.copy, Board(*size, 0.04, 0.03), f"do not lie as on a board of {size[0]}x{size[1]} squares")
+            (np.copy, Board(*size, 0.04, 0.03), f"{size[0]}x{size[1]} squares, or it is seen too obliquely")
             for size in ((7, 5), (6, 6), (4, 7))
         ],
     ],

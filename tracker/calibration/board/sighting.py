@@ -221,7 +221,8 @@ def why_no_board(image: Image, board: Board) -> str:
         return f"of its {len(numbers)} corners all, or all but one, lie in a line, which leaves the pose open"
     count = len(_markers(gray, board))
     if count >= 4:
-        return f"its {count} markers do not lie as on a board of {board.columns}x{board.rows} squares"
+        squares = f"{board.columns}x{board.rows} squares"
+        return f"its {count} markers do not lie as on a board of {squares}, or it is seen too obliquely"
     if count:
         return f"only {count} markers of {board.dictionary} found, no {FEWEST_CORNERS} corners between them"
     return f"no marker of {board.dictionary} found"
