@@ -75,7 +75,7 @@ def test_another_object_is_refused(film):
         adapt(cuboid, [footage_of(film)], COLORS, OPTIONS, rounds=2)
     grey = [np.full_like(image, 110) for image in film[0].images]
     empty = [dataclasses.replace(shot, images=grey) for shot in film]
-    with pytest.raises(NotBetterError, match=r"refused: found 0 of .*; are the object's size and faces"):
+    with pytest.raises(NotBetterError, match=r"found 0 of .*size and faces .*or use `tracker colors fit`"):
         adapt(cuboid, [footage_of(empty)], COLORS, OPTIONS, rounds=2)
     with pytest.raises(NotBetterError, match=r"no better than by cube_v2 \(see --colors\)"):
         adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, rounds=0)

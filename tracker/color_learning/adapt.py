@@ -167,7 +167,7 @@ def _lessons(
     hint = "are the object's size and faces right, and the images BGR?"
     if off:
         hint = f"in {off} more, the faces' hues do not match their names"
-    return [], f"{fault}; {hint}"
+    return [], f"{fault}; {hint}; or use `tracker colors fit`"
 
 
 def _told_wrong(hues: Mapping[int, float]) -> str:
