@@ -121,10 +121,9 @@ def new(
 ) -> None:
     """Fit a colour model to RECORDINGs of a new object.
 
-    Needs the object's size and the names of its colours. Starts with the hues of the names, or with a
-    colour model of the package that explains more, then continues like `adapt`, but keeps the start if
-    nothing is gained. Also writes the object's TOML file, unless --object gives one. Use its path wherever
-    an object's name goes.
+    Needs the object's size and the names of its colours. Starts with their hues, or with a model of the
+    package if that explains more. Continues like `adapt`, but keeps the start if nothing is gained. Also
+    writes the object's TOML file, unless --object gives one. Its path serves as an object's name.
     """
     description = lesson.output.with_suffix(".toml")
     if known is not None and (size is not None or faces is not None):

@@ -88,7 +88,6 @@ def adapt(
         found, fault = _adapted(model, footage, initial, options, rounds, say)
         tried.append(found)
         best = max(tried, key=lambda one: one.after.explained)
-        gained = best.after is not best.before
         if not fault:
             break
         faults.append(f"{initial.name}: refused: {fault}")
@@ -98,7 +97,7 @@ def adapt(
         few = evenly(one.held_out, SAMPLE)
         if another := another_shown(ObjectTracker(model, one.rig, best.colors), few):
             raise NotBetterError(f"{initial.name}: refused: {another}")
-    if not gained and (faults or not first):
+    if best.after is best.before and (faults or not first):
         instead = f"{initial.name} (see --colors): {best.before}"
         faults.append(f"{initial.name}: refused: held-out frames are explained no better than by {instead}")
         raise NotBetterError(faults[0])
@@ -185,10 +184,7 @@ TRIED = 12
 
 
 def nearest(model: CuboidModel, footage: Sequence[Frames], seed: int, normalise: bool = True) -> ColorModel:
-    """Return the model, the object's, a shipped one or `from_names`, that explains most of a few frames.
-
-    normalise: whether the images' greys are made grey, whatever the models say.
-    """
+    """Return the object's, a shipped or the names' model that explains most of a few frames."""
     step = max(1, sum(len(one.learned) for one in footage) // TRIED)
     few = [dataclasses.replace(one, learned=(), held_out=one.learned[::step]) for one in footage]
     names = [name for name in color_model_names() if name != "dice"]  # a single colour fits no cuboid

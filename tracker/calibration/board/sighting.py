@@ -157,11 +157,10 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
     places = np.asarray(pixels, np.float64).reshape(-1, 2)[order]
     beside = _neighbours(found.tolist(), board.columns - 1)
     places = _refined(gray, places, beside, board)
-    height, width = gray.shape
     # A moving board is blurred differently along rows and columns: the larger blur counts.
     blurs = [[_profile_blur(gray, *places[pair]) for pair in pairs] for pairs in beside]
     blur = max((float(np.median(some)) for some in blurs if some), default=float("nan"))
-    view = BoardView(photo, (width, height), found, places, board.corners[found], blur)
+    view = BoardView(photo, (gray.shape[1], gray.shape[0]), found, places, board.corners[found], blur)
     return view if view.fixes_pose else None
 
 
