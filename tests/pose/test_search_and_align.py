@@ -27,6 +27,7 @@ from tracker.pose.schedule import FIRST
 from tracker.pose.strips import MAX_STRIPS, STRIP
 from tracker.pose.views import PICTURE
 from tracker.pose.votes import CELL, DOUBT, MOST_POINTS, TIGHT, PositionSearch, _grid, vote
+from tracker.segmentation.sensor import LOUD
 
 BOX = Box.of(MODEL)
 FACES = BOX.half, BOX.face_labels
@@ -350,6 +351,16 @@ def test_rounds_begin_each_hypothesis_once_whatever_the_rounds_before(estimator,
     fits = estimator.candidates(estimator.reader(images))
     assert len(begun) == len(fits) == 1
     assert settled(fits[0])
+
+
+@pytest.mark.parametrize("exposure", [1.0, 0.3])
+def test_a_dark_image_is_as_loud_as_a_bright_one_in_the_light_in_which_its_colours_are_read(
+    estimator, rng, exposure
+):
+    grey = np.full((270, 270, 3), 115.0)
+    for sigma, loud in ((0.8 * LOUD, False), (1.3 * LOUD, True)):
+        image = np.rint(exposure * (grey + rng.normal(0, sigma, grey.shape))).astype(np.uint8)
+        assert estimator.reader.lit([image])["loud"][0] == loud
 
 
 @pytest.mark.parametrize("shown", [(0, 1), (2,)])

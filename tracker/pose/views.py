@@ -112,10 +112,10 @@ def look_at(image, normalise, fresh, pictures, c):  # type: ignore[no-untyped-de
     picture.height, picture.width = image.shape[0], image.shape[1]
     if not fresh:
         return
-    picture.loud = noise_level(image) >= LOUD
     picture.gains[:], picture.tilt[:, :] = 1.0, 0.0
     if normalise:
         fill_light(image, picture.gains, picture.tilt)
+    picture.loud = noise_level(image) * min(picture.gains[0], picture.gains[1], picture.gains[2]) >= LOUD
     fill_channels(picture.gains, picture.channels)
 
 
