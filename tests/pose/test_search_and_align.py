@@ -291,14 +291,14 @@ def test_pixels_inside_a_face_keep_away_from_its_outline(scene, blur):
     assert checked >= 6
 
 
-def gain(scene, faces=FACES, moved=(0.0, 0.0, 0.0), labels=None):
+def gain(scene, faces=FACES, moved=(0.0, 0.0, 0.0), labels=None, room=np.inf):
     """By how much another body explains more than a box that is moved along its axes from the truth."""
     cameras, shown, truth = scene
     labels = shown if labels is None else labels
     place, seen = (truth.rotation, truth.position + truth.rotation @ moved, STILL), np.zeros(3, SEEN)
     sight = stack_lenses(cameras), labels, pictures_of(labels), faces
     count_labels(*sight, *place, seen)
-    return (resized(*sight, place, seen, NUMBERS) - NUMBERS.resized) / NUMBERS.end
+    return (resized(*sight, place, room, seen, NUMBERS) - NUMBERS.resized) / NUMBERS.end
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -315,6 +315,16 @@ def test_a_body_of_which_an_edge_is_shorter_or_longer_is_known(scene, axis, fact
     for side in (1.0, -1.0):
         moved[axis] = side * (half[axis] - BOX.half[axis])
         assert gain(scene, (half, BOX.face_labels), moved) > 5.0
+
+
+def test_no_body_reaches_into_the_table(scene):
+    truth, half, moved = scene[2], BOX.half.copy(), np.zeros(3)
+    axis = int(np.argmax(abs(truth.rotation[2])))
+    half[axis] /= RESIZED[-1][0]
+    moved[axis] = np.sign(truth.rotation[2, axis]) * (BOX.half[axis] - half[axis])  # its upper end is right
+    below = 2 * abs(moved @ truth.rotation[2])
+    assert gain(scene, (half, BOX.face_labels), moved, room=below + 1e-6) > 5.0
+    assert gain(scene, (half, BOX.face_labels), moved, room=below - 1e-6) < 1.0
 
 
 @pytest.fixture(scope="module")

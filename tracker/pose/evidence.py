@@ -323,10 +323,11 @@ def _lacks(seen, factor, share):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
+def resized(lenses, labels, pictures, box, place, room, seen, numbers):  # type: ignore[no-untyped-def]
     """Log odds of the best body with one edge shorter or longer than an object's.
 
     See equation (21) of docs/how-it-works.md; arguments are as in `judge`, which has filled seen.
+    room: how far a body may reach below the object [m]; farther down, the table mirrors it.
     """
     (rotation, position, lags), (half, face_labels) = place, box
     if not (_lacks(seen, *RESIZED[0]) or _lacks(seen, *RESIZED[-1])):
@@ -345,13 +346,14 @@ def resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignor
         if not _lacks(seen, factor, share):
             continue
         for end in range(6):
-            if (factor < 1.0 and last[end] < MUCH_WORSE) or _clearly_shown(seen, end, face_labels[end]):
-                continue
             axis, side = end // 2, 2.0 * (end % 2) - 1.0
+            shift = side * half[axis] * (factor - 1.0)
+            hopeless = 2.0 * shift * rotation[2, axis] > room if factor > 1.0 else last[end] < MUCH_WORSE
+            if hopeless or _clearly_shown(seen, end, face_labels[end]):
+                continue
             for i in range(3):
                 changed[i] = half[i] * factor if i == axis else half[i]
-            for i in range(3):
-                moved[i] = position[i] + side * rotation[i, axis] * (half[axis] - changed[axis])
+                moved[i] = position[i] - shift * rotation[i, axis]
             count_labels(lenses, labels, pictures, (changed, face_labels), rotation, moved, lags, other)
             total, most = 0.0, 0.0
             for c in range(len(seen)):

@@ -38,6 +38,9 @@ ENOUGH = 2
 SAME_POSITION, SAME_ROTATION = 0.12, 0.15
 """Hypotheses closer than this [radii of the object, rad] are the same pose."""
 
+SUNK = 2e-3
+"""How far another body may reach below the table, or below the pose if that is lower [m]."""
+
 WINDOW_RIM = 12.0
 """Margin around the expected object, which may have moved differently [px of the label map]."""
 
@@ -97,6 +100,7 @@ class Search:
         self.positions = PositionSearch(small, box, rig.arena)
         self.grid, self.faces = rotation_grid(), (box.half, box.face_labels)
         self._radius, self._still = box.radius, np.zeros((len(small), 6))
+        self._box, self._table = box, -math.inf if rig.arena.table is None else rig.arena.table
 
     def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of the object's surroundings at a position, in camera c's label map."""
@@ -114,9 +118,9 @@ class Search:
     def resized(self, sight: Sight, fit: Fit) -> float:
         """Log odds of a body with one edge shorter or longer than the object of a fit."""
         place = fit.rotation, fit.position, self._still if fit.shifts is None else fit.shifts
-        return float(
-            resized(self.lenses, sight.labels, sight.pictures, self.faces, place, fit.cameras, NUMBERS)
-        )
+        maps = self.lenses, sight.labels, sight.pictures
+        room = max(self._box.lowest(fit.position, fit.rotation) - self._table, 0.0) + SUNK
+        return float(resized(*maps, self.faces, place, room, fit.cameras, NUMBERS))
 
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()
