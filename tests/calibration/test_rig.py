@@ -86,11 +86,13 @@ def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, me
         for azimuth in (60, 180, 300):
             file = tmp_path / f"{name.format(azimuth)}.yml"
             file.write_text(calibration_text(Calibrated(make_camera(azimuth))))
+            (tmp_path / f"._{file.name}").touch()  # of a file system for Macs
     with pytest.raises(CalibrationError, match=f"{message}.*select with") as caught:
         CameraRig.load(tmp_path)
     for pattern in patterns:
         assert pattern in str(caught.value)
-        assert CameraRig.load(tmp_path, pattern=pattern).names == ("camera60", "camera180", "camera300")
+        for given in (pattern, f"*{pattern}"):
+            assert CameraRig.load(tmp_path, pattern=given).names == ("camera60", "camera180", "camera300")
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,7 @@ def test_a_lens_is_written_with_its_deviations_and_smaller_images(photos, tmp_pa
 
 
 def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
+    (triplets / "0" / "._camera60.png").touch()  # of a file system for Macs
     yaw = np.rad2deg(np.arctan2(GIVEN[1, 0], GIVEN[0, 0]))
     place = ("--center", ",".join(map(str, GIVEN[:2, 3])), "--height", GIVEN[2, 3], "--yaw", yaw)
     arguments = (*BOARD, "--intrinsics", triplets / "lenses", *place, "-o", tmp_path / "rig")

@@ -251,6 +251,8 @@ def test_both_layouts_of_labelled_images_are_read(image, masks, tmp_path):
         mask = np.where(scene.labels == label, np.uint8(1), np.uint8(0))
         cv2.imwrite(str(tmp_path / masks.format(color)), np.repeat(mask[..., None], 4, axis=2))
     cv2.imwrite(str(tmp_path / image), scene.image)
+    for path in list(tmp_path.iterdir()):
+        (tmp_path / f"._{path.name}").touch()  # of a file system for Macs
     (read,) = read_labelled(tmp_path)
     np.testing.assert_array_equal(read.image, scene.image)
     np.testing.assert_array_equal(read.labels, np.where(scene.labels > 4, 0, scene.labels))

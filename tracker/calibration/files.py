@@ -254,9 +254,9 @@ def calibration_files(root: Path, pattern: str | None) -> list[Path]:
     no such file.
     """
     with told_of(root, CalibrationError):
-        names = sorted(file.name for file in root.iterdir() if file.is_file())
+        names = sorted(file.name for file in root.iterdir() if file.is_file() and file.name[0] != ".")
     if pattern is None:
-        readable = [name for name in names if re.fullmatch(r"[^.].*\.ya?ml", name)]
+        readable = [name for name in names if name.endswith((".yml", ".yaml"))]
         files = [name for name in readable if "camera" in name] or readable
         expected = "a file like camera60.yml"
     else:

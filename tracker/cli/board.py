@@ -302,7 +302,7 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
         if not folder.is_dir():
             raise CalibrationError(f"{folder}: no such folder; expected one with a photo of each camera")
         found: dict[str, list[Path]] = {camera: [] for camera in cameras}
-        for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGES):
+        for path in sorted(path for path in folder.glob("[!.]*") if path.suffix.lower() in IMAGES):
             named = camera_in(path.stem, cameras)
             if named is None or named not in found:
                 whose = named or "no camera"

@@ -81,8 +81,8 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
     if not folder.is_dir():
         raise ImageError(f"labelled images {folder}: no such folder")
     result: list[LabelledImage] = []
-    unused = {path for path in folder.glob("*.png") if _MASK.fullmatch(path.stem)}
-    for path in sorted({*folder.glob("*_image.png"), *folder.glob("camera*.png")}):
+    unused = {path for path in folder.glob("[!.]*.png") if _MASK.fullmatch(path.stem)}
+    for path in sorted({*folder.glob("[!.]*_image.png"), *folder.glob("camera*.png")}):
         masks = _masks(path)
         unused -= set(masks.values())
         if not masks:
