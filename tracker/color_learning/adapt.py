@@ -10,6 +10,7 @@ makes the table grey and gives the faces other hues: then they are read as they 
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -208,6 +209,7 @@ GREY = 0.25
 """Largest saturation of background pixels that are drawn."""
 
 
+@functools.lru_cache(maxsize=1)
 def from_names(seed: int) -> ColorModel:
     """Return a colour model that knows nothing but the names of the face colours.
 
