@@ -30,7 +30,7 @@ import yaml
 from tracker.checks import is_number, naming
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, message, shown
-from tracker.files import read_bounded, told_of
+from tracker.files import read_bounded, told_of, visible
 from tracker.geometry import so3
 from tracker.geometry.camera import COUNTS, ROTATION_TOLERANCE, Camera, check_rotation
 
@@ -254,7 +254,7 @@ def calibration_files(root: Path, pattern: str | None) -> list[Path]:
     no such file.
     """
     with told_of(root, CalibrationError):
-        names = sorted(file.name for file in root.iterdir() if file.is_file() and file.name[0] != ".")
+        names = sorted(file.name for file in visible(root) if file.is_file())
     if pattern is None:
         readable = [name for name in names if name.endswith((".yml", ".yaml"))]
         files = [name for name in readable if "camera" in name] or readable

@@ -25,7 +25,7 @@ from tracker.cli.terminal import listing, table
 from tracker.color_learning.labelled import read_image
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
-from tracker.files import told_as, write_together, write_whole
+from tracker.files import told_as, visible, write_together, write_whole
 from tracker.geometry.camera import check_name
 from tracker.inputs import camera_in
 from tracker.viz.calibration import residual_picture
@@ -302,7 +302,7 @@ def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, P
         if not folder.is_dir():
             raise CalibrationError(f"{folder}: no such folder; expected one with a photo of each camera")
         found: dict[str, list[Path]] = {camera: [] for camera in cameras}
-        for path in sorted(path for path in folder.glob("[!.]*") if path.suffix.lower() in IMAGES):
+        for path in sorted(path for path in visible(folder) if path.suffix.lower() in IMAGES):
             named = camera_in(path.stem, cameras)
             if named is None or named not in found:
                 whose = named or "no camera"

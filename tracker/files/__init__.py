@@ -70,6 +70,11 @@ def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
     return content
 
 
+def visible(folder: Path) -> Iterator[Path]:
+    """Return what is in a folder but for hidden files, which editors and file systems for Macs leave."""
+    return (item for item in folder.iterdir() if not item.name.startswith("."))
+
+
 @contextlib.contextmanager
 def told_of(path: str | os.PathLike[str], fault: Callable[[str], Exception] = LogError) -> Iterator[None]:
     """Turn an OSError raised while a file is read into a `fault` with a one-line message."""

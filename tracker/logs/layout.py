@@ -28,7 +28,7 @@ import numpy as np
 from tracker.checks import is_number, naming
 from tracker.conventions import FloatArray
 from tracker.errors import LogError, shown
-from tracker.files import read_bounded, told_of
+from tracker.files import read_bounded, told_of, visible
 from tracker.files.toml import read_toml
 from tracker.geometry.camera import may_be_name
 from tracker.logs.frame import EPOCH
@@ -117,7 +117,7 @@ def find_layout(root: Path, rate: float) -> Layout:
         return _of_streams(root, {_name_of_lone_camera(root.stem): _film(root)}, rate)
     if os.path.lexists(root / RECORDING_FILE):
         return _of_stated(root, rate)
-    folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
+    folders = sorted((item for item in visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
     streams = _of_folders(folder for folder in folders if CAMERA.fullmatch(folder.name))
     # With folders, an image beside them does not count: it may be an overlay.
     frames = {} if streams else _of_frames(folders) or _of_frames([root])
@@ -132,13 +132,9 @@ def find_layout(root: Path, rate: float) -> Layout:
     return _of_streams(root, ordered, rate, by_name=bool(frames))
 
 
-def _visible(folder: Path) -> Iterator[Path]:
-    return (item for item in folder.iterdir() if not item.name.startswith("."))
-
-
 def _pictures(folder: Path) -> list[tuple[str, Path]]:
     """Return the images in a folder with their names without suffix, in natural order."""
-    files = (item for item in _visible(folder) if item.suffix.lower() in SUFFIXES)
+    files = (item for item in visible(folder) if item.suffix.lower() in SUFFIXES)
     ordered = sorted(files, key=lambda file: (_natural(file.stem), file.name))
     return [(file.stem, file) for file in ordered]
 
@@ -171,7 +167,7 @@ def _of_frames(folders: Iterable[Path]) -> _Streams:
 
 def _films(root: Path) -> _Streams:
     """Return the films in a folder: those named after cameras if there are any, else all."""
-    found = [(file.stem, file) for file in sorted(_visible(root)) if file.suffix.lower() in FILM_SUFFIXES]
+    found = [(file.stem, file) for file in sorted(visible(root)) if file.suffix.lower() in FILM_SUFFIXES]
     named = [one for one in found if CAMERA.fullmatch(one[0])]
     return {name: _film(file) for name, file in _by_name(named or found, "film of a camera").items()}
 
