@@ -34,6 +34,9 @@ def test_pure_colors_have_their_hues_of_any_brightness_and_grey_has_none():
     pixels = np.random.default_rng(1).uniform(20, 120, (50, 3)) * [0.3, 1.0, 0.5]
     assert hue_of(pixels) == pytest.approx(hue_of(2 * pixels))
     assert np.isnan(hue_of(np.full((4, 3), 80)))
+    cyan, brown = np.array([0.9, 1.0, 0.6]), np.array([0.4, 0.7, 1.0])
+    mixed = [*np.full((30, 1), 80) * cyan, *np.full((40, 1), 200) * cyan, *np.full((20, 1), 120) * brown]
+    assert hue_of(mixed) == pytest.approx(hue_of([cyan]))
     assert misnamed({3: float("nan")}) == {3: 0}
 
 

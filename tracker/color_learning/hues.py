@@ -44,11 +44,15 @@ _HUES, _SATURATIONS, _LEVELS = np.arange(-20.0, 21.0, 10.0), (0.6, 0.75, 0.9), (
 
 
 def hue_of(pixels: Array) -> float:
-    """Return the hue [degrees] of the median of pixels (N, 3) BGR in neutral light; NaN if it is grey."""
-    blue, green, red = np.median(np.asarray(pixels, dtype=np.float64), axis=0)
+    """Return the hue [degrees] of the median of pixels (N, 3) BGR in neutral light; NaN if it is grey.
+
+    Pixels count relative to their brightest channel: the median of bright and dark ones has a hue of its own.
+    """
+    levels = np.asarray(pixels, dtype=np.float64)
+    blue, green, red = np.median(levels / np.maximum(levels.max(axis=1, keepdims=True), 1.0), axis=0)
     # The two axes of the colour hexagon: the hue is the angle.
     along, across = red - 0.5 * (green + blue), np.sqrt(0.75) * (green - blue)
-    if np.hypot(along, across) < 1.0:
+    if np.hypot(along, across) < 0.01:
         return float("nan")
     return float(np.degrees(np.arctan2(across, along)) % 360.0)
 
