@@ -128,7 +128,8 @@ def misplaced(tracker: ObjectTracker, images: Sequence[Image | None], answer: Ob
     moved = DOUBTFUL if sure and CameraUse.CONTRADICTING in answer.cameras else None
     gains = [find_light(image).gains for image in lit if tracker.colors.normalise]
     tinted = bool(gains) and np.median(np.max(gains, axis=1) / np.min(gains, axis=1)) > _MOST_COLOUR
-    return remark or moved or (COLOURED if tinted else mistaken(tracker, images))
+    # The table's pixels in faces' colours contradict a pose, too.
+    return remark or (COLOURED if tinted else moved or mistaken(tracker, images))
 
 
 def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
