@@ -185,10 +185,13 @@ def test_noise_goes_with_contrast_not_with_brightness_and_the_loudest_image_has_
 @pytest.mark.parametrize("sigma", [1.1 * LOUD, 2 * LOUD])
 def test_loud_images_become_quieter_and_keep_their_edges_and_quiet_ones_stay(rng, sigma):
     for quiet in (noisy(rng, quiet) for quiet in (0.0, 1.5, 0.9 * LOUD)):
-        np.testing.assert_array_equal(calmed(quiet), quiet)
+        np.testing.assert_array_equal(calmed(quiet, np.ones(3)), quiet)
     picture, image = EDGED, noisy(rng, sigma, EDGED)
+    dark = exposed(0.3 * image)
+    np.testing.assert_array_equal(calmed(dark, np.ones(3)), dark)
+    assert (calmed(dark, np.ones(3) / 0.3) != dark).any()
     before = image.copy()
-    after = calmed(image)
+    after = calmed(image, np.ones(3))
     np.testing.assert_array_equal(image, before)
     assert (after.shape, after.dtype) == (image.shape, image.dtype)
     assert np.std(after[150:] - picture[150:]) < 0.5 * sigma

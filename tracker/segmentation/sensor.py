@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Image
+from tracker.conventions import FloatArray, Image
 
 LOUD = 6.0
 """Standard deviation of the noise above which colours are read from median-filtered pixels [levels]."""
@@ -52,9 +52,12 @@ def noise_level(image):  # type: ignore[no-untyped-def]
     return max(0.0, level - 0.5 + share) / _PER_SIGMA
 
 
-def calmed(image: Image) -> Image:
-    """Return the image, median-filtered (3×3) if it is noisy."""
-    if noise_level(image) < LOUD:
+def calmed(image: Image, gains: FloatArray) -> Image:
+    """Return the image, median-filtered (3×3) if it is noisy in the light in which its colours are read.
+
+    gains: (3,) of that light.
+    """
+    if noise_level(image) * gains.min() < LOUD:
         return image
     return np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
 

@@ -106,10 +106,11 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     colors = load_colors("dice") if colors is None else colors
     of_kind(colors, ColorModel, "colors", ColorModelError, "tracker.load_colors")
     scale = min(image.shape[:2]) / REFERENCE_SIZE
-    # Demosaicing leaves single wrong pixels at the finer resolution.
-    image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if scale > FINE_IMAGE else calmed(image)
     image, light = in_even_light(image, colors.normalise)
     gains = light.gains
+    # Demosaicing leaves single wrong pixels at the finer resolution.
+    fine = scale > FINE_IMAGE
+    image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if fine else calmed(image, gains)
     gain = gains[0] if colors.normalise else find_light(image).gains[0]
 
     inside, blue = np.empty(image.shape[:2], np.uint8), np.empty(image.shape[:2], np.uint8)
