@@ -68,6 +68,10 @@ DETECTED = {
         Status.OTHER_OBJECT,
         lambda _: new().detect([exposed(RNG.normal((150, 84, 148), 4.0, SHAPE)) for _ in range(3)]),
     ),
+    "another of its colours, without noise": (
+        Status.OTHER_OBJECT,
+        lambda _: new().detect([np.full(SHAPE, (40, 30, 200), np.uint8)] * 3),
+    ),
     "a corner of the cube": (Status.TOO_FEW_PIXELS, lambda truth: new().detect(patches(truth, 9))),
     "a cube below the table": (Status.INCONSISTENT_VIEWS, lambda truth: new(HIGH).detect(truth.images)),
     "a cube larger than its model": (

@@ -363,6 +363,17 @@ def test_rounds_begin_each_hypothesis_once_whatever_the_rounds_before(estimator,
     assert settled(fits[0])
 
 
+def test_an_object_is_found_before_a_table_in_any_of_its_colours(estimator, images):
+    sight, (position, rotation) = estimator.reader(images), pose_at(0.0)
+    for color in range(1, 7):
+        flooded = sight._replace(labels=sight.labels.copy(), pictures=sight.pictures.copy())
+        flooded.labels[:, 40:][sight.labels[:, 40:] == 0] = color
+        flooded.pictures["colored"] = np.count_nonzero(flooded.labels, axis=(1, 2))
+        best = estimator.search.rounds(flooded)(TURNS)[0]
+        assert np.linalg.norm(best.position - position) < 0.005
+        assert np.degrees(so3.angle_between(best.rotation, rotation)) < 5
+
+
 @pytest.mark.parametrize("exposure", [1.0, 0.3])
 def test_a_dark_image_is_as_loud_as_a_bright_one_in_the_light_in_which_its_colours_are_read(
     estimator, rng, exposure

@@ -137,7 +137,9 @@ class PoseEstimator:
         found: Fit | Status = Status.NO_OBJECT_COLORS
         if sum(sight.pictures["colored"].tolist()) >= MIN_COLORED:
             candidates = self.candidates(sight, thorough, lag)
-            found = self._best(sight, candidates, lag) if candidates else Status.TOO_FEW_PIXELS
+            flooded = not candidates and self.search.positions.floods(sight.labels, sight.pictures)
+            why = Status.OTHER_OBJECT if flooded else Status.TOO_FEW_PIXELS
+            found = self._best(sight, candidates, lag) if candidates else why
         laps.append(time.perf_counter())
         for k, stage in enumerate(("light", "segmentation", "pose")):
             timing[stage] = timing.get(stage, 0.0) + 1e3 * (laps[k + 1] - laps[k])

@@ -86,13 +86,7 @@ def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool
 
 
 class Search:
-    """Search for an object in label maps alone; no memory.
-
-    Args:
-        box: the object.
-        rig: the cameras.
-        reader: what read the images.
-    """
+    """Search for an object in label maps alone, in images that `reader` reads; no memory."""
 
     def __init__(self, box: Box, rig: CameraRig, reader: Reader) -> None:
         small = reader.label_cameras(rig)
@@ -134,6 +128,10 @@ class Search:
 
     def rounds(self, sight: Sight) -> Callable[[Round], list[Hypothesis]]:
         """Return a function that gives the new hypotheses of a round, best first."""
+        floods = self.positions.floods(sight.labels, sight.pictures)
+        sight = sight._replace(labels=sight.labels.copy() if floods else sight.labels)
+        for c, color in floods:
+            sight.labels[c][sight.labels[c] == color] = 0
         views = self.positions.views(sight.labels, sight.pictures)
         likeliest = self.positions(views, sight.labels, sight.pictures, EVERYWHERE.places)
         places, tried = list[FloatArray](), list[int]()

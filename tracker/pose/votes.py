@@ -133,7 +133,6 @@ def vote(views, pictures, votes):  # type: ignore[no-untyped-def]
         for c in range(len(pictures)):
             if pictures[c].used and views[p, c] >= 0.0:
                 total, number = total + views[p, c], number + 1.0
-        # A camera that does not view the point does not count, but the more cameras agree, the better.
         votes[p] = total / (1.0 + number / DOUBT)
         most = max(most, votes[p])
     return most
@@ -251,13 +250,7 @@ def _grid(arena: Arena, step: float) -> FloatArray:
 
 
 class PositionSearch:
-    """Find candidate positions of an object.
-
-    Args:
-        cameras: of the label maps.
-        box: the object.
-        arena: where its centre may be.
-    """
+    """Find candidate positions of an object in an arena; cameras: of the label maps."""
 
     def __init__(self, cameras: Sequence[Camera], box: Box, arena: Arena) -> None:
         self.lenses, self.radius = stack_lenses(cameras), box.radius
@@ -268,11 +261,22 @@ class PositionSearch:
         self._cameras, self._area = cameras, area
         self._sizes = self.radius, 4.0 * NEARER * float(np.sort(half)[1:].prod())
         self.boxes = self.boxes_at(self.points)
+        # Twice what a face shows in each camera at the nearest place: itself, and as much beside it.
+        least = self.boxes["share"].min(axis=0, where=self.boxes["share"] > 0, initial=1.0)
+        self._most = 2.0 * self._sizes[1] / (area * least)
 
     def boxes_at(self, points: FloatArray) -> Array:
         """(N, C) of BOXES around points (N, 3) [m]."""
         one = [_boxes(camera, points, self.radius, self._area) for camera in self._cameras]
         return np.stack(one, axis=1)
+
+    def floods(self, labels: Array, pictures: Array) -> list[tuple[int, int]]:
+        """Cameras and colours of which their label maps (C, h, w) show much more than a face: a table's."""
+        found = []
+        for c in np.flatnonzero(pictures["colored"] > self._most).tolist():
+            counts = np.bincount(labels[c].ravel(), minlength=UNKNOWN)[1:UNKNOWN]
+            found += [(c, k + 1) for k in np.flatnonzero(counts > self._most[c]).tolist()]
+        return found
 
     def views(self, labels: Array, pictures: Array) -> Array:
         """Return `view_points` (N, C) of label maps (C, h, w) of pictures (C,) of PICTURE."""
