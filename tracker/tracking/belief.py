@@ -22,11 +22,6 @@ ROUNDING = 5e-7
 """Error of a difference between timestamps since the epoch [s]."""
 
 
-UP = np.array([0.0, 0.0, 1.0])
-
-_ALONG_POSITION = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-
-
 @dataclass(frozen=True)
 class TrackingOptions:
     """Limits within which `update` accepts a measurement.
@@ -100,19 +95,19 @@ class Belief(NamedTuple):
         Raises:
             TrackerError: the timestamp is earlier than the last one.
         """
-        if self.timestamp is not None and timestamp < self.timestamp:
-            raise TrackerError(
-                f"timestamp: found {timestamp:.6f} s after {self.timestamp:.6f} s, expected no earlier one; "
-                "reset() starts another recording"
-            )
-        moved = self._replace(timestamp=timestamp)
-        if self.basis is None or (passed := self._seconds_since(timestamp)) is None:
+        passed, moved = self._seconds_since(timestamp), self._replace(timestamp=timestamp)
+        if self.basis is None or passed is None:
             return moved._replace(seen=None, pending=None), None
         motion = self.basis.unseen(passed) if self._unseen else self.basis.predicted(passed)
         return moved._replace(motion=motion), motion.state
 
     def _seconds_since(self, timestamp: float) -> float | None:
         """Return how long before a timestamp [s] the object was seen [s]; None if it is lost then."""
+        if self.timestamp is not None and timestamp < self.timestamp:
+            raise TrackerError(
+                f"timestamp: found {timestamp:.6f} s after {self.timestamp:.6f} s, expected no earlier one; "
+                "reset() starts another recording"
+            )
         if self.seen is None or timestamp - self.seen > self.options.coast_seconds + ROUNDING:
             return None
         return timestamp - self.seen
@@ -158,8 +153,7 @@ class Belief(NamedTuple):
             return self._believed(fit, motion, fitting, spread), Status.TRACKING
         sure = apparent(fit) >= self.options.jump_confidence
         if expected is not None and not sure and not self._confirmed(fit):
-            pending = self.timestamp, fit.rotation, fit.position
-            return self._replace(pending=pending), Status.COASTING
+            return self._replace(pending=(self.timestamp, fit.rotation, fit.position)), Status.COASTING
         motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
         status = Status.FOUND if self.last_pose is None else Status.REFOUND
         return self._believed(fit, motion, fitting, spread), status
@@ -186,19 +180,12 @@ class Belief(NamedTuple):
         return _close(fit, rotation, position, shift, turn)
 
     def forecast(self, timestamp: float, box: Box, ground: float) -> Forecast | None:
-        """Predict the object at a later timestamp [s] that has no images; None if it is lost.
+        """Predict the object at a later timestamp [s], see `advance`, that has no images; None if it is lost.
 
         box: the object; ground: height [m] below which it is never predicted, unless last seen lower.
-
-        Raises:
-            TrackerError: the timestamp is earlier than that of the last images.
         """
-        if self.timestamp is not None and timestamp < self.timestamp:
-            raise TrackerError(
-                f"timestamp: found {timestamp:.6f} s, before the last images at {self.timestamp:.6f} s; "
-                "expected no earlier one"
-            )
-        if self.basis is None or (passed := self._seconds_since(timestamp)) is None:
+        passed = self._seconds_since(timestamp)
+        if self.basis is None or passed is None:
             return None
         if self._unseen:
             motion = changed = self.basis.unseen(passed)
@@ -220,10 +207,9 @@ class Belief(NamedTuple):
         if self._unseen:
             motion = self.basis.unseen(self.timestamp - self.seen)
             fused = motion.state
-            state, near = self._raised(fused, box, ground), self._near(motion, fused)
-        else:
-            state, near = self.motion.state, None
-        return MotionEstimate(**self._told(state, box, near))
+            near = self._near(motion, fused)
+            return MotionEstimate(**self._told(self._raised(fused, box, ground), box, near))
+        return MotionEstimate(**self._told(self.motion.state, box))
 
     def _near(self, motion: MotionFilter, fused: MotionState) -> float:
         """Nearness of a predicted pose: the object probably rests where it was, but may have moved far.
@@ -238,7 +224,7 @@ class Belief(NamedTuple):
             rotation, position = self.last_pose
             ground = min(ground, box.lowest(position, rotation))
         height = max(ground - box.lowest(state.position, state.rotation), 0.0)
-        return state._replace(position=state.position + height * UP)
+        return state._replace(position=state.position + np.array([0.0, 0.0, height]))
 
     def _told(self, state: MotionState, box: Box, near: float | None = None) -> dict[str, Any]:
         """Return the fields of a MotionEstimate of a state; near: see `nearness`, None: by the covariance."""
@@ -265,12 +251,10 @@ def _close(fit: Fit, rotation: FloatArray, position: FloatArray, shift: float, t
 
 def widened(covariance: FloatArray, spread: float) -> FloatArray:
     """Add a variance [m²] along each position axis to a pose's covariance (6, 6)."""
-    return covariance + spread * _ALONG_POSITION if spread > 0.0 else covariance
+    return covariance + np.diag(np.repeat([spread, 0.0], 3)) if spread > 0.0 else covariance
 
 
 def measured(fit: Fit, fitting: float, spread: float, size: FloatArray) -> PoseEstimate:
     """Return a fit as a pose estimate; size: edge lengths (3,) [m]; the others are as for `Belief.see`."""
-    confidence = fitting * apparent(fit)
-    orientation = so3.quaternion(fit.rotation)
-    covariance = widened(fit.covariance, spread)
-    return PoseEstimate(fit.position, orientation, covariance, confidence, size=size)
+    orientation, covariance = so3.quaternion(fit.rotation), widened(fit.covariance, spread)
+    return PoseEstimate(fit.position, orientation, covariance, fitting * apparent(fit), size=size)

@@ -41,7 +41,6 @@ RESTS = 0.9
 """Smallest probability of rest at which images that were taken one after another are used for the check: if
 the velocity is not known yet, they show the motion instead."""
 
-
 READ = 0.012
 """Cameras that are read within this time [s], as the platform's are, are checked as if they were read at the
 same time: an object hardly moves meanwhile."""
@@ -66,18 +65,16 @@ def usable(
     for c, image in enumerate(images):
         if image is None:
             continue
-        sample, before = sampled(image).tobytes(), memories[c].sample
-        remembered[c] = CameraMemory(sample, memories[c].age)
+        remembered[c] = memories[c]._replace(sample=sampled(image).tobytes())
         if is_black(image):
             result[c], uses[c] = None, CameraUse.BLACK
-        elif sample == before:
-            unchanged.append(c)
+        elif remembered[c].sample == memories[c].sample:
+            unchanged.append((c, image))
         else:
             others_change = True
-    for c in unchanged if others_change else ():
-        image = images[c]
+    for c, image in unchanged if others_change else ():
         # Rendered images have no noise: they stay identical if nothing moves.
-        if image is not None and noise_level(image) > NOISELESS:
+        if noise_level(image) > NOISELESS:
             result[c], uses[c] = None, CameraUse.FROZEN
     return tuple(remembered), result, tuple(uses)
 

@@ -206,18 +206,14 @@ class Follower:
         sight = estimator.reader.labelled(images, pictures, windows, hidden, memory.shaded)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
-        fit = estimator.refiner(
-            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, memory.resized, ask=due
-        )
+        place = expected.rotation, expected.position
+        fit = estimator.refiner(sight, *place, FOLLOWING, memory.start, lag, memory.resized, ask=due)
         good = kept(fit, memory.extra)
         if not good and kept(other := estimator.without_worst(sight, fit, lag), memory.extra):
             fit, good = other, True
         memory = memory._replace(cameras=cameras, lights=sight.pictures, start=fit.end)
         if not good:
-            hypotheses = [(expected.rotation, expected.position)]
-            if memory.belief.last_pose is not None:
-                hypotheses.append(memory.belief.last_pose)
-            for best in estimator.search.near(sight, hypotheses)[:1]:
+            for best in estimator.search.near(sight, [place, memory.belief.last_pose or place])[:1]:
                 far = estimator.refiner(
                     sight, best.rotation, best.position, lag=lag, resized=memory.resized, ask=due
                 )
@@ -245,12 +241,12 @@ def lasting(fit: Fit) -> float:
     return extra(counts)
 
 
-def kept(fit: Fit | None, before: float) -> bool:
+def kept(fit: Fit, before: float) -> bool:
     """Whether a fit near the prediction is so certain that no search everywhere is needed.
 
     before: share of object-coloured pixels outside the outline that are known to belong to other things.
     """
-    if fit is None or not fit.converged or refusal(fit) is not None:
+    if not fit.converged or refusal(fit) is not None:
         return False
     if log_odds(fit) < (ALONE if alone(fit) else TOGETHER):
         return False

@@ -11,6 +11,7 @@ The state is position p, rotation R and velocity (v, ω) along world axes; its e
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -364,15 +365,13 @@ class MotionFilter(NamedTuple):
         modes["weight"] = weights
         return MotionFilter(modes, self.noise)
 
-    def parts(self, state: MotionState) -> list[tuple[float, FloatArray]]:
-        """Return weight and covariance (6, 6) of each kind's pose, about that of the fused state."""
-        found = []
+    def parts(self, state: MotionState) -> Iterator[tuple[float, FloatArray]]:
+        """Yield weight and covariance (6, 6) of each kind's pose, about that of the fused state."""
         for mode in self.modes:
             turned = so3.log(mode["rotation"] @ state.rotation.T)
             off = np.concatenate([mode["position"] - state.position, turned])
             spread = mode["covariance"][:6, :6] + np.outer(off, off) + CONSTANT * self.noise
-            found.append((float(mode["weight"]), spread))
-        return found
+            yield float(mode["weight"]), spread
 
     @property
     def state(self) -> MotionState:
