@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import LENSES, image_grid, make_camera, random_rotations
-from tracker.geometry import lens, so3
-from tracker.geometry.cuboid import visible_faces
+from tests.helpers import LENSES, image_grid, make_camera
+from tracker.geometry import lens
 from tracker.geometry.lens import stack_lenses
 from tracker.geometry.linear import factorise, median, solve_positive, substitute
 
@@ -32,25 +31,6 @@ def test_every_lens_of_opencv_is_projected_by_camera_and_compiled_code(coefficie
     on_image = rng.uniform(0, 269, size=(60, 2))
     ahead = camera.position + 0.5 * camera.rays(on_image)
     np.testing.assert_allclose(camera.project(ahead), on_image, atol=1e-8)
-
-
-def test_update_perturbs_on_the_left(rng):
-    rotation, position = random_rotations(rng, 1)[0], rng.normal(size=3)
-    update = rng.normal(size=6)
-    moved_rotation, moved_position = rotation.copy(), position.copy()
-    lens.apply_update(moved_rotation, moved_position, update)
-    np.testing.assert_allclose(moved_rotation, so3.exp(update[3:]) @ rotation, atol=1e-12)
-    np.testing.assert_allclose(moved_position, position + update[:3])
-
-
-def test_visible_faces_are_those_of_the_geometry(rng):
-    camera = make_camera()
-    lenses, size = stack_lenses([camera]), np.array([0.02, 0.08, 0.03])
-    for rotation in random_rotations(rng, 30):
-        position, heights = rng.uniform(-0.1, 0.1, 3), np.empty(6)
-        lens.face_heights(lenses, 0, size / 2, rotation, position, heights)
-        expected = visible_faces(size, rotation.T @ (camera.position - position))
-        np.testing.assert_array_equal(heights > 0, expected)
 
 
 def test_points_of_the_image_are_projected_as_ever_and_those_folded_into_it_have_no_pixel(rng):

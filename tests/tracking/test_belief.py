@@ -11,7 +11,6 @@ from tests.helpers.fits import COVARIANCE, HOME, made_fit
 from tracker import Status, TrackerError
 from tracker.geometry import so3
 from tracker.objects.model import Box
-from tracker.pose.judge import confidence
 from tracker.tracking.belief import Belief, TrackingOptions
 
 DT = 0.1
@@ -257,14 +256,6 @@ def test_last_pose_is_the_last_measurement(track):
     np.testing.assert_array_equal(track.belief.last_pose[1], ELSEWHERE)
     assert track.see(made_fit(HOME, sure=False), 1.11) is Status.COASTING
     np.testing.assert_array_equal(track.belief.last_pose[1], ELSEWHERE)
-
-
-def test_estimate_is_surer_than_one_measurement_of_an_object_at_rest(track):
-    fit = made_fit()
-    estimate = track.estimate()
-    assert np.trace(estimate.covariance[:3, :3]) < np.trace(fit.covariance[:3, :3])
-    assert estimate.confidence >= 0.99 * confidence(fit)
-    assert 0 <= estimate.confidence <= 1
 
 
 @pytest.mark.parametrize(

@@ -148,23 +148,6 @@ def test_rival_bodies_are_remembered_where_a_search_everywhere_finds_nothing_bet
     assert one._memory.resized == -7.0
 
 
-def test_without_images_it_coasts_and_is_lost(rig, film):
-    one = has_seen(rig, film[:4])
-    for stamp in (0.4, 0.5, 0.6, 0.7):
-        answer = one.update([None] * 3, stamp)
-        assert answer.status is Status.COASTING
-        assert answer.object_pose is None
-        assert within(answer.filtered_object_pose, pose_at(0.3))
-    for stamp in (0.85, 0.95, 3.0):
-        answer = one.update([None] * 3, stamp)
-        assert answer.status is Status.LOST
-        assert answer.object_pose is None
-        assert answer.filtered_object_pose is None
-    answer = one.update(film[8], 3.1)
-    assert answer.status is Status.REFOUND
-    assert near(answer, pose_at(0.8))
-
-
 def test_without_images_from_the_start_it_is_lost(rig, film, empty):
     one = new(rig)
     for k, images in enumerate([[None] * 3, empty[0], [BLACKNESS] * 3]):
