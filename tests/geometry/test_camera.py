@@ -115,12 +115,10 @@ def _changed(array: np.ndarray, index: tuple[int, ...], value: float) -> np.ndar
         ("width", 0, "width: found 0"),
         ("width", 270.0, "width: found 270.0"),
         ("width", True, "width: found True"),
-        ("height", -5, "height: found -5"),
         ("height", 10**6, "height: found 1000000"),
         pytest.param("width", 10**5000, "width: found a whole number above", id="width of 5000 digits"),
         pytest.param("name", 10**5000, "name: found a whole number above", id="name of 5000 digits"),
         pytest.param("matrix", [[10**400] * 3] * 3, "matrix: found list", id="focal length of 400 digits"),
-        ("matrix", _changed(CAMERA.matrix, (0, 0), 1e300), "focal lengths 1e"),
         (
             "camera_from_world_std",
             np.full((4, 4), 1e300),

@@ -112,7 +112,6 @@ def test_a_camera_from_which_the_object_is_hidden_says_nothing_of_its_wear(truth
         ([np.zeros((270, 540), bool), None, None], r"camera60: found bool of shape \(270, 540\)"),
         ([None, "mask.png", None], "hidden of camera180: found 'mask.png'"),
         ({"camera60": None}, "hidden by camera: missing camera180, camera300"),
-        (True, "hidden: found True"),
     ],
 )
 def test_what_are_no_masks_is_named(truth, hidden, says):

@@ -236,8 +236,6 @@ def test_noise_on_corners_averages_out():
         (position_error, (None, ZERO), "goal_position: found None, expected numbers"),
         (position_error, (ZERO, [0, 0]), r"^position: found shape \(2,\), expected \(\.\.\., 3\)"),
         (position_error, (ZERO, [[0, 0, 0], [0, 0]]), "^position: found .* expected numbers"),
-        (position_error, (ZERO, ["0", "0", "0"]), "^position: found .* expected numbers"),
-        (position_error, (ZERO, 0.0), r"^position: found shape \(\)"),
         (position_error, ([0, 0, np.nan], ZERO), "goal_position: found nan, expected finite"),
         (position_error, (ZERO, [0, 0, 1e300]), r"^position: found 1e\+300, expected finite"),
         (position_error, (np.ones((2, 3)), np.ones((5, 3))), r"found shapes \(2, 3\) and \(5, 3\)"),
@@ -263,7 +261,6 @@ def test_noise_on_corners_averages_out():
             for trajectory, message in [
                 ([], "found no goals, expected at least one"),
                 ({"goal": [(0, ZERO)]}, "found a mapping of 1, expected a list of pairs"),
-                (None, "found None, expected a list of pairs"),
                 ([(0, ZERO, ZERO)], "entry 0: found .* expected a pair"),
                 ([(0, ZERO), 3], "entry 1: found 3, expected a pair"),
                 ([(0, [0, 0])], "entry 0: found .* expected a number and 3 numbers"),
@@ -284,7 +281,6 @@ def test_noise_on_corners_averages_out():
         (pose_from_keypoints, (np.zeros((8, 3)), BOX), "found a corner"),
         (pose_from_keypoints, (CORNERS[:7], BOX), r"shape \(7, 3\)"),
         (pose_from_keypoints, (np.full((8, 3), np.inf), BOX), "expected finite numbers"),
-        (pose_from_keypoints, ("box", BOX), "expected numbers"),
         *[
             (partial(pose_from_keypoints, tolerance=far), (CORNERS, BOX), f"tolerance: found {far}, expected")
             for far in (-1, np.inf, None)
@@ -294,7 +290,6 @@ def test_noise_on_corners_averages_out():
         (keypoints, ([0.0, 0.0], UNIT, BOX), r"position: found shape \(2,\)"),
         (keypoints, (ZERO, [0.0] * 4, BOX), "length 0"),
         (keypoints, (np.zeros((2, 3)), np.tile(UNIT, (3, 1)), BOX), "expected leading axes"),
-        (keypoints, (None, UNIT, BOX), "expected numbers"),
     ],
 )
 def test_a_fault_names_the_argument_what_was_found_and_what_would_do(function, arguments, message):
