@@ -99,18 +99,12 @@ def test_episodes_have_their_robots_cameras_and_tables_fit_the_store(task, by_za
     assert (repr(r1["frames"]), repr(r3["frames"])) == ("20", "24")
 
 
-def test_images_that_no_step_saw_have_no_state_of_the_robot(robots, tmp_path):
+def test_images_that_no_step_saw_have_no_first_step_and_no_state_of_the_robot(robots, tmp_path):
     store, folder = write(tmp_path / "a.zarr", shown=3 * np.where(SHOWN == 4, 3, SHOWN)), tmp_path / "out"
     do(store, folder, robots)
     images = pq.read_table(place(store, folder) / "images.parquet")
-    assert images["robot_position_0_rad"].to_pylist()[2:6] == [10, 15, None, 25]
-
-
-def test_only_images_that_a_step_saw_have_a_first_step(robots, tmp_path):
-    store, folder = write(tmp_path / "a.zarr", shown=3 * np.where(SHOWN == 4, 3, SHOWN)), tmp_path / "out"
-    do(store, folder, robots)
-    images = pq.read_table(place(store, folder) / "images.parquet")
-    assert images["first_step"].to_pylist()[2:6] == [10, 15, None, 25]
+    for name in ("first_step", "robot_position_0_rad"):
+        assert images[name].to_pylist()[2:6] == [10, 15, None, 25]
     assert str(images["first_step"].type) == "int64"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from synthetic.camera.rigs import default_cameras, looking
 from tracker import Camera, CameraRig, ObjectTracker
+from tracker.calibration.deviations import element_std
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry import so3
 from tracker.pose.views import Sight
@@ -97,6 +98,16 @@ def misplaced(camera: Camera, rng: np.random.Generator, shift: float, turn: floa
     pose[:3, :3] = so3.exp(turn * rng.normal(size=3)) @ pose[:3, :3]
     pose[:3, 3] += shift * rng.normal(size=3)
     return dataclasses.replace(camera, camera_from_world=pose)
+
+
+def off_as_stated(
+    camera: Camera, rng: np.random.Generator, shift: float, turn: float, times: float = 1.0
+) -> Camera:
+    """The camera as a file has it that states these deviations, off by so many times as much."""
+    given = misplaced(camera, rng, times * shift, times * turn)
+    covariance = np.diag(np.repeat(np.square([shift, turn]), 3))
+    std = element_std(given.camera_from_world[:3, :3], covariance)
+    return dataclasses.replace(given, camera_from_world_std=std)
 
 
 def nudged(rig: CameraRig, c: int, turn: Array = (0, 0, 0), shift: Array = (0, 0, 0)) -> CameraRig:

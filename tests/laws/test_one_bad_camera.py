@@ -5,10 +5,9 @@ import pytest
 
 import tracker
 from synthetic.scene import drawn
-from tests.helpers import misplaced, within
+from tests.helpers import off_as_stated, within
 from tests.helpers.consistency import FACTORS, consistent, nees, pose_error
 from tests.helpers.kept_stills import bare
-from tracker.calibration.deviations import element_std
 from tracker.geometry import so3
 from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
@@ -67,14 +66,6 @@ MORE, RIGS = 16, 6
 that one scene decides."""
 
 
-def stated(camera, times, rng):
-    """A camera as its file has it, which states its errors; the true one is off by so many times as much."""
-    given = misplaced(camera, rng, times * SHIFT, times * TURN)
-    covariance = np.diag(np.repeat(np.square([SHIFT, TURN]), 3))
-    std = element_std(given.camera_from_world[:3, :3], covariance)
-    return dataclasses.replace(given, camera_from_world_std=std)
-
-
 @pytest.fixture(scope="module", params=["cube_v2", "cuboid_2x2x8_v2"])
 def name(request):
     return request.param
@@ -88,7 +79,7 @@ def scenes(rig, name):
 def fit(rig, name, truth, times, *seed):
     """A fit by cameras that are off by so many times what they state."""
     rng = np.random.default_rng([91, *seed])
-    moved = tracker.CameraRig(tuple(stated(camera, times, rng) for camera in rig))
+    moved = tracker.CameraRig(tuple(off_as_stated(camera, rng, SHIFT, TURN, times) for camera in rig))
     return tracker.ObjectTracker(drawn(name), moved).fit(truth.images)
 
 

@@ -107,11 +107,19 @@ def test_frames_that_come_due_faster_than_they_can_be_read_hold_up_nobody(clock)
         assert clock.time() - begin < 0.14 * count
 
 
-def test_an_episode_whose_first_frame_is_left_out_begins_with_its_next(clock):
-    frames = [frame(n, 0.1 * n) for n in (0, 1)] + [frame(n, 500.0 + 0.1 * n) for n in (3, 4)]
-    shots, came = zip(*all_of(Replay(Frames(frames, starts=(0, 2))), clock), strict=True)
+@pytest.mark.parametrize(
+    ("stamps", "came"),
+    [
+        ({0: 0.0, 1: 0.1, 3: 500.0, 4: 500.1}, [0.0, 0.1, 0.2, 0.3]),  # an episode's first frame is left out
+        ({0: 50.0, 1: 50.05, 2: 3.0, 3: 3.05}, [0.0, 0.05, 0.15, 0.2]),
+    ],
+)
+def test_episodes_follow_each_other_whatever_their_stamps(stamps, came, clock):
+    replay = Replay(Frames([frame(*one) for one in stamps.items()], starts=(0, 2)))
+    shots, times = zip(*all_of(replay, clock), strict=True)
     assert [shot.fresh for shot in shots] == [True, False, True, False]
-    assert came == pytest.approx([5000.0, 5000.1, 5000.2, 5000.3])
+    assert times == pytest.approx(5000.0 + np.array(came))
+    assert [shot.timestamp for shot in shots] == sorted(shot.timestamp for shot in shots)
 
 
 def test_a_timeout_ends_before_a_frame_that_is_not_due(clock):
@@ -140,14 +148,6 @@ def test_stamps_of_cameras_move_alike_and_a_missing_image_has_the_frames(clock):
     assert second.images[0] is None
     assert second.faults[0] == "no image in the recording"
     assert second.stamps[1] - first.stamps[1] == pytest.approx(0.09)
-
-
-def test_episodes_follow_each_other_whatever_their_stamps(clock):
-    frames = [frame(0, 50.0), frame(1, 50.05), frame(2, 3.0), frame(3, 3.05)]
-    given = all_of(Replay(Frames(frames, starts=(0, 2))), clock)
-    stamps = [shot.timestamp for shot, _ in given]
-    assert stamps == sorted(stamps)
-    assert [shot.fresh for shot, _ in given] == [True, False, True, False]
 
 
 def test_damage_is_raised_after_the_frames_before_it(clock):

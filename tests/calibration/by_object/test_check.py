@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_camera, misplaced
+from tests.helpers import make_camera, misplaced, off_as_stated
 from tracker.calibration.by_object.check import LIMIT, check, check_calibration
 from tracker.calibration.by_object.looks import ACROSS, ALONG, OFTEN, ROLL, TILT, CameraErrors, Look
 from tracker.calibration.by_object.sightings import Footage
-from tracker.calibration.deviations import element_std
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
@@ -157,23 +156,12 @@ def test_errors_as_large_as_files_state_are_no_motion():
     assert named <= 1
 
 
-def off_as_stated(rng, stated):
-    """The cameras, off by what their files state: standard deviations along and about each axis [m, rad]."""
-    covariance = np.diag(np.repeat(np.square(stated), 3))
-    return [
-        dataclasses.replace(
-            misplaced(camera, rng, *stated),
-            camera_from_world_std=element_std(camera.camera_from_world[:3, :3], covariance),
-        )
-        for camera in CAMERAS
-    ]
-
-
 @pytest.mark.parametrize("count", [3, 20])
 def test_errors_as_large_as_files_of_rougher_calibrations_state_are_no_motion_either(count):
     rough, named = (1.1e-3, 2.7e-3), 0  # of the recorded cubes
     for seed in range(20):
-        given = off_as_stated(np.random.default_rng([8, seed]), rough)
+        rng = np.random.default_rng([8, seed])
+        given = [off_as_stated(camera, rng, *rough) for camera in CAMERAS]
         found = check_calibration(looks(CAMERAS, given, count=count, seed=seed), given)
         named += any(one.moved for one in found.cameras)
     assert named <= 3
@@ -254,7 +242,8 @@ def test_one_camera_is_refused_before_anything_is_read_and_so_is_no_look_of_two(
 def test_stated_deviations_predict_the_misses_of_cameras_that_are_off_by_them():
     squares = []
     for seed in range(40):
-        given = off_as_stated(np.random.default_rng([6, seed]), STATED)
+        rng = np.random.default_rng([6, seed])
+        given = [off_as_stated(camera, rng, *STATED) for camera in CAMERAS]
         for one in check_calibration(looks(CAMERAS, given, count=1, seed=seed), given).cameras:
             squares.append((one.corners_seen_px**2, one.corners_stated_px**2))
     seen, expected = np.sqrt(np.mean(squares, axis=0))
