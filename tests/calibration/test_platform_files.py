@@ -51,7 +51,7 @@ def test_writing_and_reading_keeps_every_bit(coefficients, tmp_path):
     assert_same_bits(read_camera(file), silent)
 
 
-@pytest.mark.parametrize("name", ["camera60", "60", "2L", "22881234-1", "1.5e3", "12e4", "-a", "--", "0 b"])
+@pytest.mark.parametrize("name", ["camera60", "6", "2L", "22881234-1", "1.5e3", "12e4", "-a", "--", "0 b"])
 def test_the_current_variant_is_written_which_opencv_reads(tmp_path, name):
     camera = dataclasses.replace(make_camera(), name=name)
     file, text = written(tmp_path, camera)
@@ -265,6 +265,7 @@ def test_the_deviation_of_a_focal_length_is_that_of_the_file():
         ("camera_matrix", [float("nan")] * 9, "data", "found nan"),
         ("distortion_coefficients", [float("inf")] * 5, "data", "found inf"),
         ("tf_world_to_camera", [0.0] * 16, "data", "deviates from a rotation by inf"),
+        ("tf_world_to_camera", np.diag([1.0, 1, 1, 2]).ravel().tolist(), "data", "last row"),
         ("tf_world_to_camera_std", [-0.1] * 16, "data", "found -0.1"),
         ("camera_matrix_std", {"rows": 3, "cols": 3, "data": [-0.1] * 9}, None, "found -0.1, expected"),
         ("distortion_coefficients_std", {"rows": 1, "cols": 5, "data": [-0.1] * 5}, None, "found -0.1, exp"),

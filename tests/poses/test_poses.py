@@ -62,7 +62,6 @@ OTHER = CameraRig((make_camera(60), make_camera(180), make_camera(301, "camera30
         (lambda poses: concatenate([poses, poses]), "row 3: found 0, expected frame numbers"),
         (lambda poses: concatenate([]), "at least one"),
         (lambda poses: poses[0], "frames of poses: found the number 0, expected a slice, a mask"),
-        (list, "frames of poses: found the number 0, expected a slice"),
         (lambda poses: poses.columns("guessed"), "expected one of measured, filtered, recorded"),
         (lambda poses: poses.columns("recorded"), r"a\.dat: found no recorded poses"),
         (compare, "no recorded poses"),
