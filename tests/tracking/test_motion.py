@@ -90,13 +90,6 @@ def test_a_measurement_moves_each_kind_as_kalmans_equations_say(rng):
     np.testing.assert_allclose(after.modes["weight"], weights / weights.sum(), rtol=1e-9)
 
 
-def test_no_time_changes_nothing(rng):
-    before = filters([AT_HOME] * 31, rng)[-1]
-    after = before.predicted(0.0)
-    for name in MODE.names:
-        np.testing.assert_allclose(after.modes[name], before.modes[name], rtol=1e-12, atol=1e-15)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_covariance_stays_symmetric_and_positive_and_weights_stay_probabilities(seed):
     rng = np.random.default_rng(seed)
