@@ -129,7 +129,8 @@ class Search:
     def rounds(self, sight: Sight) -> Callable[[Round], list[Hypothesis]]:
         """Return a function that gives the new hypotheses of a round, best first."""
         floods = self.positions.floods(sight.labels, sight.pictures)
-        sight = sight._replace(labels=sight.labels.copy() if floods else sight.labels)
+        if floods:
+            sight = sight._replace(labels=sight.labels.copy())
         for c, color in floods:
             sight.labels[c][sight.labels[c] == color] = 0
         views = self.positions.views(sight.labels, sight.pictures)

@@ -263,7 +263,7 @@ class PositionSearch:
         self.boxes = self.boxes_at(self.points)
         # Twice what a face shows in each camera at the nearest place: itself, and as much beside it.
         least = self.boxes["share"].min(axis=0, where=self.boxes["share"] > 0, initial=1.0)
-        self._most = 2.0 * self._sizes[1] / (area * least)
+        self._most = (2.0 * self._sizes[1] / (area * least)).tolist()
 
     def boxes_at(self, points: FloatArray) -> Array:
         """(N, C) of BOXES around points (N, 3) [m]."""
@@ -273,9 +273,10 @@ class PositionSearch:
     def floods(self, labels: Array, pictures: Array) -> list[tuple[int, int]]:
         """Cameras and colours of which their label maps (C, h, w) show much more than a face: a table's."""
         found = []
-        for c in np.flatnonzero(pictures["colored"] > self._most).tolist():
-            counts = np.bincount(labels[c].ravel(), minlength=UNKNOWN)[1:UNKNOWN]
-            found += [(c, k + 1) for k in np.flatnonzero(counts > self._most[c]).tolist()]
+        for c, colored in enumerate(pictures["colored"].tolist()):
+            if colored > self._most[c]:
+                counts = np.bincount(labels[c].ravel(), minlength=UNKNOWN)[1:UNKNOWN]
+                found += [(c, k + 1) for k in np.flatnonzero(counts > self._most[c]).tolist()]
         return found
 
     def views(self, labels: Array, pictures: Array) -> Array:
