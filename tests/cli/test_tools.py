@@ -17,7 +17,6 @@ from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.objects.model import load_object, to_toml
 from tracker.poses.exports import write_bop, write_csv, write_tum
 from tracker.poses.file import write_poses
-from tracker.poses.poses import concatenate
 from tracker.recordings import run
 from tracker.tasks import move_object, rearrange_dice
 from tracker.tasks.job_goal import read_job_goal
@@ -241,8 +240,9 @@ def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):
 
 
 def test_while_an_object_is_unseen_a_new_goal_counts_for_its_last_pose(rng, tmp_path, run_here):
-    there, unseen = random_poses(rng, 10, share=1), random_poses(rng, 10, share=0, first=10)
-    write_poses(tmp_path / "poses.h5", concatenate([there, unseen]))
+    poses = random_poses(rng, 20, share=[1] * 10 + [0] * 10)
+    there = poses[:10]
+    write_poses(tmp_path / "poses.h5", poses)
     place = there.filtered.position[-1]
     # A frame takes 100 control steps, and the second goal begins in the middle of one.
     goal = [[0, place.tolist()], [1350, (place + np.array([0.1, 0.0, 0.0])).tolist()]]

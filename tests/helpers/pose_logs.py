@@ -56,17 +56,20 @@ def random_poses(
     rng: np.random.Generator,
     count: int,
     *,
-    share: float = 0.7,
+    share: float | Sequence[float] = 0.7,
     recorded: bool = True,
     first: int = 0,
     cameras: bool = True,
 ) -> Poses:
-    """`count` frames; each kind of pose is there in a `share` of them, as is what became of the pictures."""
+    """`count` frames; each kind of pose is there in a `share` of them, as is what became of the pictures.
+
+    With one `share` for each frame, it is the probability there.
+    """
     builder = PosesBuilder(make_about())
-    for number in range(first, first + count):
-        measured, filtered, old = (rng.uniform() < share for _ in range(3))
+    for number, likely in enumerate(np.broadcast_to(share, count), start=first):
+        measured, filtered, old = (rng.uniform() < likely for _ in range(3))
         status = "tracking" if measured else "coasting" if filtered else "lost"
-        uses = rng.choice([use.value for use in CameraUse], 3) if cameras and rng.uniform() < share else ()
+        uses = rng.choice([use.value for use in CameraUse], 3) if cameras and rng.uniform() < likely else ()
         poses = (random_pose(rng) if measured else None, random_pose(rng, moving=True) if filtered else None)
         before = random_pose(rng) if recorded and old else None
         builder.append(number, START + number / 10, answer(*poses, status, uses), before)
@@ -93,8 +96,8 @@ def arrays_of(poses: Poses) -> dict[str, np.ndarray]:
 
 def assert_same(first: Poses, second: Poses) -> None:
     """The same to the bit."""
-    assert first.about.agrees_with(second.about)
-    for name in ("source", "tracker_version"):
+    assert first.about.rig.agrees_with(second.about.rig)
+    for name in ("object_name", "source", "tracker_version"):
         assert getattr(first.about, name) == getattr(second.about, name)
     one, two = arrays_of(first), arrays_of(second)
     assert one.keys() == two.keys()

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.helpers import make_camera
 from tests.helpers.pose_logs import (
     answer,
     arrays_of,
@@ -15,19 +14,12 @@ from tests.helpers.pose_logs import (
     random_pose,
     random_poses,
 )
-from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.geometry import so3
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns
 from tracker.poses.file import PosesBuilder
-from tracker.poses.poses import Poses, compare, concatenate
-
-
-def test_parts_joined_are_the_whole(rng):
-    whole = random_poses(rng, 20)
-    assert_same(concatenate([whole[:7], whole[7:7], whole[7:]]), whole)
-    assert_same(concatenate([whole]), whole)
+from tracker.poses.poses import Poses, compare
 
 
 def test_slices_and_masks_keep_rows_together(rng):
@@ -38,33 +30,12 @@ def test_slices_and_masks_keep_rows_together(rng):
     assert_same(poses[::3], poses[np.arange(0, 12, 3)])
 
 
-def test_parts_that_lack_something_join_those_with_it(rng):
-    first = random_poses(rng, 3, recorded=False, cameras=False)
-    second = random_poses(rng, 4, share=1, first=3)
-    second = dataclasses.replace(second, about=make_about(source="b.dat", fault="damaged"))
-    joined = concatenate([first, second])
-    assert joined.recorded.has_pose.tolist() == [False] * 3 + [True] * 4
-    assert (joined.cameras[:3] == "").all()
-    assert joined.cameras[3:].tolist() == second.cameras.tolist()
-    assert (joined.about.source, joined.about.fault) == ("a.dat, b.dat", "damaged")
-    alone = concatenate([first])
-    assert alone.recorded is alone.cameras is None
-
-
-OTHER = CameraRig((make_camera(60), make_camera(180), make_camera(301, "camera300")))
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda poses: concatenate([poses, of(poses, object_name="cuboid_2x2x8_v2")]), "part 1: found"),
-        (lambda poses: concatenate([poses, of(poses, rig=OTHER)]), "part 1: found"),
-        (lambda poses: concatenate([poses, poses]), "row 3: found 0, expected frame numbers"),
-        (lambda poses: concatenate([]), "at least one"),
         (lambda poses: poses[0], "frames of poses: found the number 0, expected a slice, a mask"),
         (lambda poses: poses.columns("guessed"), "expected one of measured, filtered, recorded"),
         (lambda poses: poses.columns("recorded"), r"a\.dat: found no recorded poses"),
-        (compare, "no recorded poses"),
         (lambda poses: of(poses, source="a\0b"), "source: found"),
         (lambda poses: of(poses, source="\udcff"), "source: found"),
         (lambda poses: of(poses, source=3), "source: found"),
@@ -192,13 +163,14 @@ def test_differences_to_recorded_poses_are_those_put_in(rng):
     medians = dict.fromkeys(("position_median_mm", "angle_median_deg"), 4.5)
     tails = dict.fromkeys(("position_p90_mm", "angle_p90_deg"), 7.3)
     expected = {"frames": 11, "share_both": 8 / 11} | shares | medians | tails
-    for kind in ("measured", "filtered"):
-        assert compare(builder.build(), kind) == pytest.approx(expected)
+    poses = builder.build()
+    for found in (poses.measured, poses.filtered):
+        assert compare(found, poses.recorded) == pytest.approx(expected)
 
 
 def test_a_comparison_without_common_frames_says_none(rng):
-    empty = dataclasses.replace(random_poses(rng, 4, share=0), recorded=PoseColumns.nothing(4))
-    found = compare(empty)
+    empty = PoseColumns.nothing(4)
+    found = compare(empty, empty)
     assert found["position_median_mm"] is found["angle_p90_deg"] is None
     assert found["share_neither"] == 1
-    assert compare(empty[:0])["share_neither"] is None
+    assert compare(empty[:0], empty[:0])["share_neither"] is None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -69,10 +68,6 @@ class About:
             if not isinstance(value, str) or re.search("[\0\ud800-\udfff]", value):
                 found = f"{name}: found {ascii(value)[:80]}"
                 raise LogError(f"{found}, expected Unicode text without null characters")
-
-    def agrees_with(self, other: About) -> bool:
-        """Whether object, cameras and arena are bitwise the same."""
-        return self.object_name == other.object_name and self.rig.agrees_with(other.rig)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +158,8 @@ class Poses(Frozen):
                     values = np.sqrt(np.diagonal(values, axis1=1, axis2=2))
                 rows = values.reshape(len(self), len(_CELLS[name]))
                 table |= {f"{kind}_{cell}": rows[:, k] for k, cell in enumerate(_CELLS[name])}
-        uses = [CAMERA_SEPARATOR.join(row) if any(row) else "" for row in _cameras(self).tolist()]
+        given = [[]] * len(self) if self.cameras is None else self.cameras.tolist()
+        uses = [CAMERA_SEPARATOR.join(row) if any(row) else "" for row in given]
         table["cameras"] = np.array(uses, dtype=np.str_)
         corners = {
             f"{kind}_keypoint{i}_{axis}_m": points[:, i, k]
@@ -229,39 +225,6 @@ class Poses(Frozen):
         return columns
 
 
-def concatenate(parts: Sequence[Poses]) -> Poses:
-    """Join the poses of consecutive parts of a recording; `source` and `fault` list all different ones.
-
-    LogError: there is no part, frame numbers do not increase, or objects, cameras or arenas differ.
-    """
-    if not parts:
-        raise LogError("parts: found none, expected at least one")
-    first = parts[0].about
-    for number, part in enumerate(parts):
-        if not first.agrees_with(part.about):
-            found = f"{part.about.object_name} seen by {', '.join(part.about.rig.names)}"
-            expected = f"{first.object_name} seen by {', '.join(first.rig.names)} of the same rig"
-            raise LogError(f"part {number}: found {found}, expected {expected}")
-    texts: dict[str, Any] = {
-        name: ", ".join(dict.fromkeys(filter(None, (getattr(part.about, name) for part in parts))))
-        for name in ("source", "fault")
-    }
-    arrays = ("index", "timestamp", "status")
-    joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in parts]) for name in arrays}
-    for kind, columns in KINDS.items():
-        joined[kind] = columns.joined([part._known(kind) for part in parts])
-    if all(part.recorded is None for part in parts):
-        joined["recorded"] = None
-    if any(part.cameras is not None for part in parts):
-        joined["cameras"] = np.concatenate([_cameras(part) for part in parts])
-    return Poses(**joined, about=replace(first, fingerprint="", **texts))
-
-
-def _cameras(part: Poses) -> Array:
-    """Return the uses (n, C) of the cameras' images; empty texts if a part has none."""
-    return np.full((len(part), len(part.about.rig)), "") if part.cameras is None else part.cameras
-
-
 def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
     texts = np.array(value)
     if texts.shape != shape or (texts.size and texts.dtype.kind != "U"):
@@ -269,22 +232,14 @@ def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
     return texts.astype(np.str_)
 
 
-def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
-    """Compare poses with the recorded ones.
-
-    Args:
-        poses: poses of a recording that has recorded poses.
-        kind: which poses to compare with the recorded ones.
+def compare(found: PoseColumns, recorded: PoseColumns) -> dict[str, float | None]:
+    """Compare poses with the recorded ones of the same frames.
 
     Returns:
         `frames`: number of frames; `position_median_mm`, `position_p90_mm`, `angle_median_deg` and
         `angle_p90_deg` of the differences in frames with both poses, None if there are none; `share_both`,
         `share_only_found`, `share_only_recorded` and `share_neither` of all frames, None without frames.
-
-    Raises:
-        LogError: the recording has no recorded poses, or there is no such kind.
     """
-    found, recorded = poses.columns(kind), poses.columns("recorded")
     both = found.has_pose & recorded.has_pose
     ours, theirs = found[both], recorded[both]
     distance = 1e3 * np.linalg.norm(ours.position - theirs.position, axis=1)
@@ -297,7 +252,7 @@ def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
         "neither": ~found.has_pose & ~recorded.has_pose,
     }
     return {
-        "frames": len(poses),
+        "frames": len(found),
         **{f"position_{key}_mm": _quantile(distance, share) for key, share in quantiles.items()},
         **{f"angle_{key}_deg": _quantile(angle, share) for key, share in quantiles.items()},
         **{f"share_{key}": float(np.mean(some)) if len(some) else None for key, some in shares.items()},

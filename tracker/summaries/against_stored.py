@@ -8,7 +8,7 @@ import numpy as np
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.poses.columns import PoseColumns
-from tracker.poses.poses import Poses, compare, concatenate
+from tracker.poses.poses import KINDS, Kind, Poses, compare
 from tracker.summaries.summary import best_kind
 
 NEAR = 0.005  # distance [m] below which a stored position counts as near
@@ -40,9 +40,9 @@ def differences(parts: Sequence[tuple[Poses, FloatArray]]) -> dict[str, Any]:
         frames; `delay_s`, see `delay`; `stored_delay_s`, the median of the stored delays.
     """
     episodes, delays = zip(*parts, strict=True)
-    whole = concatenate(episodes)
-    kind = best_kind(whole)
-    ours, theirs = whole.columns(kind), whole.columns("recorded")
+    kind: Kind = "filtered" if "filtered" in map(best_kind, episodes) else "measured"
+    ours = KINDS[kind].joined([poses.columns(kind) for poses in episodes])
+    theirs = PoseColumns.joined([poses.columns("recorded") for poses in episodes])
     both = ours.has_pose & theirs.has_pose
     shift = (ours.position - theirs.position)[both]
     angle = so3.angle_between(ours.rotation[both], theirs.rotation[both])
@@ -50,7 +50,7 @@ def differences(parts: Sequence[tuple[Poses, FloatArray]]) -> dict[str, Any]:
     stated = stated[np.isfinite(stated)]
     some = len(shift) > 0
     return {
-        **compare(whole, kind),
+        **compare(ours, theirs),
         "bias_mm": (1e3 * np.median(shift, axis=0)).tolist() if some else None,
         "share_within_5mm": float(np.mean(np.linalg.norm(shift, axis=1) < NEAR)) if some else None,
         "share_turned": float(np.mean(angle > FLIP)) if some else None,

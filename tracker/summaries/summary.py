@@ -90,7 +90,7 @@ def summary(tracked: Tracked) -> dict[str, Any]:
         "position_std_median_mm": None if std is None else (1e3 * std[:3]).tolist(),
         "rotation_std_median_deg": None if std is None else np.degrees(std[3:]).tolist(),
         "frames_per_second": rate,
-        "recorded": None if poses.recorded is None else compare(poses, kind),
+        "recorded": None if poses.recorded is None else compare(columns, poses.recorded),
         "fault": tracked.fault,
     }
 
