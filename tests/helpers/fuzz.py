@@ -20,7 +20,8 @@ import tracker
 from tracker.batch import workers
 from tracker.calibration.rig import read_arena
 from tracker.color_learning.labelled import read_image
-from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
+from tracker.files.hdf5 import text_of
+from tracker.poses.file import is_poses_file, read_poses
 from tracker.tasks.job_goal import read_job_goal
 from tracker.tasks.rearrange_dice import read_goal
 
@@ -109,7 +110,7 @@ def _log(path: Path) -> Any:
 
 def _poses(path: Path) -> None:
     is_poses_file(path)
-    read_fingerprint(path)
+    text_of(path, "fingerprint")
     read_poses(path)
 
 

@@ -189,11 +189,6 @@ def refuse_other_object(path: Path, what: str, object_name: str) -> None:
         raise LogError(f"{what}: found poses of {found}, expected {expected}")
 
 
-def read_fingerprint(path: str | os.PathLike[str]) -> str:
-    """Return the fingerprint in a file of poses; empty if it has none or is another kind of file."""
-    return hdf5.text_of(path, "fingerprint") or ""
-
-
 def _content(poses: Poses) -> bytes:
     """Make the file in memory and return its bytes: an hour at 10 Hz takes 40 MB before compression."""
     # Write to a file object: before HDF5 2.0, the image of an open file has wrong checksums.

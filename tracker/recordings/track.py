@@ -25,6 +25,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import is_whole, naming, path_of
 from tracker.errors import LogError, TrackerError, shown
 from tracker.files import claimed, told_of
+from tracker.files.hdf5 import text_of
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, LogFrame, open_log
 from tracker.logs.log import Progress, by_episode
@@ -32,14 +33,7 @@ from tracker.logs.opening import calibration_files, fitted_to, recording_files
 from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import Observation
-from tracker.poses.file import (
-    PosesBuilder,
-    read_fingerprint,
-    read_poses,
-    refuse_other_file,
-    refuse_other_object,
-    write_poses,
-)
+from tracker.poses.file import PosesBuilder, read_poses, refuse_other_file, refuse_other_object, write_poses
 from tracker.poses.poses import About, Poses
 from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
 from tracker.version import version
@@ -298,7 +292,7 @@ def rig_for(job: Job, log: Log) -> CameraRig:
 
 def _kept(job: Job) -> Tracked | None:
     """Return the result of an earlier run if it is undamaged and has the same fingerprint, else None."""
-    if not job.output.is_file() or read_fingerprint(job.output) != fingerprint(job):
+    if not job.output.is_file() or text_of(job.output, "fingerprint") != fingerprint(job):
         return None
     try:
         poses = read_poses(job.output)
