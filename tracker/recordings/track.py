@@ -38,7 +38,7 @@ from tracker.poses.poses import About, Poses
 from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
 from tracker.version import version
 
-_OTHERS = "batch", "cli", "color_learning", "calibration/board", "calibration/by_object", "live", "viz"
+_OTHERS = "batch/", "cli/", "color_learning/", "calibration/board/", "calibration/by_object/", "live/", "viz/"
 """Parts of the package that affect neither poses nor what is summed up of them."""
 
 MakeTracker = Callable[[CuboidModel, CameraRig, ColorModel], Any]
@@ -173,10 +173,9 @@ def code() -> str:
     versions = [module.__version__ for module in (np, scipy, cv2, numba)]
     digest = hashlib.sha256(repr(versions).encode())
     root = Path(__file__).parents[1]
-    others = tuple(f"{name}/" for name in _OTHERS)
     for path in sorted(root.rglob("[!.]*.py")):
         name = path.relative_to(root).as_posix()
-        if not name.startswith(others):
+        if not name.startswith(_OTHERS):
             digest.update(f"\0{name}\0".encode() + path.read_bytes())
     return digest.hexdigest()
 
