@@ -21,7 +21,7 @@ from tracker.cli.terminal import listing, say, table
 from tracker.live import ImageSource, Moment
 from tracker.live.camera_check import look_at
 from tracker.live.listeners import Listener, Recorder, RerunView
-from tracker.live.publishers import Publisher, is_lcm, message_of, open_publisher
+from tracker.live.publishers import LcmPublisher, Publisher, ZmqPublisher, is_lcm, message_of
 from tracker.live.web_page import WebPage
 from tracker.summaries.remarks import swapped
 from tracker.summaries.summary import SURE
@@ -98,7 +98,10 @@ class LiveOutputs:
             add(self.recorder, "recording")
             self._files.append(self.recorder)
         for address in requested.addresses:
-            add(open_publisher(address, model, body=requested.body, public=requested.public))
+            if is_lcm(address):
+                add(LcmPublisher(address, model, body=requested.body, public=requested.public))
+            else:
+                add(ZmqPublisher(address, public=requested.public))
         if requested.view or requested.rrd:
             view = RerunView(requested.rrd, rig, model)
             add(view, "view")

@@ -278,12 +278,3 @@ Publisher = ZmqPublisher | LcmPublisher
 def is_lcm(address: str) -> bool:
     """Return whether the address is for LCM, not ZeroMQ."""
     return address.partition("://")[0] in ("lcm", "udpm", "file")
-
-
-def open_publisher(
-    address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
-) -> Publisher:
-    """Return the publisher for an address such as `tcp://127.0.0.1:5555` or `lcm://`."""
-    if is_lcm(address):
-        return LcmPublisher(address, model, body=body, public=public)
-    return ZmqPublisher(address, public=public)
