@@ -12,6 +12,7 @@ from tracker.pose import refine
 from tracker.pose.refine import LIKELY, begin
 from tracker.pose.refiner import Refiner
 from tracker.pose.sizes import seeing
+from tracker.pose.solution import CAMERA, SOLUTION, UNKNOWNS
 from tracker.pose.views import PICTURE, Reader
 
 MODEL = tracker.load_object("cube_v2")
@@ -70,7 +71,8 @@ def test_every_strip_in_view_has_pixels(size):
 def begun(cameras, blind=()):
     """Whether stated errors count where a refinement begins, and its cameras; some have no image."""
     refiner = refiner_of(tracker.CameraRig(tuple(cameras)))
-    solution, states = refiner.begun(np.eye(3), np.zeros(3))
+    solution, states = np.zeros(1, SOLUTION), np.zeros(len(cameras), CAMERA)
+    solution["size"], solution["rotation"] = UNKNOWNS, np.eye(3)
     pictures = np.zeros(len(cameras), PICTURE)
     pictures["used"] = ~np.isin(range(len(cameras)), blind)
     return begin(refiner.model, pictures, solution[0], states, LIKELY), states

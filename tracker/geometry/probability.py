@@ -47,14 +47,11 @@ def _largest(covariance, first):  # type: ignore[no-untyped-def]
 @compiled
 def mass_within(covariance, near, turned, directions):  # type: ignore[no-untyped-def]
     """Return the probability of `probability_within`, compiled."""
-    for i in range(6):
-        if not covariance[i, i] > 0.0:
-            return 0.0
-    if min(near**2 / _largest(covariance, 0), turned**2 / _largest(covariance, 3)) > CERTAIN:
-        return 1.0
     lower = np.zeros((6, 6))
     if not factorise(covariance, lower):
         return 0.0
+    if min(near**2 / _largest(covariance, 0), turned**2 / _largest(covariance, 3)) > CERTAIN:
+        return 1.0
     # Along a direction the error grows linearly: find how far it stays within both limits.
     count, total = directions.shape[1], 0.0
     squares, along = np.zeros((2, count)), np.empty(count)

@@ -179,25 +179,19 @@ def _transition(labels, width, height, strip, reach):  # type: ignore[no-untyped
             score -= 0.2
         if score > best:
             best, offset, best_seen = score, k + 0.5, seen_inside
-    if best_seen < 2 or offset >= reach:
-        return 0.0, False
-    if outside > 0 and support < 2:
-        return 0.0, False
-    return offset, True
+    return offset, best_seen >= 2 and offset < reach and (outside == 0 or support >= 2)
 
 
 @compiled
 def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  # type: ignore[no-untyped-def]
-    """Move the pose in place, one step per entry of `reaches` [px]; return the last step's sample count.
+    """Move the pose in place, one step per entry of `reaches` [px]; return whether enough edges are found.
 
     labels (C, h, w); pictures (C,) of PICTURE; box: half edge lengths (3,) [m] and labels of the faces (6,).
     """
     half, face_labels = box
     matrix, vector, update = np.empty((6, 6)), np.empty(6), np.empty(6)
     radius2 = half[0] ** 2 + half[1] ** 2 + half[2] ** 2
-    total = 0
-    for step in range(len(reaches)):
-        reach = reaches[step]
+    for reach in reaches:
         matrix[:], vector[:] = 0.0, 0.0
         total = 0
         for c in range(len(pictures)):
@@ -211,27 +205,24 @@ def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  
                 if not found:
                     continue
                 total += 1
-                scale = 0.6 * reach
-                weight = 1.0 / (1.0 + (offset / scale) ** 2)
+                weight = 1.0 / (1.0 + (offset / (0.6 * reach)) ** 2)
                 for i in range(6):
                     vector[i] += weight * strip.jacobian[i] * offset
                     for k in range(i + 1):
                         matrix[i, k] += weight * strip.jacobian[i] * strip.jacobian[k]
         if total < FEWEST_PIECES:
-            return 0
+            return False
         # A weak prior (1 radius, 0.6 rad against 1 px) keeps the pose in place along unobserved directions.
         for i in range(6):
             matrix[i, i] += 1.0 / radius2 if i < 3 else 3.0
-            for k in range(i):
-                matrix[k, i] = matrix[i, k]
         if not solve_positive(matrix, vector, update):
-            return 0
+            return False
         turn = math.sqrt(update[3] ** 2 + update[4] ** 2 + update[5] ** 2)
         if turn > 0.5:
             for i in range(3, 6):
                 update[i] *= 0.5 / turn
         apply_update(rotation, position, update)
-    return total
+    return True
 
 
 @compiled
@@ -244,6 +235,6 @@ def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, 
     lags = np.zeros((len(pictures), 6))
     for h in range(len(scores)):
         scores[h], rotation, position = IMPOSSIBLE, rotations[h], positions[h]
-        if len(reaches) == 0 or align(lenses, labels, pictures, box, rotation, position, reaches, strips) > 0:
+        if align(lenses, labels, pictures, box, rotation, position, reaches, strips):
             count_labels(lenses, labels, judges, box, rotation, position, lags, seen)
             scores[h] = explanation_score(seen, judges)

@@ -14,18 +14,7 @@ from tracker.objects.model import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import explanation_score
 from tracker.pose.fit import Fit, Lag, OwnViews
-from tracker.pose.hypotheses import (
-    ENOUGH,
-    EVERYWHERE,
-    LIKELIEST,
-    NEARBY,
-    NO_REACHES,
-    TURNS,
-    Hypothesis,
-    Round,
-    Search,
-    apart,
-)
+from tracker.pose.hypotheses import ENOUGH, EVERYWHERE, LIKELIEST, NEARBY, TURNS, Hypothesis, Search, apart
 from tracker.pose.judge import EXPECTED, alone, confidence, rank, refusal, settled, supporters, well_placed
 from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
@@ -69,14 +58,6 @@ TURNED = math.radians(12)
 """A camera's own pose that is rotated by more than this is a different optimum [rad]."""
 
 
-def _wider(wide: Round, best: Fit | None) -> Round:
-    """The next round after one whose best fit is in doubt."""
-    if best is not None and well_placed(best):
-        return TURNS
-    # A single camera never settles it.
-    return EVERYWHERE if wide is NEARBY or (best is not None and alone(best)) else NEARBY
-
-
 class PoseEstimator:
     """Find one cuboid in images of fixed cameras; thread-safe."""
 
@@ -96,6 +77,7 @@ class PoseEstimator:
         thorough: bool = True,
         lag: Lag | None = None,
         hidden: Hidden = None,
+        as_they_are: bool = False,
     ) -> Fit | Status:
         """Return the most certain pose in images (H, W, 3), or why there is none.
 
@@ -111,24 +93,8 @@ class PoseEstimator:
             thorough: whether further hypotheses compete.
             lag: how old the images are; None: all were taken at the same time.
             hidden: masks of pixels whose labels and edges count neither for nor against a pose.
+            as_they_are: whether greys keep their colour and brightness.
         """
-        found = self._found(images, timing, thorough, lag, hidden)
-        refused = isinstance(found, Status) and found is not Status.NO_OBJECT_COLORS
-        if refused and thorough and self.reader.colors.normalise:
-            other = self._found(images, timing, False, lag, hidden, as_they_are=True)
-            return found if isinstance(other, Status) else other.changed(as_they_are=True)
-        return found
-
-    def _found(
-        self,
-        images: Sequence[Image | None],
-        timing: dict[str, float],
-        thorough: bool,
-        lag: Lag | None,
-        hidden: Hidden,
-        as_they_are: bool = False,
-    ) -> Fit | Status:
-        """Search in one light: `find`, with the images' greys made grey, or in the images as they are."""
         laps = [time.perf_counter()]
         pictures = self.reader.lit(images, as_they_are=as_they_are)
         laps.append(time.perf_counter())
@@ -143,6 +109,10 @@ class PoseEstimator:
         laps.append(time.perf_counter())
         for k, stage in enumerate(("light", "segmentation", "pose")):
             timing[stage] = timing.get(stage, 0.0) + 1e3 * (laps[k + 1] - laps[k])
+        refused = isinstance(found, Status) and found is not Status.NO_OBJECT_COLORS
+        if refused and thorough and self.reader.colors.normalise:
+            other = self.find(images, timing, thorough=False, lag=lag, hidden=hidden, as_they_are=True)
+            return found if isinstance(other, Status) else other.changed(as_they_are=True)
         return found
 
     def candidates(self, sight: Sight, thorough: bool = True, lag: Lag | None = None) -> list[Fit]:
@@ -161,7 +131,10 @@ class PoseEstimator:
                 waiting = []
             if last or any(map(settled, fits)):
                 break
-            wide = _wider(wide, max(fits, key=rank, default=None))
+            best = max(fits, key=rank, default=None)
+            # A single camera never settles it.
+            wider = EVERYWHERE if wide is NEARBY or (best is not None and alone(best)) else NEARBY
+            wide = TURNS if best is not None and well_placed(best) else wider
         if not fits:
             return fits
         best = max(fits, key=rank)
@@ -256,7 +229,7 @@ class PoseEstimator:
         if not poses:
             return []
         least = RIVAL * explanation_score(self.search.counted(sight, rotation, position), sight.pictures)
-        others = [one for one in self.search.near(sight, poses, NO_REACHES) if one.score > least][:REFINED]
+        others = [one for one in self.search.near(sight, poses, still=True) if one.score > least][:REFINED]
         return [self._fitted(sight, one._replace(left_out=fit.left_out), SCHEDULE, lag) for one in others]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
@@ -267,9 +240,10 @@ class PoseEstimator:
         """
         views = fit.own
         assert views is not None
-        for c in _astray(sight, fit):
-            other = self._own_search(sight, fit, c, lag)
-            if other is not None:
+        for c, seen in enumerate(fit.counts):
+            astray = c in fit.left_out or seen.extra + seen.wrong > ODD * seen.expected
+            asked = sight.used[c] and seen.predicted >= EXPECTED and astray
+            if asked and (other := self._own_search(sight, fit, c, lag)) is not None:
                 views = OwnViews(*(column.copy() for column in views))
                 views.information[c], views.moved[c], views.inliers[c] = other
         if sum(known > 0.0 for known in views.information[:, 0, 0].tolist()) < 2:
@@ -303,14 +277,3 @@ def _explains_better(seen: Any, before: Any) -> bool:
     """Whether a camera's record of SEEN for a pose explains its label map clearly better than that before."""
     gain = seen["agree"] - seen["extra"] - seen["wrong"] - before["agree"] + before["extra"] + before["wrong"]
     return bool(gain > max(BETTER[0], BETTER[1] * before["predicted"]))
-
-
-def _astray(sight: Sight, fit: Fit) -> list[int]:
-    """Cameras that may see the object elsewhere."""
-    return [
-        c
-        for c, (used, seen) in enumerate(zip(sight.used.tolist(), fit.counts, strict=True))
-        if used
-        and seen.predicted >= EXPECTED
-        and (c in fit.left_out or seen.extra + seen.wrong > ODD * seen.expected)
-    ]

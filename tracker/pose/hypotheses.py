@@ -22,8 +22,8 @@ from tracker.pose.votes import PositionSearch
 REACHES = np.array([5, 4, 3])
 """Reach of the search for label transitions in each alignment step [px of the label map]."""
 
-FAR_REACHES, NO_REACHES = np.array([8, 6, 4, 3]), REACHES[:0]
-"""The same, starting from a predicted pose, and to score poses where they are."""
+FAR_REACHES = np.array([8, 6, 4, 3])
+"""The same, starting from a predicted pose."""
 
 AROUND = 6.0 * np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4])
 """Displacements (8, 2) from which a camera's own search also starts [px of the label map]: a narrow object is
@@ -120,8 +120,6 @@ class Search:
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()
     ) -> list[Hypothesis]:
         """Return hypotheses at a place (3,) [m], not aligned yet; which: ranks of its likeliest rotations."""
-        if not which:
-            return []
         pictures, turns = sight.without(*left_out).pictures, np.empty((which.stop, 3, 3))
         likely_rotations(self.lenses, sight.labels, pictures, self.faces, place, self.grid, turns)
         return [Hypothesis(0.0, turns[k], place, left_out) for k in which]
@@ -144,7 +142,7 @@ class Search:
             for k, place in enumerate(places[: wide.places]):
                 most = wide.others if k else wide.first
                 found += self.begun(sight, place, range(tried[k], most))
-                tried[k] = max(tried[k], most)
+                tried[k] = most
             used = np.flatnonzero(sight.used).tolist() if wide.without else []
             for c in used if len(used) > ENOUGH else ():
                 for place in self.positions(views, sight.labels, sight.without(c).pictures, 1):
@@ -163,9 +161,13 @@ class Search:
         return next(iter(self.near(sight, [(rotation, place) for place in (position, *beside)])), None)
 
     def near(
-        self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]], reaches: Array = FAR_REACHES
+        self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]], *, still: bool = False
     ) -> list[Hypothesis]:
-        """Hypotheses reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°, best first."""
+        """Hypotheses reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°, best first.
+
+        still: whether they are scored where they are.
+        """
+        reaches = FAR_REACHES[:0] if still else FAR_REACHES
         return self._aligned(sight, [Hypothesis(0.0, *pose) for pose in poses], reaches)
 
     def _aligned(self, sight: Sight, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:

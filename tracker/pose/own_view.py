@@ -6,7 +6,7 @@ from tracker.compiled import compiled
 from tracker.geometry.linear import solve_positive
 from tracker.pose.fit import SEEN
 from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
-from tracker.pose.solve import DEVIATION_STD, accumulate, residual, robust_std, shown, weighing_of, with_edges
+from tracker.pose.solve import DEVIATION_STD, accumulate, residual, robust_std, shown, with_edges
 
 ALONE_ROUNDS = 5
 """Iterations for a single camera: the first uses everything within the strips."""
@@ -69,8 +69,7 @@ def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
                     work.residuals[total] = abs(off) / camera.scale
                     total += 1
             least, scatter = ALONE_LIMIT if turn > 0 else np.inf, robust_std(work.residuals, total)
-            weighing = weighing_of(camera, least, scatter)
-            accumulate(work.strips[c], work.found[c], camera, since, drawn, weighing, counted[0])
+            accumulate(work.strips[c], work.found[c], camera, since, drawn, least, scatter, counted[0])
             with_edges(cameras[c : c + 1], solution.feet, solution.own, solution.foot)
             for i in range(UNKNOWNS):
                 vector[i] = camera.gradient[i] - hold[i] * step[i]

@@ -24,7 +24,6 @@ from tracker.pose.solve import (
     robust_std,
     shown,
     solve,
-    weighing_of,
     with_edges,
 )
 from tracker.pose.strips import collect, edge_strips
@@ -124,8 +123,7 @@ def _lay_strips(model, solution, cameras, schedule, step, work):  # type: ignore
     for c in range(len(cameras)):
         camera = cameras[c]
         camera.strips, camera.every, camera.pixels = 0, 0, 0
-        for i in range(6):
-            camera.motion[i], camera.since[i] = 0.0, 0.0
+        camera.motion[:] = 0.0
         if not camera.used:
             continue
         scale = camera.scale
@@ -147,8 +145,7 @@ def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignor
     """Measure the offsets of all strips at the current pose."""
     for c in range(len(cameras)):
         camera, every, pixels = cameras[c], schedule.every[step], (work.distance[c], work.values[c])
-        for i in range(6):
-            camera.since[i] = 0.0
+        camera.since[:] = 0.0
         if camera.every != every:
             shown = pixels_of(pictures[c]), mask_of(pictures[c])
             collect(shown, pictures[c], camera, work.strips[c], every, pixels)
@@ -203,9 +200,8 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
 def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-untyped-def]
     """Accumulate every camera's strips; least: smallest Tukey limit [px]; scatter: of the residuals [px]."""
     for c in range(len(cameras)):
-        camera = cameras[c]
-        drawn, weighing = shown(solution, camera), weighing_of(camera, least, scatter)
-        accumulate(work.strips[c], work.found[c], camera, camera.since, drawn, weighing, seen[c])
+        camera, drawn = cameras[c], shown(solution, cameras[c])
+        accumulate(work.strips[c], work.found[c], camera, camera.since, drawn, least, scatter, seen[c])
 
 
 @compiled

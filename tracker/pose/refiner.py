@@ -112,18 +112,6 @@ class Refiner:
         self._maps, self._faces = stack_lenses(reader.label_cameras(rig)), (box.half, box.face_labels)
         self._local = LocalSpace(len(lenses))
 
-    def begun(
-        self, rotation: FloatArray, position: FloatArray, lag: Lag | None = None
-    ) -> tuple[Array, Array]:
-        """Return a solution (1,) and cameras (C,) at a pose (3, 3), (3,) [m], before anything is measured."""
-        solution, cameras = np.zeros(1, SOLUTION), np.zeros(len(self.model.lenses), CAMERA)
-        solution["size"] = UNKNOWNS if lag is None else MOVING
-        solution["rotation"], solution["position"] = rotation, position
-        if lag is not None:
-            cameras["delay"], cameras["lag"] = lag.delays, lag.moved
-            solution["velocity"] = lag.covariance
-        return solution, cameras
-
     def __call__(
         self,
         sight: Sight,
@@ -150,9 +138,9 @@ class Refiner:
             left_out: cameras whose images do not move the pose, but are evidence for it or against it.
             ask: whether to estimate the pose that each camera sees by itself.
         """
-        (solution, cameras), start = self.begun(rotation, position, lag), start or self.likely
-        pictures, model = sight.without(*left_out).pictures, self._shaded if sight.shaded else self.model
-        seen, own = self._run(model, pictures, schedule, start, solution, cameras, len(cameras) if ask else 0)
+        pictures, start = sight.without(*left_out).pictures, start or self.likely
+        model, pose = self._shaded if sight.shaded else self.model, (rotation, position)
+        solution, cameras, seen, own = self._run(model, pictures, pose, schedule, start, lag, ask)
         ((blur, rim, stands, converged),) = solution.view(_NUMBERS).tolist()
         rotation, position, covariance = (solution[key][0] for key in ("rotation", "position", "covariance"))
         if converged:
@@ -185,33 +173,32 @@ class Refiner:
         self,
         model: Model,
         pictures: Array,
+        pose: tuple[FloatArray, FloatArray],
         schedule: Schedule,
         start: Start,
-        solution: Array,
-        cameras: Array,
-        asked: int,
-    ) -> tuple[Array, OwnViews]:
-        """Call `refine`; return what it fills besides the solution (1,) and cameras (C,)."""
-        seen = np.zeros(len(cameras), SEEN)
+        lag: Lag | None = None,
+        ask: bool = False,
+    ) -> tuple[Array, Array, Array, OwnViews]:
+        """Call `refine` at a rotation and position; return the solution (1,) and all else that it fills."""
+        solution, cameras = np.zeros(1, SOLUTION), np.zeros(len(pictures), CAMERA)
+        solution["size"] = UNKNOWNS if lag is None else MOVING
+        solution["rotation"], solution["position"] = pose
+        if lag is not None:
+            cameras["delay"], cameras["lag"] = lag.delays, lag.moved
+            solution["velocity"] = lag.covariance
+        seen, asked = np.zeros(len(cameras), SEEN), len(cameras) if ask else 0
         own = OwnViews(np.empty((asked, 6, 6)), np.empty((asked, 6)), np.empty(asked))
         refine(model, pictures, schedule, start, solution, cameras, seen, self._local.work, own)
-        return seen, own
+        return solution, cameras, seen, own
 
     def edges(
-        self,
-        pictures: Array,
-        rotation: FloatArray,
-        position: FloatArray,
-        start: Start | None = None,
+        self, pictures: Array, rotation: FloatArray, position: FloatArray, start: Start | None = None
     ) -> tuple[Array, Array, Workspace]:
-        """Measure the edges at a pose; return a solution, cameras (C,) and this thread's workspace.
+        """Measure the edges at a pose (3, 3), (3,) [m] in pictures (C,) of PICTURE.
 
-        Args:
-            pictures: (C,) of PICTURE.
-            rotation: (3, 3) world_from_object.
-            position: (3,) of the object's centre [m].
-            start: blur of the images, and the exponent and rim with which the object is drawn.
+        Return a solution, cameras (C,) and this thread's workspace. start: blur of the images, and the
+        exponent and rim with which the object is drawn.
         """
-        (solution, cameras), work = self.begun(rotation, position), self._local.work
-        self._run(self.model, pictures, MEASURING, start or self.likely, solution, cameras, 0)
-        return solution[0], cameras, work
+        pose, start = (rotation, position), start or self.likely
+        solution, cameras, _, _ = self._run(self.model, pictures, pose, MEASURING, start)
+        return solution[0], cameras, self._local.work

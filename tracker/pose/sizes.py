@@ -55,14 +55,11 @@ NEGLIGIBLE = 12.0
 @compiled
 def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: ignore[no-untyped-def]
     """Fill doubts (W,) of variances of edges' offsets or feet, with priors; return the likeliest."""
-    best = 0
     for w in range(len(sizes)):
         own, foot = (solution.own, sizes[w]) if feet else (sizes[w], solution.foot)
         doubts[w] = with_edges(cameras, solution.feet, own, foot) - 2.0 * math.log(prior[w])
         doubts[w] += solve(solution, cameras, share)
-        if doubts[w] < doubts[best]:
-            best = w
-    return sizes[best]
+    return sizes[smallest(doubts)]
 
 
 @compiled

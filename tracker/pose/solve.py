@@ -74,27 +74,21 @@ def trust_of(camera):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def weighing_of(camera, least, scatter):  # type: ignore[no-untyped-def]
-    """What `accumulate` needs to weigh pieces, from the least limit and the residuals' scatter [px]."""
-    limit = min(max(least, TUKEY * scatter) * camera.scale, camera.reach)
-    return limit, (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2, trust_of(camera)
-
-
-@compiled
 def shown(solution, camera):  # type: ignore[no-untyped-def]
     """Exponent and rim with which a camera shows the object."""
     return solution.shared[EXPONENT] + camera.offset[EXPONENT], solution.shared[RIM]
 
 
 @compiled
-def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ignore[no-untyped-def]
+def accumulate(strips, found, camera, since, drawn, least, scatter, seen):  # type: ignore[no-untyped-def]
     """Fill a camera's sums `whole`, `force` and `edges` from its strips' weighted offsets, and count them.
 
     Weights are those of equation (14) of docs/how-it-works.md.
-    since (6,): motion since they were measured; drawn: exponent and rim; weighing: residual at which a weight
-    reaches zero [px], variance of an edge's position not explained by noise [px²], factor on all weights.
+    since (6,): motion since they were measured; drawn: exponent and rim; least: smallest residual at which a
+    weight reaches zero, scatter: of the residuals [px at reference size].
     """
-    limit, floor, trust = weighing
+    limit = min(max(least, TUKEY * scatter) * camera.scale, camera.reach)
+    floor, trust = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2, trust_of(camera)
     whole, force, edges, row = camera.whole, camera.force, camera.edges, np.empty(UNKNOWNS)
     whole[:, :], force[:], edges[:, :] = 0.0, 0.0, 0.0
     seen.inliers, seen.squares, seen.noise = 0.0, 0.0, 0.0
