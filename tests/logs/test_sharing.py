@@ -72,6 +72,8 @@ def test_a_log_that_shrinks_while_it_is_open_gives_the_same_images_or_an_error(w
                 np.testing.assert_array_equal(log.frame(number).images, images)
 
 
+# Python reports an interrupt that falls into a callback, and goes on.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 def test_a_log_is_read_on_after_ctrl_c(write, tmp_path, rng):
     with tracker.open_log(write(tmp_path / "log")) as log:
