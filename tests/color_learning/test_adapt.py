@@ -25,19 +25,6 @@ def film():
     return shots("cube_v2", 8, seed=511)
 
 
-@pytest.fixture(scope="module")
-def names():
-    """Colours that are known by their names alone."""
-    return from_names(0)
-
-
-@pytest.fixture
-def known_names(names, monkeypatch):
-    """They are drawn once for all tests."""
-    monkeypatch.setattr("tracker.color_learning.adapt.from_names", lambda _: names)
-
-
-@pytest.mark.usefixtures("known_names")
 def test_colors_of_renderings_become_those_of_the_pictures(film):
     start, other_film = tracker.load_colors("simulation"), shots("cube_v2", 3, seed=512)
     learned = adapt(MODEL, [footage_of(film)], start, OPTIONS, rounds=3)
@@ -47,7 +34,6 @@ def test_colors_of_renderings_become_those_of_the_pictures(film):
     assert after - before > 0.8 * (shipped - before)
 
 
-@pytest.mark.usefixtures("known_names")
 def test_on_a_brown_table_colors_are_learned_from_images_as_they_are(film):
     brown = [dataclasses.replace(shot, images=list(map(on_wood, shot.images, shot.labels))) for shot in film]
     learned = adapt(MODEL, [footage_of(brown)], None, OPTIONS, rounds=3)
@@ -60,15 +46,14 @@ def test_on_a_brown_table_colors_are_learned_from_images_as_they_are(film):
         adapt(other_order, [footage_of(brown)], COLORS, OPTIONS, rounds=1)
 
 
-def test_the_same_frames_give_the_same_colors(film, known_names, monkeypatch):
+def test_the_same_frames_give_the_same_colors(film):
     start, footage = tracker.load_colors("simulation"), [footage_of(film[:4])]
     one = adapt(MODEL, footage, start, OPTIONS, rounds=1).colors
-    monkeypatch.undo()  # the names' colours are drawn again
+    from_names.cache_clear()
     two = adapt(MODEL, footage, start, OPTIONS, rounds=1).colors
     assert (one.log_posterior == two.log_posterior).all()
 
 
-@pytest.mark.usefixtures("known_names")
 def test_another_object_is_refused(film):
     cuboid = tracker.load_object("cuboid_2x2x8_v2")
     with pytest.raises(NotBetterError, match=r"refused: the images show .* rather than cuboid_2x2x8_v2"):
@@ -81,7 +66,6 @@ def test_another_object_is_refused(film):
         adapt(MODEL, [footage_of(film)], COLORS, OPTIONS, rounds=0)
 
 
-@pytest.mark.usefixtures("known_names")
 def test_a_higher_confidence_that_too_few_frames_reach_ends_the_learning_and_is_no_fault(film, monkeypatch):
     monkeypatch.setattr("tracker.color_learning.adapt.GATES", (0.3, 1.0))
     monkeypatch.setattr("tracker.color_learning.adapt.GAIN", 1.0)
@@ -91,7 +75,6 @@ def test_a_higher_confidence_that_too_few_frames_reach_ends_the_learning_and_is_
     np.testing.assert_array_equal(found.colors.label_table, COLORS.label_table)
 
 
-@pytest.mark.usefixtures("known_names")
 @pytest.mark.parametrize(("posed", "neutral"), [(0.5, False), (0.6, True)])
 def test_images_are_tried_as_they_are_if_learning_ends_while_few_frames_are_posed(
     posed, neutral, film, monkeypatch
@@ -129,7 +112,7 @@ def test_a_new_object_keeps_the_colours_of_names_that_nothing_improves(film):
         adapt(MODEL, [footage_of(empty)], start, OPTIONS, rounds=1, first=True)
 
 
-def test_the_nearest_model_explains_most_and_may_know_only_names(film, names, monkeypatch):
+def test_the_nearest_model_explains_most_and_may_know_only_names(film, monkeypatch):
     footage = footage_of(film)
     judged = [dataclasses.replace(footage, held_out=footage.learned)]
     best = lessons.judge(MODEL, judged, nearest(MODEL, [footage], 0)).explained
@@ -137,7 +120,7 @@ def test_the_nearest_model_explains_most_and_may_know_only_names(film, names, mo
         colors = dataclasses.replace(tracker.load_colors(name), normalise=True)
         assert best >= lessons.judge(MODEL, judged, colors).explained
     monkeypatch.setattr("tracker.color_learning.adapt.color_model_names", lambda: ["dice"])
-    assert nearest(dataclasses.replace(MODEL, colors="not yet"), [footage], 0).name == names.name
+    assert nearest(dataclasses.replace(MODEL, colors="not yet"), [footage], 0).name == from_names(0).name
 
 
 def test_the_objects_own_colours_are_tried_beside_the_shipped_ones(film, tmp_path, monkeypatch):
@@ -166,20 +149,20 @@ def test_colors_that_are_not_shown_stay_as_they_were():
         assert (new[sure] == label).mean() > 0.85
 
 
-def test_a_colour_that_the_initial_model_does_not_know_is_that_of_its_name(names):
+def test_a_colour_that_the_initial_model_does_not_know_is_that_of_its_name():
     """And not every colour that nothing else claims."""
     log_posterior = COLORS.log_posterior.copy()
     log_posterior[1] = -15.0
     blind = dataclasses.replace(COLORS, log_posterior=log_posterior - log_posterior.max(axis=0))
     grey = {0: np.random.default_rng(3).integers(90, 130, (4000, 3))}
-    model = refit([grey], np.zeros(32**3, dtype=bool), [blind, names], OPTIONS)
+    model = refit([grey], np.zeros(32**3, dtype=bool), [blind, from_names(0)], OPTIONS)
     levels = 255 * (np.argwhere(np.argmax(model.log_posterior, axis=0) == 1) / 31) ** 2
     hues = np.array([hue_of(one[None]) for one in levels])
     assert np.nanmean(hue_distance(hues, NAMED_HUES[1]) > 60) < 0.01
 
 
-def test_names_alone_tell_pure_colors(names):
-    labels = names.label_table.reshape(64, 64, 64)  # red, green, blue
+def test_names_alone_tell_pure_colors():
+    labels = from_names(0).label_table.reshape(64, 64, 64)  # red, green, blue
     pure = [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)]
     for label, (blue, green, red) in enumerate(pure, start=1):
         assert labels[50 * red, 50 * green, 50 * blue] == label
