@@ -21,6 +21,8 @@ from tracker.tracking.motion import KINDS, MotionFilter, MotionState
 ROUNDING = 5e-7
 """Error of a difference between timestamps since the epoch [s]."""
 
+_ALONG_POSITION = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
 
 @dataclass(frozen=True)
 class TrackingOptions:
@@ -251,7 +253,7 @@ def _close(fit: Fit, rotation: FloatArray, position: FloatArray, shift: float, t
 
 def widened(covariance: FloatArray, spread: float) -> FloatArray:
     """Add a variance [m²] along each position axis to a pose's covariance (6, 6)."""
-    return covariance + np.diag(np.repeat([spread, 0.0], 3)) if spread > 0.0 else covariance
+    return covariance + spread * _ALONG_POSITION if spread > 0.0 else covariance
 
 
 def measured(fit: Fit, fitting: float, spread: float, size: FloatArray) -> PoseEstimate:
