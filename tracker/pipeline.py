@@ -29,7 +29,7 @@ from tracker.pose.judge import apparent, fits, supporters
 from tracker.pose.result import CameraUse, Forecast, Observation, Status
 from tracker.segmentation.color_model import ColorModel
 from tracker.tracking.belief import TrackingOptions, measured
-from tracker.tracking.cameras import CameraMemory, after, usable
+from tracker.tracking.cameras import after, usable
 from tracker.tracking.follow import Follower, Gate, Memory
 from tracker.warm_up import load
 
@@ -173,8 +173,7 @@ class ObjectTracker:
         self, images: Images, timing: dict[str, float], hidden: Images | None = None
     ) -> tuple[Fit | Status, tuple[CameraUse, ...]]:
         """Search everywhere, without memory; also return how each camera's image can be used."""
-        nothing = [CameraMemory()] * len(self.rig)
-        _, given, uses = usable(nothing, check_images(images, self.rig))
+        given, uses = usable(check_images(images, self.rig))
         given = self._estimator.reader.unveiled(given, timing)
         return self._estimator.find(given, timing, hidden=check_hidden(hidden, self.rig)), uses
 

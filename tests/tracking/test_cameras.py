@@ -14,7 +14,7 @@ from tracker import CameraUse, Status
 from tracker.checks import BLACK
 from tracker.pose.agreement import SCALES, size, spread
 from tracker.pose.judge import confidence
-from tracker.tracking.cameras import EVERY, LOOKS, Agreement, CameraMemory, after, looked_at, usable
+from tracker.tracking.cameras import EVERY, LOOKS, Agreement, CameraMemory, after, looked_at, unfrozen, usable
 from tracker.tracking.motion import MotionState
 
 
@@ -25,7 +25,7 @@ class Watch:
         self.memories = [CameraMemory()] * cameras
 
     def given(self, images):
-        self.memories, result, _ = usable(self.memories, images)
+        self.memories, result, _ = unfrozen(self.memories, *usable(images))
         return [image is not None for image in result]
 
 

@@ -55,28 +55,32 @@ class CameraMemory(NamedTuple):
     """Number of images since its light was last measured; None: never."""
 
 
-def usable(
-    memories: Sequence[CameraMemory], images: Sequence[Image | None]
+def usable(images: Sequence[Image | None]) -> tuple[list[Image | None], tuple[CameraUse, ...]]:
+    """Drop black images; also return the use of each image."""
+    missing, dark = CameraUse.NO_IMAGE, CameraUse.BLACK
+    uses = tuple(missing if one is None else dark if is_black(one) else CameraUse.USED for one in images)
+    return [one if use is CameraUse.USED else None for one, use in zip(images, uses, strict=True)], uses
+
+
+def unfrozen(
+    memories: Sequence[CameraMemory], images: Sequence[Image | None], uses: Sequence[CameraUse]
 ) -> tuple[tuple[CameraMemory, ...], list[Image | None], tuple[CameraUse, ...]]:
-    """Drop black and frozen images; frozen: unchanged, noise and all, while other cameras' images change."""
-    remembered, result, unchanged = list(memories), list(images), []
-    uses = [CameraUse.NO_IMAGE if image is None else CameraUse.USED for image in images]
+    """Drop frozen images: unchanged, noise and all, while other cameras' images change."""
+    remembered, result, marked, unchanged = list(memories), list(images), list(uses), []
     others_change = False
     for c, image in enumerate(images):
         if image is None:
             continue
         remembered[c] = memories[c]._replace(sample=sampled(image).tobytes())
-        if is_black(image):
-            result[c], uses[c] = None, CameraUse.BLACK
-        elif remembered[c].sample == memories[c].sample:
+        if remembered[c].sample == memories[c].sample:
             unchanged.append((c, image))
         else:
             others_change = True
     for c, image in unchanged if others_change else ():
         # Rendered images have no noise: they stay identical if nothing moves.
         if noise_level(image) > NOISELESS:
-            result[c], uses[c] = None, CameraUse.FROZEN
-    return tuple(remembered), result, tuple(uses)
+            result[c], marked[c] = None, CameraUse.FROZEN
+    return tuple(remembered), result, tuple(marked)
 
 
 def looked_at(

@@ -22,7 +22,7 @@ from tracker.pose.result import Observation, Status
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.views import Hidden
 from tracker.tracking.belief import Belief, TrackingOptions, measured
-from tracker.tracking.cameras import EVERY, READ, Agreement, CameraMemory, after, looked_at, usable
+from tracker.tracking.cameras import EVERY, READ, Agreement, CameraMemory, after, looked_at, unfrozen, usable
 from tracker.tracking.motion import START_VELOCITY, MotionState
 
 TOGETHER, ALONE = 1.2, 2.2
@@ -127,7 +127,7 @@ class Follower:
             TrackerError: the timestamp is earlier than the last one.
         """
         belief, expected = memory.belief.advance(timestamp)
-        cameras, given, uses = usable(memory.cameras, images)
+        cameras, given, uses = unfrozen(memory.cameras, *usable(images))
         timing: dict[str, float] = {}
         given = self._estimator.reader.unveiled(given, timing)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
