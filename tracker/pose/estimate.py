@@ -126,7 +126,7 @@ class PoseEstimator:
         for most in range(1, REFINED + 1):
             waiting = sorted(waiting + next_of(wide), key=lambda one: -one.score)
             last = not thorough or wide in (EVERYWHERE, TURNS)
-            if last or (waiting and waiting[0].score > PLAUSIBLE * np.count_nonzero(sight.used)):
+            if last or (waiting and waiting[0].score > PLAUSIBLE * len(sight.used)):
                 fits += self._contest(sight, waiting, fits, lag, REFINED if last else most)
                 waiting = []
             if last or any(map(settled, fits)):
@@ -172,7 +172,7 @@ class PoseEstimator:
         known: list[Fit | Hypothesis] = [*before]
         explained = (explanation_score(fit.cameras, sight.pictures) for fit in before)
         least = CLOSE * max(explained, default=0.0)
-        several = np.count_nonzero(sight.used) > 1
+        several = len(sight.used) > 1
         for one in hypotheses:
             if len(chosen) == COMPETING or (one.score < least and several):
                 break
@@ -199,7 +199,7 @@ class PoseEstimator:
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """Refit without the camera that agrees least; return whichever fit is more certain."""
-        used = [c for c in np.flatnonzero(sight.used).tolist() if c not in fit.left_out]
+        used = [c for c in sight.used if c not in fit.left_out]
         if len(used) <= ENOUGH:
             return fit
         seen = fit.cameras
@@ -242,7 +242,7 @@ class PoseEstimator:
         assert views is not None
         for c, seen in enumerate(fit.counts):
             astray = c in fit.left_out or seen.extra + seen.wrong > ODD * seen.expected
-            asked = sight.used[c] and seen.predicted >= EXPECTED and astray
+            asked = astray and seen.predicted >= EXPECTED and c in sight.used
             if asked and (other := self._own_search(sight, fit, c, lag)) is not None:
                 views = OwnViews(*(column.copy() for column in views))
                 views.information[c], views.moved[c], views.inliers[c] = other
@@ -255,7 +255,7 @@ class PoseEstimator:
         self, sight: Sight, fit: Fit, c: int, lag: Lag | None
     ) -> tuple[FloatArray, FloatArray, float] | None:
         """Search one camera's image near the pose; return its row of OwnViews, None if nothing is found."""
-        only = sight.without(*(k for k in range(len(sight.used)) if k != c))
+        only = sight.without(*(k for k in sight.used if k != c))
         near = self.search.alone(only, c, fit.rotation, fit.position)
         if near is None:
             return None

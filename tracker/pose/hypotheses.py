@@ -143,7 +143,7 @@ class Search:
                 most = wide.others if k else wide.first
                 found += self.begun(sight, place, range(tried[k], most))
                 tried[k] = most
-            used = np.flatnonzero(sight.used).tolist() if wide.without else []
+            used = sight.used if wide.without else []
             for c in used if len(used) > ENOUGH else ():
                 for place in self.positions(views, sight.labels, sight.without(c).pictures, 1):
                     found += self.begun(sight, place, range(wide.without), (c,))

@@ -58,12 +58,13 @@ def turned_about_face(
 
 def shifted_along(fit: Fit, box: Box) -> Iterator[FloatArray]:
     """Yield other positions (3,) [m] that fit about as well if the ends of a long box are hidden."""
-    _, middle, longest = sorted(box.half.tolist())
+    half, labels = box.half.tolist(), box.face_labels.tolist()
+    _, middle, longest = sorted(half)
     if longest < LONG * middle:
         return
-    axis = int(np.argmax(box.half))
-    ends = [2 * axis, 2 * axis + 1]
-    if fit.cameras["faces"][:, ends, box.face_labels[ends]].max() < SHOWN:
+    axis = half.index(longest)
+    ends, faces = (2 * axis, 2 * axis + 1), fit.cameras["faces"].tolist()
+    if all(seen[end][labels[end]] < SHOWN for seen in faces for end in ends):
         for shift in SHIFTS:
             yield fit.position + shift * box.half[axis] * fit.rotation[:, axis]
 

@@ -67,10 +67,9 @@ class Sight(NamedTuple):
     """Whether colours are read as those of faces in shade (`ColorModel.shade_table`)."""
 
     @property
-    def used(self) -> Array:
-        """(C,) bool: whether there is an image that counts."""
-        used: Array = self.pictures["used"]
-        return used
+    def used(self) -> list[int]:
+        """Cameras with an image that counts."""
+        return [c for c, used in enumerate(self.pictures["used"].tolist()) if used]
 
     def without(self, *cameras: int) -> Sight:
         """Return the same with some cameras left out."""
