@@ -67,6 +67,20 @@ def test_a_bias_stays_for_an_episode_and_another_one_has_another():
     assert (one - truth[0]).std() == pytest.approx(1e-3, rel=0.03)
 
 
+@pytest.mark.parametrize("kind", ["bias", "slow"])
+def test_calibrations_differ_as_stated(kind):
+    truth = truths()
+    seen = state_of(position={kind: 1e-3, "bias_spread": 0.5}).step(*truth, 0.1).position
+    # The mean square of exp(0.5 z) is exp(2 · 0.5²).
+    assert (seen - truth[0]).std() == pytest.approx(1e-3 * np.exp(0.25), rel=0.05)
+
+
+def test_poses_are_late_as_stated():
+    late = state_of(delay={"images": 0.02, "pose": 0.05, "spread": 0.3}).step(*truths(), 0.1).delay
+    spread = np.log((late - 0.02) / 0.05)
+    assert (spread.mean(), spread.std()) == pytest.approx((0.0, 0.3), abs=0.02)
+
+
 @pytest.mark.parametrize("steps", [1, 5])
 def test_errors_stay_at_rest_and_are_forgotten_on_the_way_as_stated(steps):
     state, (p, q, v) = state_of(position={"slow": 1e-3, "travel": 0.02}), truths()
@@ -96,9 +110,10 @@ def test_rotations_are_perturbed_along_world_axes():
     np.testing.assert_allclose(np.linalg.norm(seen.orientation, axis=1), 1.0)
 
 
-def test_what_is_hidden_more_is_seen_worse():
+@pytest.mark.parametrize("kind", ["fast", "slow"])
+def test_what_is_hidden_more_is_seen_worse(kind):
     spread = [
-        (state_of(position={"fast": 1e-3, "visible": 1.0}).step(*truth, 0.1).position - truth[0]).std()
+        (state_of(position={kind: 1e-3, "visible": 1.0}).step(*truth, 0.1).position - truth[0]).std()
         for truth in (truths(visible=1.0), truths(visible=0.5))
     ]
     assert spread[1] == pytest.approx(2.0 * spread[0])
