@@ -91,9 +91,9 @@ class ColorModel(Frozen):
         # Like scipy.ndimage.zoom of order 1, whose import would take a fifth of the time to a first pose.
         cells = np.linspace(0, NODES - 1, CELLS)
         weights = np.stack([np.interp(cells, np.arange(NODES), node) for node in np.eye(NODES)], axis=1)
-        return np.asarray(
-            np.einsum("ai,bj,ck,nijk->nabc", weights, weights, weights, self.log_posterior, optimize=True)
-        )
+        planes = weights @ (self.log_posterior @ weights.T)  # a third of the time of np.einsum
+        dense: FloatArray = weights @ planes.reshape(CLASSES, NODES, -1)
+        return dense.reshape(CLASSES, CELLS, CELLS, CELLS)
 
     @functools.cached_property
     def label_table(self) -> Array:
