@@ -21,7 +21,7 @@ from numba.core.codegen import JITCodeLibrary, ll  # type: ignore[attr-defined]
 from numba.core.runtime.nrt import rtsys
 from numba.core.typing.templates import make_concrete_template
 
-_KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
+_KERNEL = re.compile(r"@_?compiled\b")
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 _CREATING = {"array", "copy", "empty", "eye", "zeros"}
 """Names by which kernels create arrays; those that use other functions for that fail to compile."""
