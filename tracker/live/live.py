@@ -9,7 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -51,7 +51,7 @@ def check_arguments(tracker: object, history: object, listeners: Sequence[object
             raise LiveError(f"listeners: found {shown(listener)}, expected functions of a Moment")
 
 
-class Live:
+class Live(AbstractContextManager["Live"]):
     """Tracks an object in the images of a source, from its creation until `close`; a context manager.
 
     The tracker runs in a thread of its own, which owns it: do not call its `update` or `reset`. If several
@@ -101,9 +101,6 @@ class Live:
         # Python would end the thread within a library at exit, which may hang or abort.
         atexit.register(self.close)
         self._thread.start()
-
-    def __enter__(self) -> Live:
-        return self
 
     def __exit__(self, kind: object, *_: object) -> None:
         self.close()

@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -74,7 +75,7 @@ class CameraObjectObservation(NamedTuple):
     """The pose fused with earlier measurements."""
 
 
-class Frontend:
+class Frontend(AbstractContextManager["Frontend"]):
     """Tracks an object in the images of a source, with the platform's interface; a context manager.
 
     Args:
@@ -97,9 +98,6 @@ class Frontend:
         self._kept: deque[tuple[int, float, CameraObjectObservation]] = deque(maxlen=history)
         self._fault: str | None = None
         self._live = Live(source, tracker, listeners=[self._hear])
-
-    def __enter__(self) -> Frontend:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.shutdown()

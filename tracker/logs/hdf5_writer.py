@@ -33,7 +33,7 @@ _ROWS = 256  # rows per chunk of a small field
 _GZIP = 1  # level; raw pixels are mostly noise: higher ones save one per cent and take several times as long
 
 
-class Hdf5LogWriter:
+class Hdf5LogWriter(contextlib.AbstractContextManager["Hdf5LogWriter"]):
     """A log that grows by one frame at a time; a context manager.
 
     Flushed frames can be read even if the process is killed afterwards: until the file is finished, its
@@ -91,9 +91,6 @@ class Hdf5LogWriter:
             self._begin(frame_rate, poses, texts or [b""] * len(rig))
             self._check_disk()
             undo.pop_all()
-
-    def __enter__(self) -> Hdf5LogWriter:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

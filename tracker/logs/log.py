@@ -6,6 +6,7 @@ import os
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from copy import copy
 from itertools import islice, starmap
 from pathlib import Path
@@ -132,7 +133,7 @@ def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
     return rig
 
 
-class Log:
+class Log(AbstractContextManager["Log"]):
     """Frames of a recording. A context manager; iterating starts at the first frame each time.
 
     `log[3]` is a frame, `log[100:200]` a part of the recording, read as you iterate. Only one frame is in
@@ -158,9 +159,6 @@ class Log:
 
     def __repr__(self) -> str:
         return f"Log({self.format}: {len(self)} frames of {', '.join(self.camera_names)})"
-
-    def __enter__(self) -> Log:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
