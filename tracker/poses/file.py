@@ -32,9 +32,6 @@ class PosesBuilder:
         self._about = about
         self._frames: list[tuple[int, float, str, list[str], dict[Kind, dict[str, Any]]]] = []
 
-    def __len__(self) -> int:
-        return len(self._frames)
-
     def append(self, index: int, timestamp: float, answer: Observation, recorded: Any = None) -> None:
         """Add a frame: its number and time [s], the tracker's result, and the recording's own pose or None.
 
