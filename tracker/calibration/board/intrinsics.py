@@ -98,7 +98,14 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
             f"expected {board.columns}x{board.rows}; is that its size?"
         )
     cleaned = list(sightings)
-    for n, one in zip(enough, _cleaned([sightings[n] for n in enough], size), strict=True):
+
+    def misses(views: Sequence[BoardView]) -> list[FloatArray]:
+        optics, _ = _fit(views, size)
+        return [one.least_misses(optics) for one in views]
+
+    # Remove corners that were detected in the wrong place.
+    views = [sightings[n] for n in enough]
+    for n, one in zip(enough, without_wrong(views, misses, [FEWEST_CORNERS] * len(views)), strict=True):
         cleaned[n] = one
     left_out, strange = _judged(name, cleaned, enough, size)
     faults |= strange
@@ -151,16 +158,6 @@ def _fit(sightings: Sequence[BoardView], size: tuple[int, int]) -> tuple[Optics,
     fitted = cv2.calibrateCameraExtended(points, pixels, size, np.eye(3), np.zeros(5))
     matrix, distortion, std = (np.asarray(fitted[place], np.float64) for place in (1, 2, 5))
     return (matrix, distortion.ravel()[:5]), std.ravel()[:9]
-
-
-def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
-    """Return the views without corners that were detected in the wrong place."""
-
-    def misses(views: Sequence[BoardView]) -> list[FloatArray]:
-        optics, _ = _fit(views, size)
-        return [one.least_misses(optics) for one in views]
-
-    return without_wrong(sightings, misses, [FEWEST_CORNERS] * len(sightings))
 
 
 def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[float]:
