@@ -86,10 +86,8 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
 
 def _is_of_results(path: str, folder: str) -> bool:
     """Whether a resolved path is the folder of results or a result in it."""
-    if path != folder and not path.startswith(folder + os.sep):
-        return False
     try:
-        return is_result(Path(path), Path(folder))
+        return Path(path).is_relative_to(folder) and is_result(Path(path), Path(folder))
     except OSError:
         return False
 

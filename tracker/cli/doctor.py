@@ -54,8 +54,11 @@ def doctor() -> None:
     """
     lacking = [_print(finding, "!!") for finding in _needed()]
     click.echo("\noptional:")
-    for finding in _optional():
-        _print(finding, "--")
+    for extra, packages in sorted(_extras().items()):
+        if missing := [name for name in packages if _version(name) is None]:
+            _print(Finding(extra, f"without {', '.join(missing)}", install(extra)), "--")
+        else:
+            _print(Finding(extra, ", ".join(packages)), "--")
     raise click.exceptions.Exit(any(lacking))
 
 
@@ -75,14 +78,6 @@ def _needed() -> Iterator[Finding]:
     if all(_fault_of_module(module) is None for module in CORE.values()):
         yield _cache()
         yield _speed()
-
-
-def _optional() -> Iterator[Finding]:
-    for extra, packages in sorted(_extras().items()):
-        if missing := [name for name in packages if _version(name) is None]:
-            yield Finding(extra, f"without {', '.join(missing)}", install(extra))
-        else:
-            yield Finding(extra, ", ".join(packages))
 
 
 def _package(name: str, module: str) -> Finding:
