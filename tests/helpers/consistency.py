@@ -20,19 +20,16 @@ def nees(error: FloatArray, covariance: FloatArray) -> float:
     return float(error @ np.linalg.solve(covariance, error))
 
 
-def limits(count: int, dof: int = 6) -> FloatArray:
-    """(2,) between which the mean NEES of independent errors lies in 998 of 1000 cases.
+def consistent(found: FloatArray, factor: float = 1.0) -> bool:
+    """Whether the mean of NEES (count,) is as covariances that are `factor` times as large would have it.
+
+    Independent errors are consistent in 998 of 1000 cases.
 
     Raises:
         ValueError: the errors are too few to tell a covariance that is off by a factor of two.
     """
-    low, high = chi2.ppf([0.001, 0.999], count * dof) / count
+    count = len(found)
+    low, high = chi2.ppf([0.001, 0.999], count * 6) / count
     if high > 2 * low:
         raise ValueError(f"{count} errors: limits {low:.1f} and {high:.1f} hold a factor of two")
-    return np.array([low, high])
-
-
-def consistent(found: FloatArray, factor: float = 1.0) -> bool:
-    """Whether the mean of NEES (count,) is as covariances that are `factor` times as large would have it."""
-    low, high = limits(len(found))
     return bool(low < np.mean(found) / factor < high)
