@@ -17,7 +17,7 @@ from typing import Any, cast
 
 import cv2
 
-from tracker.checks import optional
+from tracker.checks import naming, optional
 from tracker.errors import TrackerError
 from tracker.processes import end_with_parent, environment
 from tracker.warm_up import warm_up
@@ -151,14 +151,12 @@ def dask_workers(address: str) -> Iterator[Engine]:
     # after the end.
     with optional("dask.config", "cluster", "--scheduler").set({"logging.distributed": "critical"}):
         distributed = optional("distributed", "cluster", "--scheduler")
-    try:
+    with naming(f"scheduler {address}: does not answer", TrackerError, OSError, ValueError):
         distributed.comm.get_address_host_port(address)  # a client with an invalid address cannot be closed
         secure = distributed.Security().get_connection_args("client").get("ssl_context")
         if address.startswith("tls:") and secure is None:
             raise ValueError("found no certificates in Dask's configuration, expected them for tls")
         client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise TrackerError(f"scheduler {address}: does not answer: {error}") from error
 
     def each(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         todo = iter(tasks)

@@ -204,10 +204,9 @@ class StoredArray:
             return np.frombuffer(data, dtype).reshape(self._tile, order=self._order)
         if self._fill is None:
             raise LogError(f"{what} is missing")
-        try:
+        fault = f"{what}: fill_value: found {self._fill}, expected {dtype}"
+        with naming(fault, LogError, OverflowError, ValueError):
             return np.full(self._tile, dtype.type(self._fill), dtype)  # a block that zarr omitted
-        except (OverflowError, ValueError) as error:
-            raise LogError(f"{what}: fill_value: found {self._fill}, expected {dtype}") from error
 
     def _take(self, meta: dict[str, Any]) -> None:
         self.shape: tuple[int, ...] = tuple(meta["shape"])

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from tracker.errors import LogError, message
+from tracker.checks import naming
+from tracker.errors import LogError
 from tracker.files import OneAtATime, on_error, open_regular, told_of
 from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, default_names
@@ -183,14 +184,11 @@ class NativeSource(Source):
                 while count := os.preadv(self._raw.fileno(), [data[done:]], offset + done):
                     done += count
             return done
-        with told_of(self.path), self._alone.lock():
-            try:
-                with on_error(self._rewind):
-                    self._file.seek(offset)
-                    return self._file.readinto(data)
-            except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-                where = f"before byte {offset + len(data)} of the content: {message(error)}"
-                raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
+        what = f"{self.path}: the gzipped data are damaged or truncated before byte {offset + len(data)}"
+        fault = naming(f"{what} of the content", LogError, EOFError, zlib.error, gzip.BadGzipFile)
+        with told_of(self.path), self._alone.lock(), fault, on_error(self._rewind):
+            self._file.seek(offset)
+            return self._file.readinto(data)
 
     def _rewind(self) -> None:
         # Make a new gzip reader: the state of the old one after an error or Ctrl-C is undefined.

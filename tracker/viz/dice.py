@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import is_whole, of_kind
+from tracker.checks import is_whole, naming, of_kind
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError, TrackerError, shown
 from tracker.geometry import so3
@@ -206,10 +206,9 @@ def goal_picture(
 
 def _ways(places: FloatArray, dice: FloatArray, pairs: Iterable[tuple[int, int]]) -> list[FloatArray]:
     """Return lines (2, 2) [px] from dice to places."""
-    try:
+    fault = f"pairs: found {shown(pairs)}, expected pairs (place, die)"
+    with naming(fault, TaskError, TypeError, ValueError):
         chosen = [(place, die) for place, die in pairs]
-    except (TypeError, ValueError) as error:
-        raise TaskError(f"pairs: found {shown(pairs)}, expected pairs (place, die)") from error
     valid = f"less than {len(places)} and {len(dice)}"
     for place, die in chosen:
         if not all(is_whole(n) and 0 <= n < len(of) for n, of in ((place, places), (die, dice))):

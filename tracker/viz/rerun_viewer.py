@@ -78,19 +78,17 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
 @contextmanager
 def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) -> Iterator[None]:
     """Send the frames of the `with` block to a file, which appears when the block ends."""
-    try:
-        with told_as(ImageError, f"view {target}"), whole_file(target) as temporary:
-            temporary.write_bytes(b"")  # raises if it cannot be created; Rerun does not report the reason
-            try:
-                stream.save(temporary)  # with a blueprint, it may wait for ever if the disk is full
-                stream.send_blueprint(blueprint, make_active=False)
-                yield
-                stream.flush(timeout_sec=30.0)
-            finally:
-                stream.disconnect()
-            _check(temporary)
-    except RuntimeError as error:
-        raise ImageError(f"view {target}: cannot be written, is the disk full? {error}") from error
+    fault = naming(f"view {target}: cannot be written, is the disk full? ", ImageError, RuntimeError, sep="")
+    with fault, told_as(ImageError, f"view {target}"), whole_file(target) as temporary:
+        temporary.write_bytes(b"")  # raises if it cannot be created; Rerun does not report the reason
+        try:
+            stream.save(temporary)  # with a blueprint, it may wait for ever if the disk is full
+            stream.send_blueprint(blueprint, make_active=False)
+            yield
+            stream.flush(timeout_sec=30.0)
+        finally:
+            stream.disconnect()
+        _check(temporary)
 
 
 def _check(path: Path) -> None:
