@@ -10,6 +10,7 @@ The small files are the only state of a batch, so any number of processes on any
 contain no times or machine names: the same recordings give the same bytes.
 """
 
+import contextlib
 import glob
 import json
 import os
@@ -86,10 +87,9 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
 
 def _is_of_results(path: str, folder: str) -> bool:
     """Whether a resolved path is the folder of results or a result in it."""
-    try:
+    with contextlib.suppress(OSError):
         return Path(path).is_relative_to(folder) and is_result(Path(path), Path(folder))
-    except OSError:
-        return False
+    return False
 
 
 SUFFIX = ".poses.h5"
@@ -188,13 +188,12 @@ def read_line(output: Path) -> dict[str, Any] | None:
     fits = (type(line.get(name, ...)) in _FITTING[kind] for name, kind in COLUMNS.items())
     if not all(fits) or any(isinstance(value, int) and abs(value) >= 2**63 for value in line.values()):
         return None
-    try:
+    with contextlib.suppress(OSError, UnicodeEncodeError):
         json.dumps(line, ensure_ascii=False).encode()  # no file holds half a pair of surrogates
         poses, about = output.stat(), path.stat()
-    except (OSError, UnicodeEncodeError):
-        return None
-    same = poses.st_size == line.get("bytes") and poses.st_mtime_ns <= about.st_mtime_ns
-    return line if same else None
+        if poses.st_size == line.get("bytes") and poses.st_mtime_ns <= about.st_mtime_ns:
+            return line
+    return None
 
 
 def read_failure(output: Path) -> str:
@@ -203,8 +202,7 @@ def read_failure(output: Path) -> str:
 
 
 def _read(path: Path) -> dict[str, Any] | None:
-    try:
-        content = json.loads(read_bounded(path, MAX_FILE_SIZE))
-    except (OSError, ValueError, RecursionError):
-        return None
-    return content if isinstance(content, dict) else None
+    with contextlib.suppress(OSError, ValueError, RecursionError):
+        if isinstance(content := json.loads(read_bounded(path, MAX_FILE_SIZE)), dict):
+            return content
+    return None

@@ -259,19 +259,17 @@ def forget(tasks: Iterable[Task]) -> None:
 def is_whole(task: Task, recipe: Recipe) -> bool:
     """Whether a recording has a matching result, also of its goal; the poses are not opened."""
     job = Job(Path(task.log), Path(task.output), recipe)
-    try:
+    with contextlib.suppress(OSError):
         mark, line = fingerprint(job), results.read_line(job.output)
-    except OSError:
-        return False
-    return line is not None and (line.get("fingerprint"), line.get("goal")) == (mark, _goal_of(job.log))
+        return line is not None and (line.get("fingerprint"), line.get("goal")) == (mark, _goal_of(job.log))
+    return False
 
 
 def _goal_of(log: Path) -> str | None:
     """Return a hash of the goal beside a recording; None if there is none, or it cannot be read."""
-    try:
+    with contextlib.suppress(OSError):
         return hashlib.sha256(read_bounded(goal_file(log), MAX_LIST)).hexdigest()
-    except OSError:
-        return None
+    return None
 
 
 def _refuse_results_of_others(

@@ -112,10 +112,9 @@ def _fault_of_module(name: str) -> str | None:
 
 
 def _version(name: str) -> str | None:
-    try:
+    with suppress(metadata.PackageNotFoundError):
         return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
+    return None
 
 
 def _cache() -> Finding:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -170,17 +171,15 @@ def remark_on_recording(job: Job, poses: Poses) -> str | None:
     """
     if not len(poses) or not _is_odd(poses):
         return None
-    try:
-        with open_log(job.log, recover=True) as log:
-            rig = rig_for(job, log)
-            frames = chosen(job.log, len(log), job.recipe.start, job.recipe.stop)
-            # Without random access, use the first frames.
-            step = max(1, len(frames) // _MOST_SETS) if log.random_access else 1
-            sets = (frame.images for frame in log[frames.start : frames.stop : step])
-            tracker = job.recipe.make_tracker(job.recipe.model, rig, job.recipe.colors)
-            return lasting_remark(tracker, sets)
-    except (TrackerError, OSError):
-        return None
+    with suppress(TrackerError, OSError), open_log(job.log, recover=True) as log:
+        rig = rig_for(job, log)
+        frames = chosen(job.log, len(log), job.recipe.start, job.recipe.stop)
+        # Without random access, use the first frames.
+        step = max(1, len(frames) // _MOST_SETS) if log.random_access else 1
+        sets = (frame.images for frame in log[frames.start : frames.stop : step])
+        tracker = job.recipe.make_tracker(job.recipe.model, rig, job.recipe.colors)
+        return lasting_remark(tracker, sets)
+    return None
 
 
 def swap_message(order: Sequence[int], names: Sequence[str]) -> str:
