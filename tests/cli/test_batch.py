@@ -167,25 +167,17 @@ def test_a_scheduler_that_does_not_answer_is_named(address, recordings, tmp_path
     assert not list(tmp_path.rglob("*.poses.h5"))
 
 
-def test_what_is_submitted_again_counts_neither_as_done_nor_as_failed(tmp_path, run_here, monkeypatch):
+def test_what_is_submitted_again_is_neither_done_nor_failed_and_has_no_row(tmp_path, run_here, monkeypatch):
     monkeypatch.setattr("tracker.cli.batch.processes", lambda _: engine(1))
     monkeypatch.setattr("tracker.batch.jobs.subprocess.run", lambda *_, **__: CompletedProcess([], 0, "7"))
     for name in ("0", "1", "2"):
         write_log(tmp_path / "in" / name, 2)
     (tmp_path / "in" / "2" / "camera_data.dat").write_bytes(b"damaged")
-    base = run_on(tmp_path / "in", tmp_path / "out")
-    run_here(*base)
+    base, table = run_on(tmp_path / "in", tmp_path / "out"), tmp_path / "out" / "summary.csv"
+    run_here(*base, "--csv")
     os.utime(tmp_path / "in" / "1" / "camera60.yml", (0, 0))
     for option, counts in [("--dry-run", (1, 2, 0)), ("-q", (0, 1, 2))]:
         well(run_here(*base, "--slurm", option))
         numbers = json.loads(run_here("batch", "status", tmp_path / "out", "--json").stdout)
         assert (numbers["failed"], numbers["done"], numbers["missing"]) == counts
-
-
-def test_the_table_has_no_rows_of_what_is_submitted_again(recordings, tmp_path, run_here, monkeypatch):
-    monkeypatch.setattr("tracker.cli.batch.processes", lambda _: engine(1))
-    monkeypatch.setattr("tracker.batch.jobs.subprocess.run", lambda *_, **__: CompletedProcess([], 0, "7"))
-    table = tmp_path / "summary.csv"
-    for more, rows in ((("--csv",), COUNT), (("--to", 4, "--slurm"), 0)):
-        well(run_here(*run_on(recordings, tmp_path, "-q", *more)))
-        assert len(table.read_text(encoding="utf-8").splitlines()) == 1 + rows
+        assert len(table.read_text(encoding="utf-8").splitlines()) == 1 + counts[1]

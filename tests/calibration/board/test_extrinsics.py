@@ -161,19 +161,12 @@ def test_a_lens_of_another_camera_is_named(change, pairs, words):
         place_cameras(wrong, views(7, pairs), GIVEN)
 
 
-def test_a_corner_that_is_elsewhere_is_dropped():
-    seen = views(9)
-    seen[0, 0].pixels[3] += (5, 5)
+@pytest.mark.parametrize(("pairs", "off"), [(ALL, {3: (5, 5)}), (ALONE, {3: (20, 20), 11: (-2, 2)})])
+def test_corners_that_are_elsewhere_are_dropped_and_none_that_is_far_away_hides_another(pairs, off):
+    seen = views(9, pairs)
+    seen[0, 0].pixels[[*off]] += [*off.values()]
     placed = place_cameras(lenses(), seen, GIVEN)
-    assert len(placed.sightings[0, 0]) == len(seen[0, 0]) - 1
-    assert placed.rms(0) < 0.2
-
-
-def test_a_corner_that_is_far_away_does_not_hide_another():
-    seen = views(9, ALONE)
-    seen[0, 0].pixels[[3, 11]] += [(20, 20), (-2, 2)]
-    placed = place_cameras(lenses(), seen, GIVEN)
-    assert len(placed.sightings[0, 0]) == len(seen[0, 0]) - 2
+    assert len(placed.sightings[0, 0]) == len(seen[0, 0]) - len(off)
     assert placed.rms(0) < 0.2
 
 
