@@ -20,7 +20,6 @@ import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +30,7 @@ from tracker.batch.run import Batch, Task, Work
 from tracker.calibration.files import pattern_of, robots_in
 from tracker.checks import optional
 from tracker.conventions import Array
-from tracker.errors import CalibrationError, LogError, TrackerError, install
+from tracker.errors import CalibrationError, LogError
 from tracker.files import parquet_file, told_as, whole_file, write_whole
 from tracker.geometry import cuboid
 from tracker.logs.datasets import CONTROL_RATE, Episode, StoreSteps, is_store, read_steps
@@ -71,8 +70,7 @@ class Retracking(Batch):
             TrackerError: a store is damaged or does not state the robots, one of these has no calibration, a
                 package is missing, or results would be inside of a store.
         """
-        if find_spec("pyarrow") is None:
-            raise TrackerError(f"tables of image stores need the package pyarrow: {install('cluster')}")
+        optional("pyarrow", "cluster", "a table of image stores")
         options = options.absolute()
         known = robots_in(Path(options.calibration[0]))
         if robot is not None and robot not in known:
