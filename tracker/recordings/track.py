@@ -41,9 +41,6 @@ from tracker.version import version
 _OTHERS = "batch/", "cli/", "color_learning/", "calibration/board/", "calibration/by_object/", "live/", "viz/"
 """Parts of the package that affect neither poses nor what is summed up of them."""
 
-MakeTracker = Callable[[CuboidModel, CameraRig, ColorModel], Any]
-"""Makes a tracker with `update` and `reset` like ObjectTracker's; must be picklable by name."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
@@ -59,7 +56,8 @@ class Reading:
     """Number of the frame after the last one to track; None: the recording's end."""
     recover: bool = False
     """Whether to skip damaged parts of a recording."""
-    make_tracker: MakeTracker = ObjectTracker
+    make_tracker: Callable[[CuboidModel, CameraRig, ColorModel], Any] = ObjectTracker
+    """Makes a tracker with `update` and `reset` like ObjectTracker's; must be picklable by name."""
 
     def __post_init__(self) -> None:
         for name, number in (("start", self.start), ("stop", 0 if self.stop is None else self.stop)):
