@@ -14,12 +14,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from tracker.checks import Frozen, float_rows, is_whole
+from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.geometry import so3
@@ -180,7 +181,7 @@ class Camera(Frozen):
         in_camera = self._in_camera(points_world)
         in_camera[in_camera[:, 2] <= 0] = np.nan
         normalized = in_camera[:, :2] / in_camera[:, 2:]
-        distorted, lens = distort(normalized, self.distortion)
+        distorted, lens = distort(normalized, Distortion.of(self.distortion))
         perspective = np.zeros((len(in_camera), 2, 3))
         perspective[:, 0, 0] = perspective[:, 1, 1] = 1
         perspective[:, :, 2] = -normalized
@@ -213,7 +214,7 @@ class Camera(Frozen):
         """
         focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
         target = (float_rows(pixels, 2, f"{self.name}: pixels", CalibrationError) - center) / focal
-        return undistort(target, self.distortion)
+        return undistort(target, Distortion.of(self.distortion))
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Return unit directions (N, 3) in the world of the rays from the camera through pixels (N, 2)."""
@@ -270,16 +271,27 @@ def check_rotation(matrix: Array, most: float, what: str, fault: type[TrackerErr
     return deviation
 
 
-def all_coefficients(coefficients: FloatArray) -> FloatArray:
-    """Return all 14 coefficients, with 0 for those not given."""
-    result = np.zeros(COUNTS[-1])
-    result[: len(coefficients)] = coefficients
-    return result
+class Distortion(NamedTuple):
+    """The distortion of a lens."""
+
+    coefficients: FloatArray
+    """(14,) all coefficients, 0 for those not given."""
+    tilt: FloatArray
+    """(3, 3) homography of the tilted sensor."""
+    plain: bool
+    """Whether only the first five coefficients are not 0."""
+
+    @classmethod
+    def of(cls, coefficients: FloatArray) -> Distortion:
+        """Return the lens with these coefficients."""
+        every = np.zeros(COUNTS[-1])
+        every[: len(coefficients)] = coefficients
+        return cls(every, tilt(every), not every[5:].any())
 
 
 def tilt(coefficients: FloatArray) -> FloatArray:
-    """Return the homography (3, 3) from distorted coordinates to the tilted sensor; identity if untilted."""
-    angles = all_coefficients(coefficients)[12:]
+    """Return the homography (3, 3) from distorted coordinates to the tilted sensor, of (14,) coefficients."""
+    angles = coefficients[12:]
     (sx, sy), (cx, cy) = np.sin(angles), np.cos(angles)
     about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
     about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
@@ -288,45 +300,49 @@ def tilt(coefficients: FloatArray) -> FloatArray:
     return np.asarray(np.array([[c, 0, -a], [0, c, -b], [0, 0, 1]]) @ turned)
 
 
-def distort(normalized: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
+@compiled
+def bent(lens, a, b):  # type: ignore[no-untyped-def]
+    """Distort (a, b); return (u, v, ua, ub, va, vb), coordinates and derivatives.
+
+    lens: with the fields of Distortion.
+    """
+    k, tilt, s = lens.coefficients, lens.tilt, a * a + b * b
+    radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
+    slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
+    if not lens.plain:
+        below = 1.0 + s * (k[5] + s * (k[6] + s * k[7]))
+        radial /= below
+        slope = (slope - radial * (k[5] + s * (2.0 * k[6] + s * 3.0 * k[7]))) / below
+    x = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
+    y = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
+    mixed = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
+    xa = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a
+    yb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a
+    if lens.plain:
+        return x, y, xa, mixed, mixed, yb
+    prism_x, prism_y = 2.0 * (k[8] + 2.0 * s * k[9]), 2.0 * (k[10] + 2.0 * s * k[11])
+    x, y = x + s * (k[8] + s * k[9]), y + s * (k[10] + s * k[11])
+    xa, xb, ya, yb = xa + prism_x * a, mixed + prism_x * b, mixed + prism_y * a, yb + prism_y * b
+    w = 1.0 / (tilt[2, 0] * x + tilt[2, 1] * y + tilt[2, 2])
+    u = (tilt[0, 0] * x + tilt[0, 1] * y + tilt[0, 2]) * w
+    v = (tilt[1, 0] * x + tilt[1, 1] * y + tilt[1, 2]) * w
+    ux, uy = (tilt[0, 0] - u * tilt[2, 0]) * w, (tilt[0, 1] - u * tilt[2, 1]) * w
+    vx, vy = (tilt[1, 0] - v * tilt[2, 0]) * w, (tilt[1, 1] - v * tilt[2, 1]) * w
+    return u, v, ux * xa + uy * ya, ux * xb + uy * yb, vx * xa + vy * ya, vx * xb + vy * yb
+
+
+def distort(normalized: FloatArray, lens: Distortion) -> tuple[FloatArray, FloatArray]:
     """Return distorted coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2)."""
-    k1, k2, p1, p2, k3 = coefficients[:5]
-    x, y = normalized[:, 0], normalized[:, 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial/dx = x · slope
-    if len(coefficients) > 5:
-        k4, k5, k6 = coefficients[5:8]
-        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        radial = radial / below
-        slope = (slope - radial * 2 * (k4 + r2 * (2 * k5 + r2 * 3 * k6))) / below
-    bent = np.empty_like(normalized)
-    bent[:, 0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    bent[:, 1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    derivative = np.empty((len(normalized), 2, 2))
-    derivative[:, 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
-    derivative[:, 1, 1] = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
-    derivative[:, 0, 1] = derivative[:, 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
-    if len(coefficients) > 8:
-        s1, s2, s3, s4 = coefficients[8:12]
-        bent += np.stack([r2 * (s1 + r2 * s2), r2 * (s3 + r2 * s4)], axis=1)
-        along = 2 * np.stack([s1 + 2 * r2 * s2, s3 + 2 * r2 * s4], axis=1)
-        derivative += along[:, :, None] * normalized[:, None, :]
-    if len(coefficients) > 12:
-        homography = tilt(coefficients)
-        seen = bent @ homography[:, :2].T + homography[:, 2]
-        bent = seen[:, :2] / seen[:, 2:]
-        rows = homography[:2, :2] - bent[:, :, None] * homography[2, :2]
-        derivative = (rows / seen[:, 2, None, None]) @ derivative
-    return bent, derivative
+    u, v, *derivatives = bent.py_func(lens, *normalized.T)
+    return np.stack([u, v], axis=1), np.stack(derivatives, axis=1).reshape(-1, 2, 2)
 
 
-def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
+def undistort(target: FloatArray, lens: Distortion) -> FloatArray:
     """Invert `distort` for targets (N, 2) by Newton's method; NaN if it finds no solution before the fold."""
     solution, tolerance = target.copy(), 1e-12
     with np.errstate(all="ignore"):  # diverging rows become NaN
         for _ in range(30):
-            value, slope = distort(solution, coefficients)
+            value, slope = distort(solution, lens)
             error = value - target
             (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
             determinant = a * d - b * c
@@ -336,7 +352,7 @@ def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
                 break
         good = (np.abs(error).max(axis=1) < 100 * tolerance) & (determinant > 0) & (a + d > 0)
         for share in np.linspace(0.05, 0.95, 19):  # Newton's method may leap over the fold
-            _, slope = distort(share * solution, coefficients)
+            _, slope = distort(share * solution, lens)
             (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
             good &= a * d > b * c
     solution[~good] = np.nan

@@ -7,7 +7,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array
 from tracker.geometry import so3
-from tracker.geometry.camera import VIEW, Camera, all_coefficients, tilt
+from tracker.geometry.camera import VIEW, Camera, Distortion, bent
 from tracker.geometry.cuboid import CORNER_SIGNS
 from tracker.geometry.linear import product
 
@@ -18,7 +18,7 @@ LENS = np.dtype(
         ("position", np.float64, (3,)),  # the camera's centre in the world [m]
         ("focal", np.float64, (2,)),  # fx, fy [px]
         ("center", np.float64, (2,)),  # cx, cy [px]
-        ("distortion", np.float64, (14,)),  # all coefficients, 0 for those not given
+        ("coefficients", np.float64, (14,)),  # all coefficients, 0 for those not given
         ("tilt", np.float64, (3, 3)),  # homography of the tilted sensor
         ("plain", np.bool_),  # whether only the first five coefficients are not 0
         ("limit", np.float64),  # squared tangent beyond which distortion may fold points back into the image
@@ -38,40 +38,10 @@ def stack_lenses(cameras: Sequence[Camera]) -> Array:
         lens["position"] = camera.position
         lens["focal"] = camera.matrix[0, 0], camera.matrix[1, 1]
         lens["center"] = camera.matrix[0, 2], camera.matrix[1, 2]
-        lens["distortion"] = all_coefficients(camera.distortion)
-        lens["tilt"] = tilt(camera.distortion)
-        lens["plain"] = not lens["distortion"][5:].any()
+        lens["coefficients"], lens["tilt"], lens["plain"] = Distortion.of(camera.distortion)
         lens["limit"] = (VIEW * camera.largest_tangent) ** 2
         lens["width"], lens["height"] = camera.width, camera.height
     return lenses
-
-
-@compiled
-def bent(lens, a, b):  # type: ignore[no-untyped-def]
-    """Distort (a, b); return (u, v, ua, ub, va, vb), coordinates and derivatives."""
-    k, tilt, s = lens.distortion, lens.tilt, a * a + b * b
-    radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
-    slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
-    if not lens.plain:
-        below = 1.0 + s * (k[5] + s * (k[6] + s * k[7]))
-        radial /= below
-        slope = (slope - radial * (k[5] + s * (2.0 * k[6] + s * 3.0 * k[7]))) / below
-    x = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
-    y = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
-    mixed = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
-    xa = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a
-    yb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a
-    if lens.plain:
-        return x, y, xa, mixed, mixed, yb
-    prism_x, prism_y = 2.0 * (k[8] + 2.0 * s * k[9]), 2.0 * (k[10] + 2.0 * s * k[11])
-    x, y = x + s * (k[8] + s * k[9]), y + s * (k[10] + s * k[11])
-    xa, xb, ya, yb = xa + prism_x * a, mixed + prism_x * b, mixed + prism_y * a, yb + prism_y * b
-    w = 1.0 / (tilt[2, 0] * x + tilt[2, 1] * y + tilt[2, 2])
-    u = (tilt[0, 0] * x + tilt[0, 1] * y + tilt[0, 2]) * w
-    v = (tilt[1, 0] * x + tilt[1, 1] * y + tilt[1, 2]) * w
-    ux, uy = (tilt[0, 0] - u * tilt[2, 0]) * w, (tilt[0, 1] - u * tilt[2, 1]) * w
-    vx, vy = (tilt[1, 0] - v * tilt[2, 0]) * w, (tilt[1, 1] - v * tilt[2, 1]) * w
-    return u, v, ux * xa + uy * ya, ux * xb + uy * yb, vx * xa + vy * ya, vx * xb + vy * yb
 
 
 @compiled

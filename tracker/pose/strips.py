@@ -10,8 +10,9 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
+from tracker.geometry.camera import bent
 from tracker.geometry.cuboid import CORNER_SIGNS, EDGES
-from tracker.geometry.lens import bent, face_heights, project_corners
+from tracker.geometry.lens import face_heights, project_corners
 from tracker.segmentation.light import CLIPPED
 
 PIECES = 24
