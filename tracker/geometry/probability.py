@@ -30,27 +30,15 @@ _SPHERE = _directions(1200)
 
 
 @compiled
-def _largest(covariance, first):  # type: ignore[no-untyped-def]
-    """Upper bound of the largest eigenvalue of the block (3, 3) that begins at row and column `first`.
-
-    It follows from the mean and the spread of the eigenvalues: H. Wolkowicz and G. Styan, "Bounds for
-    eigenvalues using traces", Linear Algebra and its Applications 29, 1980.
-    """
-    mean, squares = 0.0, 0.0
-    for i in range(first, first + 3):
-        mean += covariance[i, i] / 3.0
-        for j in range(first, first + 3):
-            squares += covariance[i, j] ** 2
-    return mean + math.sqrt(max(2.0 * (squares / 3.0 - mean**2), 0.0))
-
-
-@compiled
 def mass_within(covariance, near, turned, directions):  # type: ignore[no-untyped-def]
     """Return the probability of `probability_within`, compiled."""
     lower = np.zeros((6, 6))
     if not factorise(covariance, lower):
         return 0.0
-    if min(near**2 / _largest(covariance, 0), turned**2 / _largest(covariance, 3)) > CERTAIN:
+    # The trace bounds the largest eigenvalue.
+    place = covariance[0, 0] + covariance[1, 1] + covariance[2, 2]
+    turn = covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
+    if min(near**2 / place, turned**2 / turn) > CERTAIN:
         return 1.0
     # Along a direction the error grows linearly: find how far it stays within both limits.
     count, total = directions.shape[1], 0.0

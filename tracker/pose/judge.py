@@ -117,19 +117,14 @@ def settled(fit: Fit) -> bool:
 @_once
 def refusal(fit: Fit) -> Status | None:
     """Why the fit is refused; None: it is accepted."""
-    variances = fit.covariance.diagonal().tolist()
-    if not math.isfinite(sum(variances)):
+    if not math.isfinite(fit.covariance.trace()):
         return Status.POOR_FIT
     if not fit.inside:
         # A single camera may mistake an occluder's edges for the object's and put it too far away.
         return Status.AMBIGUOUS if alone(fit) else Status.INCONSISTENT_VIEWS
     if trust(fit) < MIN_TRUST:
         return against(fit)
-    # Markov's inequality shows most poses to be accurate enough.
-    far = sum(variances[:3]) / VAGUE[0] ** 2 + sum(variances[3:]) / VAGUE[1] ** 2
-    if far < 1.0 - MIN_DEFINITE or probability_within(fit.covariance, *VAGUE) >= MIN_DEFINITE:
-        return None
-    return Status.AMBIGUOUS
+    return None if probability_within(fit.covariance, *VAGUE) >= MIN_DEFINITE else Status.AMBIGUOUS
 
 
 def against(fit: Fit) -> Status:
