@@ -7,7 +7,6 @@ from tests.helpers.pushed_cube import DT, bits, has_seen, honest, near, play, po
 from tracker.errors import ImageError, TrackerError
 from tracker.pipeline import Status
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.hypotheses import Search
 from tracker.pose.refiner import Refiner
 from tracker.pose.views import Reader
 from tracker.tracking.belief import Belief
@@ -58,7 +57,6 @@ def test_what_is_refused_changes_nothing_and_does_not_count_as_first(rig, short,
 INSIDE = {
     "light": (Reader, "lit"),
     "labels": (Reader, "labelled"),
-    "window": (Search, "window"),
     "refine": (Refiner, "__call__"),
     "advance": (Belief, "advance"),
     "plausible": (Belief, "plausible"),
@@ -66,7 +64,7 @@ INSIDE = {
     "estimate": (Belief, "estimate"),
     "search": (PoseEstimator, "find"),
 }
-ALWAYS = ("light", "labels", "window", "refine", "advance", "see", "estimate")
+ALWAYS = ("light", "labels", "refine", "advance", "see", "estimate")
 """What every update of an object that is tracked goes through."""
 
 

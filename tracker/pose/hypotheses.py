@@ -9,13 +9,11 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.lens import stack_lenses
 from tracker.objects.model import Box
 from tracker.pose.align import IMPOSSIBLE, count_labels, try_hypotheses
 from tracker.pose.evidence import NUMBERS, resized
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.rotations import likely_rotations, rotation_grid
-from tracker.pose.scale import window
 from tracker.pose.views import Reader, Sight
 from tracker.pose.votes import PositionSearch
 
@@ -40,9 +38,6 @@ SAME_POSITION, SAME_ROTATION = 0.12, 0.15
 
 SUNK = 2e-3
 """How far another body may reach below the table, or below the pose if that is lower [m]."""
-
-WINDOW_RIM = 12.0
-"""Margin around the expected object, which may have moved differently [px of the label map]."""
 
 
 class Round(NamedTuple):
@@ -89,17 +84,11 @@ class Search:
     """Search for an object in label maps alone, in images that `reader` reads; no memory."""
 
     def __init__(self, box: Box, rig: CameraRig, reader: Reader) -> None:
-        small = reader.label_cameras(rig)
-        self.lenses = stack_lenses(small)
-        self.positions = PositionSearch(small, box, rig.arena)
+        self.lenses = reader.lenses
+        self.positions = PositionSearch(reader.label_cameras(rig), box, rig.arena)
         self.grid, self.faces = rotation_grid(), (box.half, box.face_labels)
-        self._radius, self._still = box.radius, np.zeros((len(small), 6))
+        self._radius, self._still = box.radius, np.zeros((len(rig), 6))
         self._box, self._table = box, -math.inf if rig.arena.table is None else rig.arena.table
-
-    def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
-        """Left, top, right, bottom of the object's surroundings at a position, in camera c's label map."""
-        left, top, right, bottom = window(self.lenses, c, position, self._radius, WINDOW_RIM)
-        return left, top, right, bottom
 
     def counted(
         self, sight: Sight, rotation: FloatArray, position: FloatArray, shifts: FloatArray | None = None

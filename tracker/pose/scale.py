@@ -25,6 +25,9 @@ THIN = 4.2
 """Largest size of a box relative to a narrow edge: label maps and strips that suit the longest edge of a more
 slender one would be coarser and wider than its narrow faces."""
 
+WINDOW_RIM = 12.0
+"""Margin around the expected object, which may have moved differently [px of the label map]."""
+
 
 @compiled
 def extent(half, narrow):  # type: ignore[no-untyped-def]
@@ -77,13 +80,13 @@ def label_camera(camera: Camera, factor: int) -> Camera:
 
 
 @compiled
-def window(lenses, c, position, radius, rim):  # type: ignore[no-untyped-def]
-    """Return left, top, right, bottom around an object of a radius [m] at (3,) [m], plus `rim` pixels."""
+def window(lenses, c, position, radius):  # type: ignore[no-untyped-def]
+    """Return left, top, right, bottom around an object of a radius [m] that is expected at (3,) [m]."""
     width, height = lenses[c].width, lenses[c].height
     u, v, z = project(lenses, c, position[0], position[1], position[2])
     if z < 2.0 * radius:
         return 0, 0, width, height
-    reach = 1.3 * radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + rim
+    reach = 1.3 * radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + WINDOW_RIM
     left, top = clamped(u - reach, width), clamped(v - reach, height)
     right, bottom = clamped(u + reach + 1.0, width), clamped(v + reach + 1.0, height)
     return left, top, right, bottom

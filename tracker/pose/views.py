@@ -15,11 +15,12 @@ from numba.extending import intrinsic
 
 from tracker.calibration.rig import CameraRig
 from tracker.compiled import compiled
-from tracker.conventions import Array, Image
+from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
+from tracker.geometry.lens import stack_lenses
 from tracker.objects.labels import UNKNOWN
 from tracker.objects.model import Box
-from tracker.pose.scale import label_camera, label_factors
+from tracker.pose.scale import label_camera, label_factors, window
 from tracker.segmentation.color_model import ColorModel, fill_channels
 from tracker.segmentation.labels import label_of
 from tracker.segmentation.light import evened_level, fill_light, unveiled
@@ -159,17 +160,18 @@ def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-u
 
 
 @compiled(counted=True)  # frees what the functions that it calls return
-def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: ignore[no-untyped-def]
-    """Fill labels (C, h, w) in a window of camera c's image, each from by × by pixels; count face colours.
+def fill_labels(image, calm, by, table, lenses, around, pictures, c, labels):  # type: ignore[no-untyped-def]
+    """Fill labels (C, h, w) of camera c's image around a place, each from by × by pixels; count face colours.
 
     See equation (2) of docs/how-it-works.md.
-    image (H, W, 3); calm: the same, filtered if it is noisy; table (64³,): labels of colours; window: left,
-    top, right, bottom [px of the label map]; elsewhere labels stay as they are.
+    image (H, W, 3); calm: the same, filtered if it is noisy; table (64³,): labels of colours; lenses
+    (C,): of the label maps; around: position (3,) and radius [m]; elsewhere labels stay as they are.
     """
-    picture, (left, top, right, bottom) = pictures[c], window
+    picture, bounds = pictures[c], window(lenses, c, around[0], around[1])
+    left, top, right, bottom = bounds
     picture.mosaic = find_mosaic(image)
     slopes = _light_slopes(picture, image.shape[1] // by, image.shape[0] // by)
-    near = _near_color(calm, picture, by, table, window, slopes)
+    near = _near_color(calm, picture, by, table, bounds, slopes)
     # A little more than 1 / area, so that whole numbers are not rounded down.
     area, share, count = by * by, (1.0 + 1e-9) / (by * by), 0
     for j in range(top, bottom):
@@ -201,7 +203,8 @@ class Reader:
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel) -> None:
         self.colors, self.factors = colors, label_factors(rig.cameras, box, rig.arena)
-        small = self.label_cameras(rig)
+        small, self._radius = self.label_cameras(rig), box.radius
+        self.lenses = stack_lenses(small)
         self.shape = len(small), max(c.height for c in small), max(c.width for c in small)
 
     def label_cameras(self, rig: CameraRig) -> list[Camera]:
@@ -251,7 +254,7 @@ class Reader:
         self,
         images: Sequence[Image | None],
         pictures: Array,
-        windows: Sequence[Any] | None = None,
+        around: FloatArray | None = None,
         hidden: Hidden = None,
         shaded: bool = False,
     ) -> Sight:
@@ -260,19 +263,18 @@ class Reader:
         Args:
             images: of the cameras.
             pictures: from `lit`; the number of face-coloured pixels is filled in.
-            windows: left, top, right, bottom [px of the label map], outside which labels are background;
-                None: everywhere.
+            around: position (3,) [m]; labels away from it are background. None: all are read.
             hidden: masks of pixels whose labels become UNKNOWN and whose edges are ignored.
             shaded: whether to read colours as those of faces in shade.
         """
         labels = np.zeros(self.shape, np.uint8)
+        place = (np.zeros(3), math.inf) if around is None else (around, self._radius)
         table = self.colors.shade_table if shaded else self.colors.label_table
         for c, image in enumerate(images):
             if image is not None:
                 by = self.factors[c]
-                window = (0, 0, image.shape[1] // by, image.shape[0] // by) if windows is None else windows[c]
                 calm = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if pictures["loud"][c] else image
-                fill_labels(image, calm, by, table, window, pictures, c, labels)
+                fill_labels(image, calm, by, table, self.lenses, place, pictures, c, labels)
                 if hidden is not None and (mask := hidden[c]) is not None:
                     pictures["colored"][c] -= _hide(labels[c], mask, by)
                     pictures["hidden"][c] = mask.__array_interface__["data"][0]

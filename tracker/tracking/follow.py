@@ -201,9 +201,8 @@ class Follower:
         """Find the object at its prediction or near it; return the fit, else None, and the new state."""
         laps, estimator = [time.perf_counter()], self._estimator
         cameras, fresh = looked_at(memory.cameras, images)
-        windows = [estimator.search.window(c, expected.position) for c in range(len(images))]
         pictures = estimator.reader.lit(images, memory.lights, fresh, as_they_are=memory.as_they_are)
-        sight = estimator.reader.labelled(images, pictures, windows, hidden, memory.shaded)
+        sight = estimator.reader.labelled(images, pictures, expected.position, hidden, memory.shaded)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
         place = expected.rotation, expected.position
