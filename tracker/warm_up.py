@@ -26,7 +26,6 @@ from tracker.geometry.camera import Camera
 from tracker.geometry.probability import probability_within
 from tracker.objects.model import Box, load_object
 from tracker.pose.agreement import disagreement
-from tracker.pose.align import explanation_score
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.evidence import NUMBERS, judge
 from tracker.pose.fit import Fit, OwnViews
@@ -41,7 +40,7 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
-KERNELS = 22
+KERNELS = 21
 """Number of machine code files that compilation produces."""
 
 _THRESHOLDS = (100_000, 50, 100)
@@ -205,7 +204,6 @@ def use_others() -> None:
     first = estimator.search.begun(sight, _POSITION, range(1))[0]
     estimator.search.near(sight, [(first.rotation, first.position)])
     seen = estimator.search.counted(sight, np.eye(3), _POSITION)
-    explanation_score(seen, sight.pictures)
     # Fits are judged by the refinement, which takes long enough without these two.
     estimator.search.resized(sight, Fit(_POSITION, np.eye(3), np.eye(6), seen, converged=True))
     maps, faces = estimator.search.lenses, estimator.search.faces

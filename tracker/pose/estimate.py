@@ -12,7 +12,6 @@ from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
 from tracker.objects.model import Box
 from tracker.pose.agreement import disagreement
-from tracker.pose.align import explanation_score
 from tracker.pose.fit import Fit, Lag, OwnViews
 from tracker.pose.hypotheses import ENOUGH, EVERYWHERE, LIKELIEST, NEARBY, TURNS, Hypothesis, Search, apart
 from tracker.pose.judge import EXPECTED, alone, confidence, rank, refusal, settled, supporters, well_placed
@@ -170,8 +169,8 @@ class PoseEstimator:
         """
         chosen: list[Hypothesis] = []
         known: list[Fit | Hypothesis] = [*before]
-        explained = (explanation_score(fit.cameras, sight.pictures) for fit in before)
-        least = CLOSE * max(explained, default=0.0)
+        explained = self.search.near(sight, [(fit.rotation, fit.position) for fit in before], still=True)
+        least = CLOSE * max((one.score for one in explained), default=0.0)
         several = len(sight.used) > 1
         for one in hypotheses:
             if len(chosen) == COMPETING or (one.score < least and several):
@@ -228,7 +227,7 @@ class PoseEstimator:
         poses += [(other, position) for other in turned_about_face(rotation, position, half, camera)]
         if not poses:
             return []
-        least = RIVAL * explanation_score(self.search.counted(sight, rotation, position), sight.pictures)
+        least = RIVAL * self.search.near(sight, [(rotation, position)], still=True)[0].score
         others = [one for one in self.search.near(sight, poses, still=True) if one.score > least][:REFINED]
         return [self._fitted(sight, one._replace(left_out=fit.left_out), SCHEDULE, lag) for one in others]
 
