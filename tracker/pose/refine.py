@@ -226,6 +226,7 @@ def _move(solution, cameras, radius):  # type: ignore[no-untyped-def]
     part = np.empty(6)
     for i in range(6):
         part[i] = change[i] * share
+        solution.moved[i] += part[i]
     apply_update(solution.rotation, solution.position, part)
     for i in range(6, solution.size):
         solution.shared[i] += change[i] * share
@@ -244,21 +245,12 @@ def _move(solution, cameras, radius):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _length(rotation, position, solution):  # type: ignore[no-untyped-def]
-    """Squared length of the motion from a pose to that of the solution [standard deviations]."""
-    moved, size = np.empty(6), 0.0
-    for i in range(3):
-        moved[i] = solution.position[i] - position[i]
-        # A small rotation: half the antisymmetric part of R Rᵀ.
-        a, b = (i + 1) % 3, (i + 2) % 3
-        moved[3 + i] = 0.0
-        for k in range(3):
-            moved[3 + i] += 0.5 * (
-                solution.rotation[b, k] * rotation[a, k] - solution.rotation[a, k] * rotation[b, k]
-            )
+def _length(solution):  # type: ignore[no-untyped-def]
+    """Squared length of the motion since the offsets were measured [standard deviations]."""
+    size = 0.0
     for i in range(6):
         for k in range(6):
-            size += moved[i] * solution.known[i, k] * moved[k]
+            size += solution.moved[i] * solution.known[i, k] * solution.moved[k]
     return size
 
 
@@ -297,12 +289,11 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
     doubtful = begin(model, pictures, solution, cameras, start)
     radius = math.sqrt(model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2)
     share, stated, step, stray, late = 1.0, 1.0, 0, True, False
-    rotation, position = np.empty((3, 3)), np.empty(3)
     while step < len(schedule.blur) and not solution.converged:
         if stray:
             _lay_strips(model, solution, cameras, schedule, step, work)
-        copy_pose(solution.rotation, solution.position, rotation, position)
         _measure_all(model, pictures, cameras, schedule, step, work)
+        solution.moved[:] = 0.0
         scatter = _estimate_blurs(solution, cameras, start.blur, work, seen)
         if not schedule.moves:
             step, stray = step + 1, False
@@ -320,7 +311,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
                 return
             own_changes(solution, cameras)
             _move(solution, cameras, radius)
-        solution.converged = late and _length(rotation, position, solution) < schedule.negligible[step]
+        solution.converged = late and _length(solution) < schedule.negligible[step]
         step += 1
         stray = rough or (not solution.converged and _moved_out(cameras, work))
         if solution.converged:

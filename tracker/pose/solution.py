@@ -64,6 +64,7 @@ SOLUTION = np.dtype(
         ("known", np.float64, (MOVING, MOVING)),  # posterior information, all else marginalised
         ("lower", np.float64, (MOVING, MOVING)),  # its Cholesky factor
         ("change", np.float64, (MOVING,)),  # update of the shared unknowns
+        ("moved", np.float64, (6,)),  # motion of the pose since the offsets were measured [m, rad]
         ("columns", np.float64, (MOVING, ROWS)),  # their effect on the table's residuals, and …
         ("less", np.float64, (ROWS, ROWS)),  # … the reduction of their covariance by these
         ("covariance", np.float64, (6, 6)),  # of the pose [m, rad]
