@@ -8,7 +8,7 @@ from tests.helpers import RIG, make_rig, random_rotations
 from tests.helpers.filmed import shots
 from tests.helpers.moving_cube import PLACES, carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.check import check
-from tracker.calibration.by_object.edges import OWN, Contour, seen_motion
+from tracker.calibration.by_object.edges import Contour, seen_motion
 from tracker.calibration.by_object.refine import (
     LEAST_STD,
     Unknowns,
@@ -26,6 +26,7 @@ from tracker.geometry import so3
 from tracker.logs.frame import LogFrame
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.logs.log import Log, Source
+from tracker.pose.refine import EXPECTED_WEAR
 
 TRUE = make_rig()
 RIM = 0.2e-3, 0.3e-3
@@ -45,7 +46,7 @@ class World:
         self.normals = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         self.edges = rng.integers(0, 9, size)
         self.rims = rng.uniform(-600, -200, size)
-        common = rng.normal(0, OWN, (*size[:2], 9))
+        common = rng.normal(0, EXPECTED_WEAR, (*size[:2], 9))
         white = rng.normal(0, 0.1, size)
         self.noise = noise * (white + np.take_along_axis(common, self.edges, axis=2))
 
@@ -154,8 +155,8 @@ def test_edges_that_are_off_as_a_whole_make_the_cameras_less_certain(rng):
     common = rng.normal(0, 0.2, (*world.edges.shape[:2], 9))
     world.noise = world.noise + np.take_along_axis(common, world.edges, axis=2)
     _, worn = adjusted(world, TRUE, steps=3, rim=known)
-    assert worn.own == pytest.approx(0.2**2 + OWN**2, rel=0.3)
-    assert sharp.own == pytest.approx(OWN**2, rel=0.5)
+    assert worn.own == pytest.approx(0.2**2 + EXPECTED_WEAR**2, rel=0.3)
+    assert sharp.own == pytest.approx(EXPECTED_WEAR**2, rel=0.5)
     spreads = [np.trace(relative_covariance(one.covariance)[0]) for one in (worn, sharp)]
     assert spreads[0] > spreads[1]
 

@@ -20,7 +20,7 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.objects.model import Box, CuboidModel
 from tracker.pose.fit import Fit, Start
-from tracker.pose.refine import EXPONENT_STD
+from tracker.pose.refine import EXPECTED_WEAR, EXPONENT_STD
 from tracker.pose.refiner import Refiner
 from tracker.pose.schedule import FOLLOWING
 from tracker.pose.sizes import FOOT_STD
@@ -73,13 +73,10 @@ class Contour:
         return total
 
 
-OWN = 0.05
-"""Standard deviation of the offset that all pieces of an edge share [px]."""
-
 FAR = 2.0
 """Offset beyond which a piece is assumed to be an edge of something else [px]."""
 
-_VAGUE = np.diag(np.repeat([1e-2, 3e-1], 3) ** -2.0)
+VAGUE = np.diag(np.repeat([2e-2, 3e-1], 3) ** -2.0)
 """Weak prior information (6, 6), for directions that no camera observes [1/m², 1/rad²]."""
 
 
@@ -93,7 +90,7 @@ def seen_motion(position: FloatArray) -> FloatArray:
 def pose_information(contour: Contour, rim_std: float) -> FloatArray:
     """Return a camera's information (6, 6) on a pose, with exponent and rim marginalised [1/m², 1/rad²]."""
     columns = np.column_stack([contour.jacobian, contour.bloom, contour.rim])
-    found = contour.information(columns, (np.abs(contour.offset) < FAR).astype(float), OWN**2)
+    found = contour.information(columns, (np.abs(contour.offset) < FAR).astype(float), EXPECTED_WEAR**2)
     other = found[6:, 6:] + np.diag([EXPONENT_STD**-2, rim_std**-2])
     return found[:6, :6] - found[:6, 6:] @ np.linalg.solve(other, found[6:, :6])
 
@@ -114,8 +111,8 @@ def pose_errors(
         kept = np.linalg.inv(np.eye(6) + found @ feigned)
         inner.append(kept @ found @ kept.T)
         weights.append(kept @ found)
-    total = np.linalg.inv(sum(weights) + _VAGUE)
-    own = total @ (sum(inner) + _VAGUE) @ total.T
+    total = np.linalg.inv(sum(weights) + VAGUE)
+    own = total @ (sum(inner) + VAGUE) @ total.T
     return own, np.stack([total @ weight @ motion for weight in weights], axis=1)
 
 

@@ -16,6 +16,7 @@ from tracker.calibration.by_object.edges import seen_motion
 from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
+from tracker.pose.agreement import ACROSS, ALONG, ROLL, TILT
 
 OFTEN = 3
 """Smallest number of places of looks to call a camera moved; in a single one, an occlusion may resemble a
@@ -30,10 +31,6 @@ other cameras agree that well, a camera that disagrees with them has moved."""
 
 LOOSE = 0.03, 0.09
 """Prior standard deviations at the object of a camera that may have moved [m, rad]."""
-
-ACROSS, ALONG, TILT, ROLL = 3e-4, 4e-3, 8e-3, 3e-3
-"""Standard deviations of errors of a single view that are not due to calibration: across and along the line
-of sight, relative to the distance; and about axes across and along the line of sight [rad]."""
 
 SAME, PLACE = 20.0, 8e-3
 """Number of places beyond which the errors of a camera's view no longer average out, and distance up to which

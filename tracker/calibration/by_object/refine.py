@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from tracker.calibration.by_object.edges import OWN, Contour, EdgeReader, Frame, seen_motion
+from tracker.calibration.by_object.edges import FAR, VAGUE, Contour, EdgeReader, Frame, seen_motion
 from tracker.calibration.by_object.sightings import (
     LEAST,
     UNSEEN,
@@ -42,7 +42,9 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
-from tracker.pose.refine import EXPONENT_STD
+from tracker.pose.fit import LIKELY
+from tracker.pose.refine import EXPECTED_WEAR, EXPONENT_STD
+from tracker.pose.solve import GAUSSIAN, TUKEY
 from tracker.segmentation.color_model import ColorModel
 
 EXTRINSIC, EXPONENT, FOCAL = slice(0, 6), 6, slice(7, 10)
@@ -55,19 +57,13 @@ LEAST_STD = 2e-3, np.radians(0.3)
 FOCAL_STD, CENTER_STD = 5e-3, 0.01
 """Standard deviations of the logarithm of the focal length, and of the principal point [image widths]."""
 
-LIKELY_EXPONENT = 0.3
-"""Expected exponent of the response, minus 1."""
-
 EDGES_STD = 4e-5
 """Smallest standard deviation of the offset common to the edges of all frames, due to shading and shadows, as
 a width of the rim [m]. Like the rim's uncertainty (worn edges look different from sharp ones), it does not
 average out over frames, and resembles cameras that are all farther away or nearer."""
 
-TUKEY, LEAST_LIMIT = 4.685, 0.4
-"""Residual at which a piece's weight is zero [robust standard deviations], and its smallest value [px]."""
-
-_HELD = np.diag(np.repeat([2e-2, 3e-1], 3) ** -2.0)
-"""Weak prior information (6, 6), for directions of a pose that no camera observes [1/m², 1/rad²]."""
+LEAST_LIMIT = 0.4
+"""Smallest residual at which a piece's weight is zero [px]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +76,7 @@ class Unknowns:
     rim: float
     """Width of the object's rim [m]."""
     information: FloatArray
-    """Prior information (C, 10, 10) on the errors; the prior mean of the exponents is LIKELY_EXPONENT."""
+    """Prior information (C, 10, 10) on the errors; the prior mean of the exponents is that of LIKELY."""
     likely_rim: tuple[float, float]
     """Prior mean of the rim's width, and its standard deviation [m]."""
 
@@ -88,7 +84,7 @@ class Unknowns:
     def of(cls, cameras: Sequence[Camera], rim: tuple[float, float], *, focal: bool) -> Unknowns:
         """Return the prior from `rim` and what cameras state; `focal`: whether lenses are unknown."""
         errors = np.zeros((len(cameras), 10))
-        errors[:, EXPONENT] = LIKELY_EXPONENT
+        errors[:, EXPONENT] = LIKELY.exponent
         information = np.zeros((len(cameras), 10, 10))
         for one, camera in zip(information, cameras, strict=True):
             one[EXTRINSIC, EXTRINSIC] = calibration_covariance(camera, -1)
@@ -139,14 +135,15 @@ def solve(views: Sequence[tuple[FloatArray, Sequence[Contour | None]]], now: Unk
         ]
         for _, contours in views
     ]
-    scatter = 1.4826 * float(np.median(np.abs(np.concatenate([left for view in seen for *_, left in view]))))
+    every = np.concatenate([left for view in seen for *_, left in view])
+    scatter = GAUSSIAN * float(np.median(np.abs(every)))
     limit = max(LEAST_LIMIT, TUKEY * scatter)
     own = _own_variance(seen, limit)
     rest, right = _prior(now)
     poses = []
     for (position, _), view in zip(views, seen, strict=True):
         # D (6, 6), E (6, size) and g (6,) of the frame's pose.
-        held, joint, force = _HELD.copy(), np.zeros((6, size)), np.zeros(6)
+        held, joint, force = VAGUE.copy(), np.zeros((6, size)), np.zeros(6)
         motion = seen_motion(position)
         for c, contour, left in view:
             moves = contour.jacobian  # columns of the pose, of the camera (to the lens), rim and residual
@@ -209,13 +206,13 @@ def _own_variance(seen: Sequence[Sequence[tuple[int, Contour, FloatArray]]], lim
             means = np.bincount(contour.edge, weights * left, 12)[shown] / known[shown]
             total += float((means**2 - 1.0 / known[shown]).sum())
             count += len(means)
-    return max(OWN**2, total / max(count, 1.0))
+    return max(EXPECTED_WEAR**2, total / max(count, 1.0))
 
 
 def _prior(now: Unknowns) -> tuple[FloatArray, FloatArray]:
     """Return the prior's information (n, n) and right-hand side (n,) on all cameras in turn, then the rim."""
     off = now.errors.copy()
-    off[:, EXPONENT] -= LIKELY_EXPONENT
+    off[:, EXPONENT] -= LIKELY.exponent
     pulls = [-information @ one for information, one in zip(now.information, off, strict=True)]
     rim, std = now.likely_rim
     return block_diag(*now.information, std**-2.0), np.append(pulls, (rim - now.rim) / std**2)
@@ -283,9 +280,6 @@ REFINE_CONFIDENCE = 0.15
 JUDGED, GAIN = 3, 0.05
 """One in this many frames is held out to judge cameras fitted to the others, and the share by which its
 offsets must decrease."""
-
-MISSED = 2.0
-"""Value to which larger offsets are clipped when cameras are judged [px of an object of reference size]."""
 
 FLOOR = 0.15e-3, np.radians(0.04)
 """Standard deviations added to those of the result, for errors of the lens and edge models [m, rad]."""
@@ -407,13 +401,13 @@ def _lens_std(camera: Camera, covariance: FloatArray) -> FloatArray:
 
 
 def misfit(edges: EdgeReader, frames: Sequence[Frame]) -> float:
-    """Return the root mean square offset [px at reference size] of edges at the poses that fit best."""
+    """Return the root mean square offset, at most FAR, of edges at the poses that fit best."""
     squares, count = 0.0, 0
     for frame in frames:
         fit, found = edges.fitted(frame)
         for one in found:
             if one is not None:
                 left = one.offset - one.bloom * fit.end.exponent - one.rim * fit.end.rim
-                squares += float(np.minimum(left**2, MISSED**2).sum())
+                squares += float(np.minimum(left**2, FAR**2).sum())
                 count += len(left)
     return float(np.sqrt(squares / max(count, 1)))
