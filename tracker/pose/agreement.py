@@ -14,6 +14,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise, substitute
+from tracker.pose.refine import PRIOR
 
 SCALES = np.array([1e-4, 2e-4, 4e-4, 7e-4, 1.2e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.7e-2, 3e-2])
 """Candidate standard deviations, along each axis, of the object's displacement in the cameras' views [m]."""
@@ -64,7 +65,7 @@ def disagreement(views, lenses, position, radius):  # type: ignore[no-untyped-de
         joint[:, :], pull[:], total = 0.0, 0.0, 0.0
         for i in range(6):
             # Constrains directions that no camera sees.
-            joint[i, i] = 3.0 / radius**2 if i < 3 else 10.0
+            joint[i, i] = PRIOR[0] / radius**2 if i < 3 else PRIOR[1]
         for c in range(len(information)):
             known = information[c]
             if known[0, 0] <= 0.0:

@@ -4,6 +4,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.linear import solve_positive
+from tracker.objects.model import RIM_STD
 from tracker.pose.fit import SEEN
 from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
 from tracker.pose.solve import DEVIATION_STD, accumulate, residual, robust_std, shown, with_edges
@@ -14,16 +15,12 @@ ALONE_ROUNDS = 5
 ALONE_LIMIT = 0.5
 """Smallest residual at which a weight reaches zero in later iterations [px]."""
 
-ALONE_RIM_STD = 4e-4
-"""Standard deviation of the rim in a single view [m]: light and wear differ from side to side, and what looks
-like a rim moves the object along the line of sight."""
-
 
 @compiled
 def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
     """Fill out (6, 6): information on the pose, exponent and rim marginalised, from that on all (8, 8)."""
     a, b, d = matrix[EXPONENT, EXPONENT], matrix[EXPONENT, RIM], matrix[RIM, RIM]
-    a, d = a + 1.0 / DEVIATION_STD**2, d + 1.0 / ALONE_RIM_STD**2
+    a, d = a + 1.0 / DEVIATION_STD**2, d + 1.0 / RIM_STD**2
     determinant = a * d - b * b
     for i in range(6):
         e, r = matrix[i, EXPONENT], matrix[i, RIM]
@@ -51,7 +48,8 @@ def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
     counted = np.zeros(1, SEEN)
     for i in range(6):
         hold[i] = solution.prior[i, i]
-    hold[EXPONENT], hold[RIM] = 1.0 / DEVIATION_STD**2, 1.0 / ALONE_RIM_STD**2
+    # The rim that the images share does not count: light and wear differ from side to side.
+    hold[EXPONENT], hold[RIM] = 1.0 / DEVIATION_STD**2, 1.0 / RIM_STD**2
     for c in range(len(cameras)):
         camera = cameras[c]
         information[c, :, :], moved[c, :], inliers[c] = 0.0, 0.0, 0.0
