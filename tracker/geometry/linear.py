@@ -44,6 +44,15 @@ def substitute(lower, vector, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def invert(lower, out):  # type: ignore[no-untyped-def]
+    """Set out (n, n) = (lower · lowerᵀ)⁻¹."""
+    out[:, :] = 0.0
+    for k in range(len(lower)):
+        out[k, k] = 1.0
+        substitute(lower, out[:, k], out[:, k])
+
+
+@compiled
 def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
     """Set out (n,) = matrix⁻¹ vector for a positive definite matrix (n, n); only its lower half is read.
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.lens import apply_update, copy_pose, may_see
-from tracker.geometry.linear import factorise, median, substitute
+from tracker.geometry.linear import factorise, invert, median
 from tracker.pose.edge_fit import measure
 from tracker.pose.fit import LIKELY
 from tracker.pose.own_view import see_alone
@@ -83,14 +83,9 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
     solution.prior[EXPONENT, EXPONENT] = 1.0 / EXPONENT_STD**2
     solution.prior[RIM, RIM] = 1.0 / start.rim_std**2
     if solution.size == MOVING:
-        lower, column = np.zeros((6, 6)), np.empty(6)
+        lower = np.zeros((6, 6))
         factorise(solution.velocity, lower)
-        for k in range(6):
-            for i in range(6):
-                column[i] = 1.0 if i == k else 0.0
-            substitute(lower, column, column)
-            for i in range(6):
-                solution.prior[UNKNOWNS + i, UNKNOWNS + k] = column[i]
+        invert(lower, solution.prior[UNKNOWNS:, UNKNOWNS:])
     solution.covariance[:, :] = np.nan
     solution.shared[EXPONENT], solution.shared[RIM] = start.exponent, start.rim
     solution.own, doubtful = EXPECTED_WEAR**2, False

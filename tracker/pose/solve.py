@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.geometry.linear import factorise, median, substitute
+from tracker.geometry.linear import congruence, factorise, invert, median
 from tracker.pose.solution import EXPONENT, KNOWN, OWN, PULL, RIM, ROW, UNKNOWNS
 
 FLOOR = 0.06
@@ -328,19 +328,14 @@ def marginal(solution):  # type: ignore[no-untyped-def]
     See equation (19) of docs/how-it-works.md.
     """
     n = solution.size
-    lower, column = np.zeros((n, n)), np.empty(n)
+    lower, inverse = np.zeros((n, n)), np.empty((n, n))
     if not factorise(solution.known, lower):
         return False
-    for k in range(6):
-        column[:] = 0.0
-        column[k] = 1.0
-        substitute(lower, column, column)
-        for i in range(k, 6):
-            solution.covariance[i, k] = solution.covariance[k, i] = column[i]
-    column[:] = 0.0
-    column[RIM] = 1.0
-    substitute(lower, column, column)
-    solution.rim = column[RIM]
+    invert(lower, inverse)
+    for i in range(6):
+        for k in range(i + 1):
+            solution.covariance[i, k] = solution.covariance[k, i] = inverse[i, k]
+    solution.rim = inverse[RIM, RIM]
     return True
 
 
@@ -354,17 +349,11 @@ def offset_weights(calibration, position, out):  # type: ignore[no-untyped-def]
     and δp = Rᵀδt + δθ × position. calibration (6, 6) is the inverse of
     `calibration.deviations.calibration_covariance`.
     """
-    back = np.eye(6)
-    x, y, z = position[0], position[1], position[2]
-    back[0, 4], back[0, 5], back[1, 3] = -z, y, z
-    back[1, 5], back[2, 3], back[2, 4] = -x, -y, x
-    for i in range(6):
-        for j in range(6):
-            total = 0.0
-            for k in range(6):
-                for m in range(6):
-                    total += back[k, i] * calibration[k, m] * back[m, j]
-            out[i, j] = total
+    back, x, y, z = np.eye(6), position[0], position[1], position[2]
+    back[4, 0], back[5, 0], back[3, 1] = -z, y, z
+    back[5, 1], back[3, 2], back[4, 2] = -x, -y, x
+    out[:, :] = 0.0
+    congruence(back, calibration, out)
 
 
 @compiled

@@ -9,7 +9,7 @@ from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.arena import Arena
 from tracker.geometry.cuboid import EDGES
-from tracker.geometry.linear import factorise, substitute
+from tracker.geometry.linear import factorise, invert, substitute
 from tracker.pose.solution import ROWS
 
 FLAT = np.array(
@@ -125,26 +125,22 @@ def _way(rows, spread, noise, value, weights, force):  # type: ignore[no-untyped
 
     Filled: weights (5, 5), the covariance's inverse, and force (5,), weights · value.
     """
-    n = rows[1] - rows[0]
-    matrix, lower, column = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    (first, last), n = rows, rows[1] - rows[0]
+    matrix, lower = np.empty((n, n)), np.empty((n, n))
     weights[:, :], force[:] = 0.0, 0.0
     for i in range(n):
         for k in range(n):
-            matrix[i, k] = spread[rows[0] + i, rows[0] + k]
+            matrix[i, k] = spread[first + i, first + k]
         matrix[i, i] += noise[i]
     if not factorise(matrix, lower):
         return np.nan
     log = -0.5 * n * math.log(2 * math.pi)
-    for k in range(n):
-        log -= math.log(lower[k, k])
-        column[:] = 0.0
-        column[k] = 1.0
-        substitute(lower, column, column)
-        for i in range(n):
-            weights[rows[0] + i, rows[0] + k] = column[i]
-            force[rows[0] + i] += column[i] * value[rows[0] + k]
+    invert(lower, weights[first:last, first:last])
     for i in range(n):
-        log -= 0.5 * value[rows[0] + i] * force[rows[0] + i]
+        log -= math.log(lower[i, i])
+        for k in range(first, last):
+            force[first + i] += weights[first + i, k] * value[k]
+        log -= 0.5 * value[first + i] * force[first + i]
     return log
 
 
