@@ -12,9 +12,6 @@ SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.0
 """Candidate shares of the stated calibration variance; above 1 the cameras disagree more than their files
 state."""
 
-STATED = SHARES.tolist().index(1.0)
-"""Index of the stated variance."""
-
 SHARES_PRIOR = np.array([0.02, 0.04, 0.06, 0.12, 0.28, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05])
 """Prior probability of each. Three cameras agree by chance far more often than files overstate errors; with
 more weight on small shares, generated scenes with errors of all kinds fall outside their covariances."""
@@ -48,9 +45,6 @@ ALIKE = 16.0, 0.8, 2.0
 n × (length of the mean of their viewing directions)² / third if that is above 1; n: number of cameras that
 show edges. Chosen on generated scenes, so that worn boxes lie within their covariances as sharp ones do."""
 
-NEGLIGIBLE = 12.0
-"""Twice the log odds by which a size may fall behind the best and still count."""
-
 
 @compiled
 def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: ignore[no-untyped-def]
@@ -71,21 +65,6 @@ def _mean(sizes, doubts):  # type: ignore[no-untyped-def]
         weights += weight
         mean += weight * sizes[w]
     return mean / weights
-
-
-@compiled
-def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
-    """Fill doubts (S,) of SHARES, with priors, from the stated one both ways until they do not count."""
-    doubts[:] = np.inf
-    least = np.inf
-    for way in (-1, 1):
-        k = STATED if way < 0 else STATED + 1
-        while 0 <= k < len(SHARES):
-            doubts[k] = solve(solution, cameras, SHARES[k]) - 2.0 * math.log(SHARES_PRIOR[k])
-            least = min(least, doubts[k])
-            if doubts[k] > least + NEGLIGIBLE:
-                break
-            k += way
 
 
 @compiled
@@ -128,7 +107,8 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
                 solution.own = _likely(solution, cameras, share, WEAR, WEAR_PRIOR, False, wears)
         if turn == 0 and several:
             with_edges(cameras, solution.feet, solution.own, solution.foot)
-            _likely_shares(solution, cameras, shares)
+            for k in range(len(SHARES)):
+                shares[k] = solve(solution, cameras, SHARES[k]) - 2.0 * math.log(SHARES_PRIOR[k])
             share = SHARES[smallest(shares)]
             if share == 1.0:
                 break
