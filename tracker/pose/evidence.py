@@ -35,9 +35,6 @@ MUCH_WORSE = -1.0
 LEAST_LACKING = 0.05
 """Pixels missing or beside the object, relative to those that show it, above which such rivals are tried."""
 
-CLEARLY_SHOWN = 20, 0.9
-"""Pixels of a face in a camera, and the share that shows it, above which the object certainly ends there."""
-
 NONE_PRIOR = 0.5
 """Probability that an unknown face has no colour; the seven other options are equally likely."""
 
@@ -303,16 +300,6 @@ def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-
 
 
 @compiled
-def _clearly_shown(seen, face, label):  # type: ignore[no-untyped-def]
-    """Whether a camera shows a face so clearly that no rival body ends elsewhere."""
-    for one in seen:
-        pixels = sum_from(one.faces[face], 0)
-        if pixels >= CLEARLY_SHOWN[0] and one.faces[face, label] >= CLEARLY_SHOWN[1] * pixels:
-            return True
-    return False
-
-
-@compiled
 def _lacks(seen, factor, share):  # type: ignore[no-untyped-def]
     """Whether so much is missing, or beside the object, that a body of another length is tried (RESIZED)."""
     total, most, agree = 0.0, 0.0, 0.0
@@ -349,7 +336,7 @@ def resized(lenses, labels, pictures, box, place, room, seen, numbers):  # type:
             axis, side = end // 2, 2.0 * (end % 2) - 1.0
             shift = side * half[axis] * (factor - 1.0)
             hopeless = 2.0 * shift * rotation[2, axis] > room if factor > 1.0 else last[end] < MUCH_WORSE
-            if hopeless or _clearly_shown(seen, end, face_labels[end]):
+            if hopeless:
                 continue
             for i in range(3):
                 changed[i] = half[i] * factor if i == axis else half[i]
