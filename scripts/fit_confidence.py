@@ -71,7 +71,7 @@ class Cases:
             self.labels.append(model.face_labels)
             odds, holds = near / (1 - near), fits(one) * one.inside
             weight = WEIGHTS.get(group, 1.0)
-            more = (one.evidence.resized - NUMBERS.resized) / NUMBERS.end
+            more = (one.resized - NUMBERS.resized) / NUMBERS.end
             votes = disputed(one)
             self.numbers.append((one.stands, more, odds, alone(one), votes, holds, good, weight, scene))
             self.group.append(group)
@@ -120,10 +120,7 @@ def collect(scenes: int) -> Cases:
             estimator, found, right = one._estimator, [], []
             sight = estimator.reader(images)
             for candidate in estimator.candidates(sight):
-                resized = estimator.search.resized(sight, candidate)
-                candidate = dataclasses.replace(
-                    candidate, evidence=candidate.evidence._replace(resized=resized)
-                )
+                candidate = candidate.changed(resized=estimator.search.resized(sight, candidate))
                 fit = estimator.examined(sight, candidate)
                 pose = PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, 0.0)
                 error = pose_errors(pose, truth)

@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 
 import tracker
@@ -20,8 +18,8 @@ def test_the_numbers_are_fitted_to_the_confidence_that_the_tracker_states():
         for given in (images, [images[0], images[2], images[1]]):
             sight, found = estimator.reader(given), []
             for fit in estimator.candidates(sight):
-                evidence = fit.evidence._replace(resized=estimator.search.resized(sight, fit))
-                found.append(estimator.examined(sight, dataclasses.replace(fit, evidence=evidence)))
+                fit = fit.changed(resized=estimator.search.resized(sight, fit))
+                found.append(estimator.examined(sight, fit))
             cases.add(found, [False] * len(found), one.model, "demo", frame)
             ranked = sorted(found, key=rank, reverse=True)
             radius = 0.5 * float(np.linalg.norm(one.model.size))

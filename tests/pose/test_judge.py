@@ -120,8 +120,9 @@ def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most_and_it
     assert judge.confidence(GOOD) == pytest.approx(judge.trust(GOOD) * judge.nearness(GOOD.covariance, False))
     assert judge.trust(dataclasses.replace(GOOD, lead=0.0)) == pytest.approx(0.5, abs=0.01)
     for odds in (1e3, 1e5):
-        for field in ("body", "nothing", "resized"):
-            other = dataclasses.replace(GOOD, evidence=GOOD.evidence._replace(**{field: odds}))
+        others = [{"evidence": GOOD.evidence._replace(**{key: odds})} for key in ("body", "nothing")]
+        for change in ({"resized": odds}, *others):
+            other = dataclasses.replace(GOOD, **change)
             assert judge.trust(other) < 1e-200
             assert judge.refusal(other) is not None
         assert judge.trust(dataclasses.replace(GOOD, lead=-odds)) < 1e-200

@@ -147,8 +147,7 @@ class PoseEstimator:
         reason = None
         # A pose outside the arena is refused, but if it outranks the best pose inside, that one is in doubt.
         for best in sorted(fits, key=lambda one: not one.inside):
-            evidence = best.evidence._replace(resized=self.search.resized(sight, best))
-            fit = best.changed(lead=lead(best, fits, self._radius), evidence=evidence)
+            fit = best.changed(lead=lead(best, fits, self._radius), resized=self.search.resized(sight, best))
             doubtful = fit.inside and not settled(fit)
             fit, shown = self._in_shade(sight, fit, lag) if doubtful else (fit, sight)
             refused = refusal(fit)
@@ -205,7 +204,7 @@ class PoseEstimator:
         against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
         left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
         other = self.refiner(
-            sight, fit.rotation, fit.position, FOLLOWING, fit.end, lag, fit.evidence.resized,
+            sight, fit.rotation, fit.position, FOLLOWING, fit.end, lag, fit.resized,
             left_out=left_out,
         )  # fmt: skip
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
@@ -215,8 +214,7 @@ class PoseEstimator:
         """Refit with colours read as those of faces in shade; return the likelier fit with its images."""
         dark = self.reader.labelled(sight.images, sight.pictures.copy(), hidden=sight.hidden, shaded=True)
         other = self.refiner(dark, fit.rotation, fit.position, FOLLOWING, fit.end, lag, left_out=fit.left_out)
-        evidence = other.evidence._replace(resized=self.search.resized(dark, other))
-        other = other.changed(lead=fit.lead, evidence=evidence)
+        other = other.changed(lead=fit.lead, resized=self.search.resized(dark, other))
         return (other, dark) if confidence(other) > confidence(fit) else (fit, sight)
 
     def _alike(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:

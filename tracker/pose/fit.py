@@ -102,8 +102,6 @@ class Evidence(NamedTuple):
     ahead: float
     """Log odds of the object over nothing, by which fits compete: pixels on outlines count, too, since they
     are the first to show that a pose is off."""
-    resized: float = -math.inf
-    """Log odds of a body with one edge shorter or longer; minus infinity if not computed."""
 
 
 UNHEARD = Evidence(math.inf, math.inf, -math.inf)
@@ -136,6 +134,8 @@ class Fit:
     """Whether the refinement's last step was negligible."""
     evidence: Evidence = UNHEARD
     """Evidence for and against it; until the label maps are counted, that there is nothing."""
+    resized: float = -math.inf
+    """Log odds of a body with one edge shorter or longer; minus infinity if not computed."""
     end: Start = LIKELY
     """Final values of the unknowns other than the pose."""
     inside: bool = True

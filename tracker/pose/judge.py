@@ -105,7 +105,7 @@ def disputed(fit: Fit) -> int:
 @_once
 def trust(fit: Fit) -> float:
     """Probability that the fit is the object, however accurate the pose is."""
-    others = -log_odds(fit), -fit.lead, fit.evidence.resized
+    others = -log_odds(fit), -fit.lead, fit.resized
     return 1.0 / (1.0 + sum(math.exp(min(one, MOST_ODDS)) for one in others) + disputed(fit))
 
 
@@ -129,7 +129,7 @@ def refusal(fit: Fit) -> Status | None:
 
 def against(fit: Fit) -> Status:
     """The strongest evidence against a fit."""
-    nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.evidence.resized)
+    nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.resized)
     if -fit.lead > max(body, nothing):
         return Status.AMBIGUOUS
     if body > nothing:

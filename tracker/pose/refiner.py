@@ -134,7 +134,7 @@ class Refiner:
             schedule: the steps; FOLLOWING suits a pose that is off by a few pixels.
             start: initial values of the other unknowns; None: the object's defaults.
             lag: how old the images are; None: all were taken at the same time.
-            resized: see Evidence, if known.
+            resized: see Fit, if known.
             left_out: cameras whose images do not move the pose, but are evidence for it or against it.
             ask: whether to estimate the pose that each camera sees by itself.
         """
@@ -159,7 +159,8 @@ class Refiner:
             covariance,
             seen,
             converged,
-            Evidence(body + SHADE if sight.shaded else body, nothing, ahead, resized),
+            Evidence(body + SHADE if sight.shaded else body, nothing, ahead),
+            resized,
             end=start,
             inside=self._arena.holds(position, lowest, std),
             stands=stands,

@@ -67,7 +67,7 @@ class Memory(NamedTuple):
 
     def after(self, found: Fit) -> Memory:
         """Return the state after a search everywhere; light of another kind is measured again."""
-        memory = self._replace(extra=lasting(found), resized=found.evidence.resized, shaded=found.shaded)
+        memory = self._replace(extra=lasting(found), resized=found.resized, shaded=found.shaded)
         if found.as_they_are == self.as_they_are:
             return memory
         return memory.without_light()._replace(as_they_are=found.as_they_are)
@@ -183,8 +183,7 @@ class Follower:
                 return near, memory
         found = self._estimator.find(images, timing, thorough=near is None, lag=lag, hidden=hidden)
         if near is not None and (isinstance(found, Status) or rank(found) <= rank(near)):
-            evidence = near.evidence._replace(resized=memory.resized)
-            found = near.changed(as_they_are=memory.as_they_are, evidence=evidence)
+            found = near.changed(as_they_are=memory.as_they_are, resized=memory.resized)
         if isinstance(found, Status):
             return found, memory._replace(extra=0.0)
         return found, memory.after(found)
