@@ -115,41 +115,30 @@ def _explained_behind(space, g, k, inside, outside, line, inner, outer):  # type
 
 
 @compiled
-def fit_colors(space, g, part, narrow):  # type: ignore[no-untyped-def]
-    """Solve for the colours inside and outside, without gradients, and fill space.color.
+def fit_blur(space, g, part):  # type: ignore[no-untyped-def]
+    """Return the evidence for a change of blur that colours and shift do not explain, and its weight.
 
-    See equation (11) of docs/how-it-works.md for the blur.
-    Return the reduction of the sum of squares by colours and shift, the evidence for a change of blur that
-    they do not explain, and its weight; the last two are zero for narrow surfaces.
+    See equation (11) of docs/how-it-works.md. There are no narrow surfaces.
     """
-    full, raw, mean = space.full, space.raw, space.mean
-    a, b, e = full[g, INSIDE, INSIDE], full[g, OUTSIDE, OUTSIDE], 1.0 / max(full[g, LINE, LINE], LEAST_PIVOT)
+    full, raw, wider, contrast = space.full, space.raw, 0.0, 0.0
     aw, bw, ew = full[g, INSIDE, BLUR], full[g, OUTSIDE, BLUR], full[g, LINE, BLUR]
+    a, b, e = full[g, INSIDE, INSIDE], full[g, OUTSIDE, OUTSIDE], 1.0 / max(full[g, LINE, LINE], LEAST_PIVOT)
     own = full[g, BLUR, BLUR] - aw * aw * a - bw * bw * b - ew * ew * e
-    total, wider, contrast = 0.0, 0.0, 0.0
+    if own <= 1e-3 * full[g, BLUR, BLUR]:
+        return 0.0, 0.0
     for k in range(g, g + part):
-        line = raw[LINE, k] * e
-        outside = (raw[OUTSIDE, k] - full[g, OUTSIDE, LINE] * line) * b
-        inside = (raw[INSIDE, k] - full[g, INSIDE, OUTSIDE] * outside - full[g, INSIDE, LINE] * line) * a
-        space.color[0, k], space.color[1, k] = inside, outside
-        total += raw[LINE, k] * line
-        total += _explained(full, raw, mean, g, k, INSIDE, inside)
-        total += _explained(full, raw, mean, g, k, OUTSIDE, outside)
-        if narrow:
-            total += _explained_behind(space, g, k, inside, outside, line, 0.0, 0.0)
-        off = raw[BLUR, k] - aw * a * raw[INSIDE, k] - bw * b * raw[OUTSIDE, k] - ew * line
-        wider -= (inside - outside) * off
-        contrast += (inside - outside) ** 2
-    if narrow or own <= 1e-3 * full[g, BLUR, BLUR]:
-        return total, 0.0, 0.0
-    return total, wider, contrast * own
+        off = raw[BLUR, k] - aw * a * raw[INSIDE, k] - bw * b * raw[OUTSIDE, k] - ew * e * raw[LINE, k]
+        difference = space.color[0, k] - space.color[1, k]
+        wider -= difference * off
+        contrast += difference**2
+    return wider, contrast * own
 
 
 @compiled
 def fit_edge(space, g, part, narrow, slopes, stiffness):  # type: ignore[no-untyped-def]
-    """Solve for the edge's shift together with gradients, on which `stiffness` is a prior.
+    """Solve for the edge's shift, with gradients if it has `slopes`, on which `stiffness` is a prior.
 
-    This is equation (9) of docs/how-it-works.md.
+    This is equation (9) of docs/how-it-works.md. The colours inside and outside are put into space.color.
     Return the reduction of the sum of squares, the information on the shift at a contrast of 1, and sums over
     channels: of the weight, of the weighted shift, and of the weighted bloom.
     """
@@ -185,6 +174,7 @@ def fit_edge(space, g, part, narrow, slopes, stiffness):  # type: ignore[no-unty
         total += _explained(full, raw, mean, g, k, OUTSIDE, outside)
         if narrow:
             total += _explained_behind(space, g, k, inside, outside, line, inner, outer)
+        space.color[0, k], space.color[1, k] = inside, outside
         difference = inside - outside
         weight += known * difference**2
         shift += known * difference * line
@@ -238,45 +228,49 @@ def _add_up(strip, at, narrow, slopes, pixels, space):  # type: ignore[no-untype
 
 
 @compiled
-def _place_edge(strip, at, count, surfaces, slopes, stiffness, space, found):  # type: ignore[no-untyped-def]
-    """Solve for offset, variance and bloom of an edge, gradients included.
+def _fit_parts(strip, parts, narrow, slopes, stiffness, space):  # type: ignore[no-untyped-def]
+    """Sum up `fit_edge` over the parts; return the squares left and what it returns, of the first known."""
+    left, weight, shift, lift, certain = strip.squares, 0.0, 0.0, 0.0, 0.0
+    for g in range(parts):
+        explained, known, one, two, three = fit_edge(space, g, 3 // parts, narrow, slopes, stiffness)
+        left, weight, shift, lift = left - explained, weight + one, shift + two, lift + three
+        if g == 0:
+            certain = known
+    return left, certain, weight, shift, lift
+
+
+@compiled
+def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[no-untyped-def]
+    """Measure the offset of one strip; at: parts, shift of the edge, reach, blur. See `measure`.
 
     See equation (10) of docs/how-it-works.md for offset and variance, and equation (12) of
     docs/how-it-works.md for bloom.
     """
     parts, _, reach, blur = at
-    left, weight, shift, lift, certain = strip.squares, 0.0, 0.0, 0.0, 0.0
-    for g in range(parts):
-        explained, known, one, two, three = fit_edge(space, g, 3 // parts, surfaces > 2, slopes, stiffness)
-        left, weight, shift, lift = left - explained, weight + one, shift + two, lift + three
-        if g == 0:
-            certain = known
-    weight = max(weight, MIN_CONTRAST**2 * certain)
-    found.offset = min(reach, max(-reach, shift / weight))
-    found.variance = _variance(left, count - 3 * (surfaces + (3 if slopes else 1))) / weight
-    found.bloom = _BLOOM * blur * lift / weight
-    found.usable = True
-
-
-@compiled
-def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[no-untyped-def]
-    """Measure the offset of one strip; at: parts, shift of the edge, reach, blur. See `measure`."""
-    parts, _, reach, blur = at
     part, seen, slopes = 3 // parts, reach + 1.5 * blur, strip.outside == 0
+    count = part * (strip.count[0] + strip.count[1] + strip.count[2])
     surfaces = 2 + int(strip.reach_in < seen) + int(strip.reach_out < seen)
-    _add_up(strip, at, surfaces > 2, slopes, pixels, space)
-    left, wider, sharpness, count = strip.squares, 0.0, 0.0, 0
-    for g in range(parts):
-        explained, one, two = fit_colors(space, g, part, surfaces > 2)
-        left, wider, sharpness = left - explained, wider + one, sharpness + two
-        count += strip.count[g] * part
+    narrow, unknowns, wider, sharpness = surfaces > 2, 3 * (surfaces + 1), 0.0, 0.0
+    _add_up(strip, at, narrow, slopes, pixels, space)
+    left, certain, weight, shift, lift = _fit_parts(strip, parts, narrow, False, 0.0, space)
     if not _is_of_face(strip, space.color, channels, table):
         return
-    variance = _variance(left, count - 3 * (surfaces + 1))
+    for g in range(0 if narrow else parts):
+        one, two = fit_blur(space, g, part)
+        wider, sharpness = wider + one, sharpness + two
+    variance = _variance(left, count - unknowns)
     found.sharpness = sharpness / variance
     found.wider = wider / sharpness
-    slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
-    _place_edge(strip, at, count, surfaces, slopes, variance / slope**2, space, found)
+    if slopes:
+        slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
+        stiffness, unknowns = variance / slope**2, unknowns + 6
+        left, certain, weight, shift, lift = _fit_parts(strip, parts, narrow, True, stiffness, space)
+        variance = _variance(left, count - unknowns)
+    weight = max(weight, MIN_CONTRAST**2 * certain)
+    found.offset = min(reach, max(-reach, shift / weight))
+    found.variance = variance / weight
+    found.bloom = _BLOOM * blur * lift / weight
+    found.usable = True
 
 
 @compiled
