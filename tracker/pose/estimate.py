@@ -25,9 +25,6 @@ from tracker.segmentation.color_model import ColorModel
 REFINED = 3
 """Maximum number of poses that are refined, and of those that look like the best of them."""
 
-MIN_COLORED = 20
-"""Minimum number of face-coloured pixels, over all label maps, to begin a search."""
-
 CLOSE = 0.85
 """A hypothesis is refined if it explains the label maps at least this well, relative to the best fit."""
 
@@ -100,7 +97,7 @@ class PoseEstimator:
         sight = self.reader.labelled(images, pictures, hidden=hidden)
         laps.append(time.perf_counter())
         found: Fit | Status = Status.NO_OBJECT_COLORS
-        if sum(sight.pictures["colored"].tolist()) >= MIN_COLORED:
+        if sum(sight.pictures["colored"].tolist()) >= EXPECTED:
             candidates = self.candidates(sight, thorough, lag)
             flooded = not candidates and self.search.positions.floods(sight.labels, sight.pictures)
             why = Status.OTHER_OBJECT if flooded else Status.TOO_FEW_PIXELS

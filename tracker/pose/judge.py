@@ -10,7 +10,8 @@ from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 
 EXPECTED = 20
-"""Minimum number of pixels that the object should fill in a camera's label map for the camera to count."""
+"""Minimum number of pixels that the object should fill in a camera's label map for the camera to count, and
+of pixels in its colours, over all label maps, to begin a search."""
 
 ASTRAY = 30, 0.15
 """A camera sees the object elsewhere if at least this many pixels in its colours, and this share of those

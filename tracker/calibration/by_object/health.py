@@ -17,7 +17,7 @@ from tracker.calibration.by_object.check import (
     look_of,
 )
 from tracker.calibration.by_object.looks import CameraErrors, Look
-from tracker.calibration.by_object.sightings import stays
+from tracker.calibration.by_object.sightings import LEVEL, stays
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
 from tracker.geometry.arena import Arena
@@ -44,9 +44,6 @@ def clipped_share(image: Image) -> float:
 
 MOST = 200
 """Largest number of frames to measure."""
-
-LEVEL = float(np.cos(np.radians(3.0)))
-"""Cosine of the largest angle between a face and z = 0 at which the object counts as resting on it."""
 
 OFTEN = 0.1
 """A quantity is reported if it is beyond its limits in more than this share of frames."""
@@ -240,6 +237,6 @@ def of_pictures(images: Sequence[Image | None]) -> dict[str, FloatArray]:
 def height_over_table(position: FloatArray, rotation: FloatArray, model: CuboidModel, arena: Arena) -> float:
     """Return the lowest point's height over the table [mm]; NaN without a table or if no face is level."""
     down = np.abs(rotation[2])
-    if arena.table is None or down.max() < LEVEL:
+    if arena.table is None or down.max() < np.cos(LEVEL):
         return float("nan")
     return float(1e3 * (position[2] - down @ (np.asarray(model.size) / 2) - arena.table))

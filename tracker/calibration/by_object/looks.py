@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.calibration.by_object.edges import seen_motion
+from tracker.calibration.by_object.sightings import APART
 from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
@@ -32,9 +33,9 @@ other cameras agree that well, a camera that disagrees with them has moved."""
 LOOSE = 0.03, 0.09
 """Prior standard deviations at the object of a camera that may have moved [m, rad]."""
 
-SAME, PLACE = 20.0, 8e-3
-"""Number of places beyond which the errors of a camera's view no longer average out, and distance up to which
-all corners of the object count as in the same place [m]."""
+SAME = 20.0
+"""Number of places beyond which the errors of a camera's view no longer average out. In one place, no corner
+of the object moves by more than APART."""
 
 MOVED = 8.0
 """Gain in log likelihood from which a camera counts as moved."""
@@ -100,7 +101,7 @@ class CameraErrors:
         )
         # Looks in one place count as one: the errors of a view are the same in all of them.
         ends = np.array([look.corners.ravel() for look in looks])
-        alike = np.array([np.sum(np.abs(ends - one).max(axis=1) < PLACE) for one in ends])
+        alike = np.array([np.sum(np.abs(ends - one).max(axis=1) < APART[0]) for one in ends])
         self.places = 1.0 / alike
         self.share = (min(1.0, SAME / self.places.sum()) * self.places)[:, None]
 

@@ -26,6 +26,7 @@ from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
+from tracker.pose.estimate import USED
 from tracker.segmentation.color_model import ColorModel
 
 FLOOR = 0.3e-3, np.radians(0.15)
@@ -216,8 +217,8 @@ def _refuse(weights: FloatArray, designs: FloatArray, center: tuple[float, float
 BROAD = 0.015, 0.05
 """Standard deviations of the table's height [m] and tilt [rad] before it is estimated."""
 
-TABLE_CONFIDENCE, PIECES = 0.5, 8
-"""Smallest confidence of a pose that is used, and number of edge pieces of a camera that sees the object."""
+TABLE_CONFIDENCE = 0.5
+"""Smallest confidence of a pose that is used."""
 
 
 def find_table(
@@ -266,7 +267,7 @@ def plane_of(edges: EdgeReader, seen: Sequence[Sighting]) -> TablePlane:
 def _rest(edges: EdgeReader, frame: Frame) -> Rest | None:
     """Refit the pose in one shot and return it with its errors; None if fewer than two cameras see edges."""
     fit, found = edges.fitted(frame)
-    if sum(one is not None and len(one.offset) >= PIECES for one in found) < 2:
+    if sum(one is not None and len(one.offset) >= USED for one in found) < 2:
         return None
     own, common = pose_errors(found, fit.position, edges.rig.cameras, edges.model.rim_std)
     return Rest(fit.position, fit.rotation, own, common) if np.isfinite(own).all() else None
