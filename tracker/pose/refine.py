@@ -230,11 +230,9 @@ def _move(solution, cameras, radius):  # type: ignore[no-untyped-def]
         camera.offset[EXPONENT] += camera.change[EXPONENT] * share
         for i in range(6):
             camera.offset[i] += camera.change[i] * share
-            moved = part[i] + camera.change[i] * share
-            if solution.size > UNKNOWNS:
-                lag = camera.delay * change[UNKNOWNS + i] * share
-                camera.lag[i] -= lag
-                moved -= lag
+            lag = camera.delay * change[UNKNOWNS + i] * share
+            camera.lag[i] -= lag
+            moved = part[i] + camera.change[i] * share - lag
             camera.motion[i] += moved
             camera.since[i] += moved
 

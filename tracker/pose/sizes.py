@@ -97,6 +97,9 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
     several, standing = doubtful and count > 1, sum_from(solution.feet, 0) > 0.0
     wears, feet, shares = np.empty(len(WEAR)), np.empty(len(FEET)), np.empty(len(SHARES))
     share = 1.0
+    for k in range(len(SHARES)):
+        shares[k] = -2.0 * math.log(SHARES_PRIOR[k])
+    # A single camera cannot tell how far it is off, and an exact calibration is not off.
     for turn in range(2 if several and ask else 1):
         if ask:
             solution.foot = 0.0
@@ -108,18 +111,11 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
         if turn == 0 and several:
             with_edges(cameras, solution.feet, solution.own, solution.foot)
             for k in range(len(SHARES)):
-                shares[k] = solve(solution, cameras, SHARES[k]) - 2.0 * math.log(SHARES_PRIOR[k])
+                shares[k] += solve(solution, cameras, SHARES[k])
             share = SHARES[smallest(shares)]
             if share == 1.0:
                 break
-    if not several:
-        # A single camera cannot tell how far it is off, and an exact calibration is not off.
-        with_edges(cameras, solution.feet, solution.own, solution.foot)
-        misfit = solve(solution, cameras, 1.0)
-        for k in range(len(SHARES)):
-            shares[k] = misfit - 2.0 * math.log(SHARES_PRIOR[k])
-    least = shares[smallest(shares)]
-    if not math.isfinite(least):
+    if not math.isfinite(shares[smallest(shares)]):
         return 1.0, 1.0
     if ask:
         weight = ALIKE[0] * (1.0 - ALIKE[1] / max(count, 1)) * max(1.0, alike / ALIKE[2]) ** 2

@@ -308,7 +308,7 @@ def own_changes(solution, cameras):  # type: ignore[no-untyped-def]
         camera = cameras[c]
         for k in range(UNKNOWNS):
             shared[k] = solution.change[k]
-            if k < 6 and solution.size > UNKNOWNS:
+            if k < 6:
                 shared[k] -= camera.delay * solution.change[UNKNOWNS + k]
         for i in range(OWN - 1, -1, -1):
             total = camera.change[i]

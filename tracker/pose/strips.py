@@ -118,7 +118,8 @@ def _begin_edge(lens, half, rotation, position, ends, edge):  # type: ignore[no-
 def _place_piece(lens, edge, share, outwards, strip):  # type: ignore[no-untyped-def]
     """Fill in pixel, normal and Jacobian of a piece with its middle at a share of the way along an edge.
 
-    edge: from `_begin_edge`; outwards: from `_outwards`; strip: its normal's sign is kept.
+    edge: from `_begin_edge`; outwards (3,): normal of the plane where the face's colour ends;
+    strip: its normal's sign is kept.
     """
     x, y = edge[0, 0] + share * edge[1, 0], edge[0, 1] + share * edge[1, 1]
     z = edge[0, 2] + share * edge[1, 2]
@@ -146,20 +147,6 @@ def _place_piece(lens, edge, share, outwards, strip):  # type: ignore[no-untyped
     strip.jacobian[4] = z * jx - x * jz
     strip.jacobian[5] = x * jy - y * jx
     strip.rim = -(jx * outwards[0] + jy * outwards[1] + jz * outwards[2])
-
-
-@compiled
-def _outwards(rotation, corner, one, other, out):  # type: ignore[no-untyped-def]
-    """Fill out (3,) with the mean normal, along world axes, of two faces that meet at a corner.
-
-    A face's colour ends a rim's width before its neighbour's plane. If both faces are visible, the edge is
-    midway between their borders.
-    """
-    for i in range(3):
-        out[i] = 0.5 * (
-            CORNER_SIGNS[corner, one // 2] * rotation[i, one // 2]
-            + CORNER_SIGNS[corner, other // 2] * rotation[i, other // 2]
-        )
 
 
 @compiled
@@ -194,7 +181,12 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
         )
         if -0.5 * (depth_a + depth_b) < MIN_FACE or 0.5 * (out_a + out_b) < MIN_FACE:
             continue
-        _outwards(rotation, a, neighbour, face if inner else neighbour, outwards)
+        # A face's colour ends a rim's width before its neighbour's plane. If both faces are visible, the edge
+        # is midway between their borders.
+        one, other = neighbour // 2, (face if inner else neighbour) // 2
+        for i in range(3):
+            outwards[i] = CORNER_SIGNS[a, one] * rotation[i, one]
+            outwards[i] = 0.5 * (outwards[i] + CORNER_SIGNS[a, other] * rotation[i, other])
         _begin_edge(lenses[c], half, rotation, position, (a, b), edge)
         n = max(1, int(min(usable / spacing + 0.5, PIECES)))
         first, step = margin / length, usable / (n * length)
