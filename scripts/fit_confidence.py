@@ -30,7 +30,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.probability import probability_within
 from tracker.objects.model import CuboidModel
-from tracker.pose.evidence import NUMBERS, Numbers, weighed
+from tracker.pose.evidence import NUMBERS, Numbers, weigh
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.hypotheses import apart
 from tracker.pose.judge import NEAR, SINGLE, alone, disputed, fits, rank
@@ -132,10 +132,11 @@ def collect(scenes: int) -> Cases:
 
 @compiled
 def weigh_all(seen, labels, stands, numbers, out):  # type: ignore[no-untyped-def]
-    """Compute the evidence (N, 5) of N fits, see `weighed`."""
+    """Compute the evidence (N, 5) of N fits: `weigh` from inner pixels; from all, the object over nothing."""
     for i in range(len(seen)):
-        here, body, shape, nothing, ahead = weighed(seen[i], labels[i], stands[i], numbers)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = here, body, shape, nothing, ahead
+        here, _, _, nothing = weigh(seen[i], labels[i], stands[i], numbers, False)
+        out[i, 4] = here - nothing
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = weigh(seen[i], labels[i], stands[i], numbers, True)
 
 
 class Model:

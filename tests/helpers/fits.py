@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.helpers.consistency import pose_error
 from tracker.objects.model import load_object
-from tracker.pose.evidence import NUMBERS, evidence_of, weighed
+from tracker.pose.evidence import NUMBERS, evidence_of
 from tracker.pose.fit import SEEN, Evidence, Fit
 
 COVARIANCE = np.diag(np.repeat(np.square([0.3e-3, math.radians(0.3)]), 3))
@@ -28,8 +28,7 @@ def with_cameras(fit, which=slice(None), **fields):
     # One face is in another's colour.
     faces[:, VISIBLE[0], LABELS[VISIBLE[1]]] += cameras["wrong"].astype(int)
     cameras["faces"] = cameras["inner"] = faces
-    logs = weighed(cameras, np.asarray(LABELS), fit.stands, NUMBERS)
-    evidence = Evidence(*evidence_of(logs, cameras, NUMBERS))
+    evidence = Evidence(*evidence_of(cameras, np.asarray(LABELS), fit.stands, NUMBERS))
     return dataclasses.replace(fit, cameras=cameras, evidence=evidence)
 
 

@@ -11,7 +11,7 @@ from tracker.geometry import so3
 from tracker.geometry.probability import probability_within
 from tracker.objects.model import Box
 from tracker.pose import judge, rivals
-from tracker.pose.evidence import NUMBERS, evidence_of, weighed
+from tracker.pose.evidence import NUMBERS, evidence_of
 from tracker.pose.rivals import SHOWN, lead, shifted_along, turned_about_face
 
 GOOD, ALONE = made_fit(), made_fit(cameras=1)
@@ -43,7 +43,7 @@ REFUSED = {
 def test_three_views_given_many_times_are_as_much_evidence_as_once(sure):
     cameras, labels = made_fit(sure=sure).cameras, np.array(LABELS)
     many = np.tile(cameras, 4)
-    one, four = (evidence_of(weighed(seen, labels, 0.0, NUMBERS), seen, NUMBERS) for seen in (cameras, many))
+    one, four = (evidence_of(seen, labels, 0.0, NUMBERS) for seen in (cameras, many))
     assert four == pytest.approx(one, rel=1e-6)
 
 

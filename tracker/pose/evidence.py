@@ -273,15 +273,6 @@ def weigh(seen, face_labels, stands, numbers, closer):  # type: ignore[no-untype
 
 
 @compiled
-def weighed(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
-    """Return `weigh` from pixels inside the faces; last, from all pixels, the object here over nothing."""
-    here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, False)
-    ahead = here - nothing
-    here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, True)
-    return here, body, shape, nothing, ahead
-
-
-@compiled
 def _seen_here(one, unknowns, face_labels, prices, numbers):  # type: ignore[no-untyped-def]
     """Log likelihood of one camera's record of SEEN if the object is there.
 
@@ -353,9 +344,11 @@ def resized(lenses, labels, pictures, box, place, room, seen, numbers):  # type:
 
 
 @compiled
-def evidence_of(logs, seen, numbers):  # type: ignore[no-untyped-def]
-    """Return the fields of Evidence that follow from the results of `weighed` for seen (C,) of SEEN."""
-    (here, body, shape, nothing, ahead), count = logs, 0
+def evidence_of(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
+    """Return the fields of Evidence; arguments are as in `weigh`."""
+    here, _, _, nothing = weigh(seen, face_labels, stands, numbers, False)
+    ahead, count = here - nothing, 0
+    here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, True)
     for one in seen:
         count += one.predicted > 0
     temper = numbers.temper * min(1.0, FULL_WEIGHT / max(count, 1))
@@ -377,4 +370,4 @@ def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  #
     for c in range(len(seen)):
         if pictures[c].used and not used[c].used:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
-    return evidence_of(weighed(seen, box[1], stands, numbers), seen, numbers)
+    return evidence_of(seen, box[1], stands, numbers)
