@@ -147,18 +147,14 @@ def spread(size: float, cameras: int) -> float:
     return (SHARED_SHARE * _averaging(cameras) * size) ** 2
 
 
-def _within(std: FloatArray) -> FloatArray:
-    """Probability that a vector, normal with deviations (S,) [m] per axis, is shorter than NEAR_DISTANCE."""
-    x = NEAR_DISTANCE / std
-    erf = np.array([math.erf(v / math.sqrt(2.0)) for v in x])
-    return np.asarray(erf - math.sqrt(2.0 / math.pi) * x * np.exp(-0.5 * x**2))
-
-
 @functools.lru_cache
 def _fits(cameras: int) -> list[float]:
+    """For each of SCALES the probability that the pose's error, normal along each axis, is small enough."""
     # Another platform's world frame is displaced for all cameras alike.
     whole = np.sqrt(_averaging(cameras) ** 2 + (SCALES / OTHERS) ** 2)
-    fits: list[float] = _within(SHARED_SHARE * SCALES * whole).tolist()
+    x = NEAR_DISTANCE / (SHARED_SHARE * SCALES * whole)
+    erf = np.array([math.erf(v / math.sqrt(2.0)) for v in x])
+    fits: list[float] = (erf - math.sqrt(2.0 / math.pi) * x * np.exp(-0.5 * x**2)).tolist()
     return fits
 
 

@@ -80,18 +80,6 @@ LIKELIEST_SHARE = 0.95
 
 
 @compiled
-def _difference(one, other, out):  # type: ignore[no-untyped-def]
-    """Set out (12,) to the error that turns the state of mode `other` into that of `one`."""
-    turned = np.empty((3, 3))
-    product(one.rotation, other.rotation.T, turned)
-    so3.log_into(turned, out[3:6])
-    for i in range(3):
-        out[i] = one.position[i] - other.position[i]
-    for i in range(6):
-        out[6 + i] = one.velocity[i] - other.velocity[i]
-
-
-@compiled
 def moved(position, rotation, velocity, error):  # type: ignore[no-untyped-def]
     """Move a state, in place, by an error (12,)."""
     apply_update(rotation, position, error)
@@ -102,9 +90,14 @@ def moved(position, rotation, velocity, error):  # type: ignore[no-untyped-def]
 @compiled
 def _spread(modes, weights, to, errors, mean):  # type: ignore[no-untyped-def]
     """Fill errors (M, 12) that turn mode `to` into each of M modes, and their mean (12,) by weights (M,)."""
-    mean[:] = 0.0
+    mean[:], turned = 0.0, np.empty((3, 3))
     for k in range(len(modes)):
-        _difference(modes[k], modes[to], errors[k])
+        product(modes[k].rotation, modes[to].rotation.T, turned)
+        so3.log_into(turned, errors[k, 3:6])
+        for i in range(3):
+            errors[k, i] = modes[k].position[i] - modes[to].position[i]
+        for i in range(6):
+            errors[k, 6 + i] = modes[k].velocity[i] - modes[to].velocity[i]
         for i in range(STATE):
             mean[i] += weights[k] * errors[k, i]
 
