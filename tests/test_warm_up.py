@@ -60,6 +60,15 @@ def test_once_a_tracker_is_made_no_image_has_anything_compiled_or_loaded():
     assert later == "[]"
 
 
+@pytest.mark.parametrize("command", ["doctor", "detect tracker/demo/000000 --object cube_v2"])
+def test_where_numba_may_not_compile_that_is_said_in_one_line(command, monkeypatch):
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    result = run_python(["-m", "tracker", *command.split()])
+    (line,) = result.stderr.splitlines()
+    assert result.returncode == 2
+    assert line.startswith("tracker: NUMBA_DISABLE_JIT: found it set")
+
+
 def test_compiled_quickly_a_kernel_gives_the_same_and_numba_is_left_as_it_was():
     def kernel(whole, real):
         return whole + whole, whole + real, whole / 2, real + 2
@@ -84,7 +93,8 @@ def test_a_terminal_shows_how_many_kernels_there_are_on_disk(packages, tmp_path,
             folder.mkdir(parents=True)
             for number in range(count):
                 (folder / f"{number}.nbc").touch()
-    monkeypatch.setattr(warm_up, "_folder", lambda: str(tmp_path / packages.format("pose") / "kernels-1"))
+    own = tmp_path / packages.format("pose") / "kernels-1"
+    monkeypatch.setattr(warm_up, "kernel_folder", lambda: str(own))
     monkeypatch.setattr(warm_up.sys, "stderr", Terminal())
     with warm_up._counted():
         until(lambda: f"compiled 5 of {warm_up.KERNELS} kernels" in warm_up.sys.stderr.getvalue())

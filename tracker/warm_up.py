@@ -17,10 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba.core import config
 from numba.core.types import BaseFunction
 
 from tracker.calibration.rig import CameraRig
 from tracker.compiled import is_cached
+from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.geometry.probability import probability_within
@@ -39,7 +41,6 @@ from tracker.tracking.motion import MotionFilter
 _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
-_SECONDS = 300
 KERNELS = 21
 """Number of machine code files that compilation produces."""
 
@@ -48,11 +49,14 @@ _THRESHOLDS = (100_000, 50, 100)
 
 
 def kernels_are_cached() -> bool:
-    """Whether compiled kernels are on disk, so that the first detection starts at once (best effort)."""
+    """Whether kernels are on disk (best effort); TrackerError if numba may not compile them."""
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        raise TrackerError("NUMBA_DISABLE_JIT: found it set, expected it unset: kernels must be compiled")
     return all(map(is_cached, (refine, so3.quaternion)))  # the last of each process
 
 
-def _folder() -> str | None:
+def kernel_folder() -> str | None:
+    """Return the folder of compiled kernels, if any can be written or holds them."""
     path: str | None = getattr(refine.stats, "cache_path", None)
     return path
 
@@ -62,7 +66,7 @@ def warm_up() -> None:
     if kernels_are_cached():
         return
     # Warnings reach standard error even if logging is not configured.
-    often = "once per machine" if _folder() else "which no folder can keep, see `tracker doctor`"
+    often = "once per machine" if kernel_folder() else "which no folder can keep, see `tracker doctor`"
     _LOG.warning("compiling kernels, %s (about half a minute) ...", often)
     with _alone(), quickly(), _counted():
         if kernels_are_cached():
@@ -71,7 +75,7 @@ def warm_up() -> None:
         use_others()
         if other is not None:
             with contextlib.suppress(subprocess.TimeoutExpired):
-                other.wait(timeout=_SECONDS)
+                other.wait(timeout=300)
         use_refinement()
 
 
@@ -86,7 +90,7 @@ def load() -> None:
 @contextlib.contextmanager
 def _alone() -> Iterator[None]:
     """Let one process at a time into the `with` block; without a cache folder, do not wait."""
-    folder = _folder()
+    folder = kernel_folder()
     with contextlib.ExitStack() as stack:
         if folder is not None:
             with contextlib.suppress(OSError):
@@ -99,7 +103,7 @@ def _alone() -> Iterator[None]:
 @contextlib.contextmanager
 def _counted() -> Iterator[None]:
     """Show on a terminal how many kernels are on disk, including those of the other process."""
-    folder = _folder()
+    folder = kernel_folder()
     if folder is None or sys.stderr is None or not sys.stderr.isatty():
         yield
         return
@@ -159,14 +163,13 @@ def quickly() -> Iterator[None]:
 
 def _begin() -> subprocess.Popen[bytes] | None:
     """Start a process that compiles `refine`; None if it cannot start, or has no folder for its results."""
-    if _folder() is None or not sys.executable:
+    if kernel_folder() is None or not sys.executable:
         return None
     run = "from tracker.warm_up import quickly, use_refinement\nwith quickly(): use_refinement()"
     quiet = subprocess.DEVNULL
-    try:
+    with contextlib.suppress(OSError):
         return subprocess.Popen(python_command(run), stdin=quiet, stdout=quiet, stderr=quiet)
-    except OSError:
-        return None
+    return None
 
 
 @functools.cache

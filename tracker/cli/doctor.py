@@ -119,10 +119,9 @@ def _version(name: str) -> str | None:
 
 def _cache() -> Finding:
     """Check the cache of compiled code; NUMBA_CACHE_DIR overrides its location."""
-    from tracker.pose.refine import refine
-    from tracker.warm_up import kernels_are_cached
+    from tracker.warm_up import kernel_folder, kernels_are_cached
 
-    folder, cached = getattr(refine.stats, "cache_path", None), kernels_are_cached()
+    cached, folder = kernels_are_cached(), kernel_folder()
     asked = os.environ.get("NUMBA_CACHE_DIR")
     if folder is None or not (cached or os.access(folder, os.W_OK)):
         places = f"neither NUMBA_CACHE_DIR={asked}" if asked else "neither the folder of the tracker"
