@@ -302,6 +302,13 @@ def test_copies_of_a_package_share_machine_code_where_a_folder_is_named(toy):
     assert kept(toy) == kept(toy / "elsewhere") == set()
 
 
+def test_python_without_docstrings_reads_the_machine_code_of_python_with_them(toy):
+    edit(toy, "outer.py", "    return", '    """Call another."""\n    _ = None\n    return')
+    assert in_new_process(toy, TOY) == [7.0, 0]
+    beside = "import numba\nnumba.config.CACHE_DIR = ''\n"
+    assert json.loads(run_python(["-OO", "-c", beside + TOY], toy, check=True).stdout) == [7.0, 1]
+
+
 def test_machine_code_of_others_is_read_where_none_can_be_kept_or_not_any_more(toy):
     read_only = """
 from numba.core import caching

@@ -27,11 +27,8 @@ _CREATING = {"array", "copy", "empty", "eye", "zeros"}
 """Names by which kernels create arrays; those that use other functions for that fail to compile."""
 
 _FOLDER = "kernels-"
-_OTHERS = 1
-"""Number of cache folders of other source versions to keep, so that switching versions does not recompile."""
-
-_OTHERS_SHARED = 8
-"""The same below NUMBA_CACHE_DIR, which all copies of a package share."""
+_OTHERS, _OTHERS_SHARED = 1, 8
+"""Number of other versions' cache folders to keep; the same below NUMBA_CACHE_DIR, which all copies share."""
 
 
 class _Uncounted(compiler.Compiler):
@@ -168,8 +165,7 @@ def _imported(text: str, own: dict[str, Path]) -> Iterator[Path]:
             continue
         place = own[first].joinpath(*rest)
         yield place.with_suffix(".py")
-        yield place / "__init__.py"
-        for name in re.findall(r"\w+", names):
+        for name in ("__init__", *re.findall(r"\w+", names)):
             yield place / f"{name}.py"
 
 
@@ -199,10 +195,8 @@ class _Locator(_CacheLocator):
     """Where numba caches a function: a folder for the current sources, inside numba's own choice."""
 
     def __init__(self, found: Any, function: Callable[..., Any]) -> None:
-        package = function.__module__.partition(".")[0]
-        alone = not hasattr(sys.modules[package], "__path__")
-        self._found = found
-        if alone:
+        self._found, package = found, function.__module__.partition(".")[0]
+        if not hasattr(sys.modules[package], "__path__"):
             # Functions compiled in a script may contain this package's kernels.
             self._stamp = f"{found.get_source_stamp()} {fingerprint(__name__.partition('.')[0])}"
             self._folder = str(found.get_cache_path())
@@ -264,6 +258,11 @@ class _Implementation(CompileResultCacheImpl):
 
 class _Cache(FunctionCache):
     _impl_class = _Implementation
+
+    def _index_key(self, *arguments: Any) -> Any:
+        # The folder stands for the sources. Their bytecode also differs if Python strips docstrings (-OO).
+        kind, processor, (_, captured) = super()._index_key(*arguments)  # type: ignore[no-untyped-call]
+        return kind, processor, captured
 
     def load_overload(self, *arguments: Any) -> Any:
         # Damaged files may raise any error: they count as missing, and the index is cleared. Numba's own
