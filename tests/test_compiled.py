@@ -322,6 +322,9 @@ caching._CacheLocator.ensure_cache_path = refuse
     assert kept(toy) == set()
     assert in_new_process(toy, TOY) == [7.0, 0]
     assert in_new_process(toy, read_only + TOY) == [7.0, 1]
+    # Nor does another folder that cannot even be looked into, as of another user, keep it from being found.
+    other = f"import numba\nnumba.config.CACHE_DIR = '/{'a' * 256}'\n"
+    assert in_new_process(toy, other + read_only + TOY) == [7.0, 1]
     edit(toy, "inner.py", "1.0", "2.0")
     assert in_new_process(toy, read_only + TOY) == [8.0, 0]
     assert len(kept(toy)) == 1

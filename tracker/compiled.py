@@ -7,6 +7,7 @@ is therefore kept in folders named after a hash of all source files of a package
 import contextlib
 import functools
 import hashlib
+import os
 import re
 import shutil
 import sys
@@ -228,7 +229,7 @@ def _left_by_others(kind: Any) -> Any:
             # If NUMBA_CACHE_DIR is not set, its locator gives a relative path, where anyone may write.
             if not folder.is_absolute() or not hasattr(sys.modules[package], "__path__"):
                 return None
-            return found if (folder / f"{_FOLDER}{fingerprint(package)}").is_dir() else None
+            return found if os.path.isdir(folder / f"{_FOLDER}{fingerprint(package)}") else None
 
     return Left
 
