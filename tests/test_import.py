@@ -42,6 +42,7 @@ IMPORTS = """
 import sys, tracker
 print({"numpy", "cv2", "numba", "importlib.metadata"} & set(sys.modules))
 print(tracker.__version__)
+print({"move_object", "rearrange_dice"} - set(dir(tracker.tasks)))
 print(tracker.geometry.so3.exp([0, 0, 0])[0, 0], tracker.viz.__name__, "matplotlib" in sys.modules)
 from tracker import tasks
 print(tasks.rearrange_dice.NUM_DICE, tasks.move_object.LEVELS[3], tracker.live.platform.Frontend.__name__)
@@ -50,7 +51,7 @@ print(tasks.rearrange_dice.NUM_DICE, tasks.move_object.LEVELS[3], tracker.live.p
 
 def test_the_import_alone_is_quick_and_packages_are_there_by_their_names():
     printed = run_python(["-c", IMPORTS], check=True).stdout
-    assert printed.splitlines() == ["set()", version(), "1.0 tracker.viz False", "25 4 Frontend"]
+    assert printed.splitlines() == ["set()", version(), "set()", "1.0 tracker.viz False", "25 4 Frontend"]
 
 
 def test_every_public_name_is_there_after_the_import_alone():
