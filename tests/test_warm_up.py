@@ -69,6 +69,17 @@ def test_where_numba_may_not_compile_that_is_said_in_one_line(command, monkeypat
     assert line.startswith("tracker: NUMBA_DISABLE_JIT: found it set")
 
 
+@pytest.mark.parametrize("kept", [True, False])
+def test_kernels_that_a_full_disk_does_not_take_are_told_of(kept, tmp_path, monkeypatch, caplog):
+    on_disk = iter([False, False, kept])
+    monkeypatch.setattr(warm_up, "kernels_are_cached", lambda: next(on_disk))
+    monkeypatch.setattr(warm_up, "kernel_folder", lambda: str(tmp_path))
+    for name in ("_begin", "use_others", "use_refinement"):
+        monkeypatch.setattr(warm_up, name, lambda: None)
+    warm_up.warm_up()
+    assert (f"could not be kept in {tmp_path}" in caplog.text) != kept
+
+
 def test_compiled_quickly_a_kernel_gives_the_same_and_numba_is_left_as_it_was():
     def kernel(whole, real):
         return whole + whole, whole + real, whole / 2, real + 2

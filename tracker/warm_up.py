@@ -77,6 +77,8 @@ def warm_up() -> None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 other.wait(timeout=300)
         use_refinement()
+    if kernel_folder() and not kernels_are_cached():
+        _LOG.warning("the kernels could not be kept in %s: is the disk full?", kernel_folder())
 
 
 @functools.cache
