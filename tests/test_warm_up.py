@@ -1,6 +1,9 @@
+import gc
 import io
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from numba import njit
@@ -78,6 +81,18 @@ def test_kernels_that_a_full_disk_does_not_take_are_told_of(kept, tmp_path, monk
         monkeypatch.setattr(warm_up, name, lambda: None)
     warm_up.warm_up()
     assert (f"could not be kept in {tmp_path}" in caplog.text) != kept
+
+
+def test_threads_that_compile_at_once_leave_garbage_collection_as_it_was(monkeypatch):
+    before, seconds = gc.get_threshold(), iter([0.1, 0.3])  # the one that begins first ends first
+    monkeypatch.setattr(warm_up, "kernels_are_cached", lambda: False)
+    monkeypatch.setattr(warm_up, "kernel_folder", lambda: None)
+    monkeypatch.setattr(warm_up, "use_others", lambda: time.sleep(next(seconds)))
+    monkeypatch.setattr(warm_up, "use_refinement", lambda: None)
+    with ThreadPoolExecutor(2) as pool:
+        for done in [pool.submit(warm_up.warm_up) for _ in range(2)]:
+            done.result()
+    assert gc.get_threshold() == before
 
 
 def test_compiled_quickly_a_kernel_gives_the_same_and_numba_is_left_as_it_was():

@@ -39,6 +39,7 @@ from tracker.segmentation.sensor import find_mosaic, noise_level
 from tracker.tracking.motion import MotionFilter
 
 _LOG = logging.getLogger(__name__)
+_TURN = threading.Lock()
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 KERNELS = 21
@@ -91,9 +92,9 @@ def load() -> None:
 
 @contextlib.contextmanager
 def _alone() -> Iterator[None]:
-    """Let one process at a time into the `with` block; without a cache folder, do not wait."""
+    """Let one thread at a time into the `with` block, of one process if there is a cache folder."""
     folder = kernel_folder()
-    with contextlib.ExitStack() as stack:
+    with _TURN, contextlib.ExitStack() as stack:
         if folder is not None:
             with contextlib.suppress(OSError):
                 Path(folder).mkdir(parents=True, exist_ok=True)
