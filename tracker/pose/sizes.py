@@ -20,7 +20,7 @@ MOVING_SHARE = 3
 """Index of the largest share with which a pose moves: with looser cameras, an object that differs a little
 from its model would look like displaced cameras. The covariance may use larger shares."""
 
-WEAR = np.array([0.0125, 0.03, 0.08, 0.18, 0.4]) ** 2
+WEAR = np.array([0.006, 0.03, 0.08, 0.18, 0.4]) ** 2
 """Candidate variances of edges' own offsets [px² for an object of reference size]."""
 
 WEAR_PRIOR = np.array([0.35, 0.25, 0.2, 0.15, 0.05])

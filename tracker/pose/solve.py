@@ -14,7 +14,7 @@ from tracker.compiled import compiled
 from tracker.geometry.linear import congruence, factorise, invert, median
 from tracker.pose.solution import EXPONENT, KNOWN, OWN, PULL, RIM, ROW, UNKNOWNS
 
-FLOOR = 0.06
+FLOOR = 0.04
 """Standard deviation of an edge's position that noise does not explain [px]."""
 
 TUKEY = 4.685
@@ -33,7 +33,7 @@ GAUSSIAN = 1.4826
 DEVIATION_STD = 0.13
 """Standard deviation of a camera's response exponent around the shared one."""
 
-MODEL_STD = 4e-4, 3e-4
+MODEL_STD = 1e-4
 """Errors that do not average out over samples: edge lengths, unmodelled optics [radii of the object, rad]."""
 
 
@@ -363,4 +363,4 @@ def add_model_errors(covariance, radius):  # type: ignore[no-untyped-def]
     This is equation (19) of docs/how-it-works.md.
     """
     for i in range(6):
-        covariance[i, i] += (MODEL_STD[0] * radius) ** 2 if i < 3 else MODEL_STD[1] ** 2
+        covariance[i, i] += MODEL_STD**2 * (radius**2 if i < 3 else 1.0)
