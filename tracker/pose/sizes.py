@@ -12,6 +12,9 @@ SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.0
 """Candidate shares of the stated calibration variance; above 1 the cameras disagree more than their files
 state."""
 
+STATED = SHARES.tolist().index(1.0)
+"""Index of the stated variance."""
+
 SHARES_PRIOR = np.array([0.02, 0.04, 0.06, 0.12, 0.28, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05])
 """Prior probability of each. Three cameras agree by chance far more often than files overstate errors; with
 more weight on small shares, generated scenes with errors of all kinds fall outside their covariances."""
@@ -45,6 +48,10 @@ ALIKE = 16.0, 0.8, 2.0
 n × (length of the mean of their viewing directions)² / third if that is above 1; n: number of cameras that
 show edges. Chosen on generated scenes, so that worn boxes lie within their covariances as sharp ones do."""
 
+NEGLIGIBLE = 30.0
+"""Twice the log odds by which a share falls behind the likeliest so far that no longer counts: even the
+largest then changes the mean by less than 1e-4."""
+
 
 @compiled
 def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: ignore[no-untyped-def]
@@ -54,6 +61,19 @@ def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: igno
         doubts[w] = with_edges(cameras, solution.feet, own, foot) - 2.0 * math.log(prior[w])
         doubts[w] += solve(solution, cameras, share)
     return sizes[smallest(doubts)]
+
+
+@compiled
+def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
+    """Add to doubts (S,) of SHARES what the measurements say, from the stated one both ways."""
+    least = np.inf
+    for first, last, way in ((STATED, -1, -1), (STATED + 1, len(SHARES), 1)):
+        behind = 0.0
+        for k in range(first, last, way):
+            # Those after one that is negligible are so, too.
+            doubts[k] += solve(solution, cameras, SHARES[k]) if behind < NEGLIGIBLE else np.inf
+            least = min(least, doubts[k])
+            behind = max(behind, doubts[k] - least)
 
 
 @compiled
@@ -110,8 +130,7 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
                 solution.own = _likely(solution, cameras, share, WEAR, WEAR_PRIOR, False, wears)
         if turn == 0 and several:
             with_edges(cameras, solution.feet, solution.own, solution.foot)
-            for k in range(len(SHARES)):
-                shares[k] += solve(solution, cameras, SHARES[k])
+            _likely_shares(solution, cameras, shares)
             share = SHARES[smallest(shares)]
             if share == 1.0:
                 break
