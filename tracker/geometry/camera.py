@@ -181,14 +181,18 @@ class Camera(Frozen):
         in_camera = self._in_camera(points_world)
         in_camera[in_camera[:, 2] <= 0] = np.nan
         normalized = in_camera[:, :2] / in_camera[:, 2:]
-        distorted, lens = distort(normalized, Distortion.of(self.distortion))
+        distorted, slope = distort(normalized, self._lens)
         perspective = np.zeros((len(in_camera), 2, 3))
         perspective[:, 0, 0] = perspective[:, 1, 1] = 1
         perspective[:, :, 2] = -normalized
         perspective /= in_camera[:, 2, None, None]
         focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
-        jacobian = focal[:, None] * (lens @ perspective @ self.camera_from_world[:3, :3])
+        jacobian = focal[:, None] * (slope @ perspective @ self.camera_from_world[:3, :3])
         return distorted * focal + center, jacobian
+
+    @functools.cached_property
+    def _lens(self) -> Distortion:
+        return Distortion.of(self.distortion)
 
     @functools.cached_property
     def largest_tangent(self) -> float:
@@ -214,7 +218,7 @@ class Camera(Frozen):
         """
         focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
         target = (float_rows(pixels, 2, f"{self.name}: pixels", CalibrationError) - center) / focal
-        return undistort(target, Distortion.of(self.distortion))
+        return undistort(target, self._lens)
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Return unit directions (N, 3) in the world of the rays from the camera through pixels (N, 2)."""
