@@ -125,7 +125,9 @@ def refusal(fit: Fit) -> Status | None:
         return Status.AMBIGUOUS if alone(fit) else Status.INCONSISTENT_VIEWS
     if trust(fit) < MIN_TRUST:
         return against(fit)
-    return None if probability_within(fit.covariance, *VAGUE) >= MIN_DEFINITE else Status.AMBIGUOUS
+    # The smaller limits, which the confidence needs anyway, mostly tell.
+    definite = _near(fit) >= MIN_DEFINITE or probability_within(fit.covariance, *VAGUE) >= MIN_DEFINITE
+    return None if definite else Status.AMBIGUOUS
 
 
 def against(fit: Fit) -> Status:
@@ -145,8 +147,19 @@ def nearness(covariance: FloatArray, single: bool) -> float:
 
     single: whether it rests on one camera.
     """
-    near, factor = probability_within(covariance, *NEAR), SINGLE if single else 1.0
+    return _by_cameras(probability_within(covariance, *NEAR), single)
+
+
+def _by_cameras(near: float, single: bool) -> float:
+    """`nearness`, given what follows from the covariance alone."""
+    factor = SINGLE if single else 1.0
     return factor * near / (factor * near + 1.0 - near)
+
+
+@_once
+def _near(fit: Fit) -> float:
+    """Probability that a fit is that close by its covariance alone."""
+    return probability_within(fit.covariance, *NEAR)
 
 
 def fits(fit: Fit) -> float:
@@ -157,7 +170,7 @@ def fits(fit: Fit) -> float:
 @_once
 def apparent(fit: Fit) -> float:
     """Confidence of a fit if the calibration is as good as its files state."""
-    return trust(fit) * nearness(fit.covariance, alone(fit))
+    return trust(fit) * _by_cameras(_near(fit), alone(fit))
 
 
 def confidence(fit: Fit) -> float:
