@@ -258,8 +258,9 @@ def _fitting(path: Path, camera: str, pattern: Any) -> list[tuple[str, Path]]:
     if not isinstance(pattern, str) or not pattern or "\0" in pattern:
         raise LogError(f"{what}: found {given}, expected a pattern such as 'left/*.png'")
     parts = Path(pattern).parts
-    if not parts or Path(pattern).is_absolute() or ".." in parts or "**" in pattern:
-        raise LogError(f"{what}: found {given}, expected one inside of the folder, without **")
+    outside = not parts or Path(pattern).is_absolute() or ".." in parts
+    if outside or "**" in pattern or pattern.count("*") > 9:  # with dozens, matching could take minutes
+        raise LogError(f"{what}: found {given}, expected one inside the folder, of up to nine * but no **")
     shape = re.compile("([^/]*)".join(map(re.escape, "/".join(parts).split("*"))))
     fitting = []
     for file in sorted(_matches(path.parent, parts, {os.path.realpath(path.parent)})):
