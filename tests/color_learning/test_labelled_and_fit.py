@@ -277,7 +277,7 @@ def test_images_have_the_same_names_and_so_the_same_draws_wherever_they_are_read
     ("given", "message"),
     [
         (lambda folder: load_colors("pink"), r"'pink'.*cube_v1.*simulation"),
-        (lambda folder: load_colors("missing.npz"), r"missing\.npz: no such file"),
+        (lambda folder: load_colors("missing.npz"), r"missing\.npz: cannot be read: No such file"),
         (lambda folder: DICE.save(folder / "no" / "a.npz"), r"a\.npz: cannot be written: there"),
         (lambda folder: ColorModel("high", DICE.log_posterior + 1), "'high': .*found 1, expect"),
         (lambda folder: ColorModel("no", DICE.log_posterior, "no"), "normalise: found 'no'"),

@@ -16,8 +16,8 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
-from tracker.checks import optional
-from tracker.errors import LogError, shown
+from tracker.checks import optional, path_of
+from tracker.errors import LogError, TrackerError, shown
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file; here, so that h5py is loaded for such files only."""
@@ -73,6 +73,24 @@ def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
 def visible(folder: Path) -> Iterator[Path]:
     """Return what is in a folder but for hidden files, which editors and file systems for Macs leave."""
     return (item for item in folder.iterdir() if not item.name.startswith("."))
+
+
+def names_in(folder: Path, suffix: str) -> tuple[str, ...]:
+    """Return the sorted names of the files with a suffix in a folder of the package."""
+    return tuple(sorted(path.stem for path in folder.glob(f"[!.]*{suffix}")))
+
+
+def found_by(
+    given: str | os.PathLike[str], folder: Path, suffix: str, what: str, fault: type[TrackerError]
+) -> Path:
+    """Return the file with this name in a folder of the package, or the given path; `fault` if neither."""
+    path, names = path_of(given, what, fault), names_in(folder, suffix)
+    if str(path) in names:
+        return folder / f"{path}{suffix}"
+    if path.suffix != suffix and not os.path.isfile(path):
+        valid = f"valid are {', '.join(names)}, or the path of a {suffix} file"
+        raise fault(f"unknown {what} {shown(str(path))}; {valid}")
+    return path
 
 
 @contextlib.contextmanager

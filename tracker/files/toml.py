@@ -1,13 +1,12 @@
-"""Small TOML files: those of the user by path, those of the package by name."""
+"""Small TOML files."""
 
-import os
 import sys
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 from tracker.checks import naming, path_of
-from tracker.errors import TrackerError, shown
+from tracker.errors import TrackerError
 from tracker.files import read_bounded, told_of
 
 if sys.version_info >= (3, 11):
@@ -17,22 +16,6 @@ else:
 
 MAX_FILE_SIZE = 100_000
 """Largest TOML file [bytes]; those of objects, arenas and recordings have a few hundred."""
-
-
-def names_in(folder: Path) -> tuple[str, ...]:
-    """Return the sorted names of the TOML files in a folder of the package."""
-    return tuple(sorted(path.stem for path in folder.glob("[!.]*.toml")))
-
-
-def found_by(given: str | os.PathLike[str], folder: Path, what: str, fault: type[TrackerError]) -> Path:
-    """Return the file with this name in a folder of the package, or the given path; `fault` if neither."""
-    path, names = path_of(given, what, fault), names_in(folder)
-    if str(path) in names:
-        return folder / f"{path}.toml"
-    if path.suffix != ".toml":
-        valid = ", ".join(names)
-        raise fault(f"unknown {what} {shown(str(path))}; valid are {valid}, or the path of a .toml file")
-    return path
 
 
 def read_toml(

@@ -13,7 +13,8 @@ import numpy as np
 from tracker.checks import array_of, float_array, is_number, is_whole
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError, shown
-from tracker.files.toml import found_by, read_toml
+from tracker.files import found_by
+from tracker.files.toml import read_toml
 
 _ERROR = ("bias", "bias_spread", "slow", "fast", "fast_spread", "moving", "travel", "visible")
 
@@ -89,7 +90,7 @@ class NoiseModel:
             TrackerError: the name is unknown (the message lists the known ones), or the file is missing or
                 malformed.
         """
-        path = found_by(name_or_path, _DATA, "noise model", TrackerError)
+        path = found_by(name_or_path, _DATA, ".toml", "noise model", TrackerError)
         data, source = read_toml(path, TrackerError, what="noise model"), os.fspath(name_or_path)
         about = data.pop("about", "")
         _same_keys(data, UNITS, source)

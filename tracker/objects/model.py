@@ -31,7 +31,8 @@ import numpy as np
 from tracker.checks import Frozen, freeze, is_number, naming
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ObjectModelError, shown
-from tracker.files.toml import found_by, names_in, read_toml
+from tracker.files import found_by, names_in
+from tracker.files.toml import read_toml
 from tracker.geometry.cuboid import FACE_NAMES
 from tracker.objects.labels import COLOR_NAMES
 
@@ -133,7 +134,7 @@ class Box(NamedTuple):
 
 def object_names() -> tuple[str, ...]:
     """Return the names of the objects in the package."""
-    return names_in(_DATA)
+    return names_in(_DATA, ".toml")
 
 
 def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
@@ -145,7 +146,7 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
         ObjectModelError: the name is unknown (the message lists the known ones), or the file is
             missing, malformed, or gives an object that differs the name of one of the platform's.
     """
-    path = found_by(name_or_path, _DATA, "object", ObjectModelError)
+    path = found_by(name_or_path, _DATA, ".toml", "object", ObjectModelError)
     data = read_toml(path, ObjectModelError, _KEYS, "object")
     for key in ("name", "size", "faces"):
         if key not in data:

@@ -9,7 +9,6 @@ three small look-ups and one large one.
 import functools
 import io
 import math
-import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from tracker.checks import Frozen, described, float_array, of_kind, path_of
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ColorModelError, message, shown
-from tracker.files import read_bounded, told_as, write_whole
+from tracker.files import found_by, names_in, read_bounded, told_as, told_of, write_whole
 from tracker.objects.labels import COLOR_NAMES
 
 CLASSES = len(COLOR_NAMES)
@@ -147,8 +146,9 @@ class ColorModel(Frozen):
 
 def _read(path: Path, name: str) -> ColorModel:
     what = f"colour model {path}"
-    try:
+    with told_of(what, ColorModelError):
         content = read_bounded(path, _MAX_BYTES)
+    try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             small = sum(entry.file_size for entry in archive.infolist()) <= _MAX_BYTES
         with np.load(io.BytesIO(content), allow_pickle=False) as data:
@@ -174,7 +174,7 @@ def _read(path: Path, name: str) -> ColorModel:
 
 def color_model_names() -> tuple[str, ...]:
     """Return the names of the colour models in the package."""
-    return tuple(sorted(path.stem for path in _DATA.glob("[!.]*.npz")))
+    return names_in(_DATA, ".npz")
 
 
 @functools.lru_cache(maxsize=16)
@@ -187,18 +187,5 @@ def load_colors(name_or_path: str | Path) -> ColorModel:
 
     Raises ColorModelError if the name is unknown or the file is malformed.
     """
-    path = path_of(name_or_path, "colour model", ColorModelError)
-    name = str(path)
-    if name in color_model_names():
-        return _shipped(name)
-    if os.path.exists(path):
-        return _read(path, path.stem)
-    if path.suffix == ".npz":
-        raise ColorModelError(
-            f"colour model {path}: no such file; `tracker colors new`, `adapt` or `fit` writes one, or name "
-            f"one of {', '.join(color_model_names())}"
-        )
-    raise ColorModelError(
-        f"unknown colour model {shown(name)}; known are {', '.join(color_model_names())}, "
-        "or the path of an .npz file"
-    )
+    path = found_by(name_or_path, _DATA, ".npz", "colour model", ColorModelError)
+    return _shipped(path.stem) if path.parent == _DATA else _read(path, path.stem)
