@@ -1,12 +1,12 @@
-"""Push a cube along the goals of a trajectory by simulated fingers that know of it from late images only.
+"""Push a cube to a sequence of goals with simulated fingers that know its pose from late images only.
 
     python examples/close_the_loop.py [--seed S] [--seconds T] [--episodes N] [--knowing NAME …]
 
-Three cameras take pictures at 10 Hz, which arrive 90 ms later. The fingers follow, in turn, the true poses,
-poses predicted from the pictures to the moment at which they act (`Live.at`), the newest poses as they come,
-and the true ones late and with the errors of the platform's own tracker. Writes a plot of all, and a film
-of what the cameras saw where poses were predicted, of the first episode; prints the rewards, and over several
-episodes what each costs beside the true poses.
+Three cameras take images at 10 Hz, which arrive 90 ms later. The fingers use, in turn, true poses, poses
+predicted from the images for the moment at which the fingers act (`Live.at`), the newest poses received, and
+true poses with the delay and errors of the platform's own tracker. Of the first episode, writes a plot of all
+four and a film of what the cameras saw with predicted poses; prints the rewards and, for several episodes,
+what each costs relative to true poses.
 """
 
 import argparse
@@ -24,10 +24,10 @@ from tracker.tasks.move_object import active_goal, trajectory_reward
 from tracker.viz import write_film
 
 BEFORE = 0.3
-"""For how long the cameras run before the episode begins and the fingers may move [s]."""
+"""How long the cameras run before the episode begins and the fingers may move [s]."""
 
 GOAL_SECONDS, FARTHEST, HEIGHT = 10.0, 0.09, 0.0325
-"""How long each goal holds [s], and where goals are: on the table, this near to the arena's axis [m]."""
+"""How long each goal holds [s]; the goals' greatest distance from the arena's axis, and their height [m]."""
 
 KNOWING: dict[str, Callable[[Platform, int], Truth]] = {
     "truth": Truth,
@@ -67,9 +67,9 @@ def main(seeds: range, seconds: float, names: list[str], folder: Path) -> None:
 
 
 def table(rewards: FloatArray, names: list[str]) -> str:
-    """Means over episodes (N,) of rewards (N, K), and what each knowing costs beside the truth.
+    """Mean rewards of the episodes, from rewards (N, K), and each kind of pose's cost relative to the truth.
 
-    The cost in an episode is reward / reward with the truth - 1: rewards are negative, and both are of the
+    The cost in an episode is reward / reward with the truth - 1: rewards are negative, and both have the
     same start and goals.
     """
     costs = 100 * (rewards / rewards[:, [names.index("truth")]] - 1)
@@ -82,7 +82,7 @@ def table(rewards: FloatArray, names: list[str]) -> str:
 
 
 def goals(rng: np.random.Generator, seconds: float) -> list[tuple[float, FloatArray]]:
-    """The times from which goals hold, and their places, spread evenly over a disc."""
+    """The goals' start times, and their places, spread evenly over a disc."""
     count = max(1, int(np.ceil(seconds / GOAL_SECONDS)))
     radius, angle = FARTHEST * np.sqrt(rng.random(count)), rng.uniform(0, 2 * np.pi, count)
     places = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, HEIGHT)], axis=1)
@@ -95,7 +95,7 @@ def episode(
     seconds: float,
     trajectory: list[tuple[float, FloatArray]],
 ) -> tuple[FloatArray, list[Image]]:
-    """Where the cube was at each step (N, 3) [m], and the film where there is one."""
+    """The cube's position at each step (N, 3) [m], and the film, if any."""
     rng = np.random.default_rng([seed, 3])
     path = []
     with ExitStack() as stack:

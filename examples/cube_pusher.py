@@ -1,4 +1,4 @@
-"""Three simulated fingers that hold a cube between them and push it to a goal, as far as they know where."""
+"""Three simulated fingers that hold a cube between them and push it to a goal, by the poses they know."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tracker.conventions import FloatArray
 from tracker.geometry import so3
 
 STEP = 1 / 120
-"""Of the control loop [s]."""
+"""Time step of the control loop [s]."""
 
-_SPEED, _GAIN, _CHANGE = 0.1, 8.0, 1.0  # greatest [m/s], per metre that is left [1/s], and its change [m/s²]
-_OPEN, _TIGHT = 0.025, -0.006  # from cube to tips' aims: around it, and within it, which presses them on [m]
+_SPEED, _GAIN, _CHANGE = 0.1, 8.0, 1.0  # greatest [m/s], per metre left [1/s], and its greatest change [m/s²]
+_OPEN, _TIGHT = 0.025, -0.006  # from the cube to the tips' aims: outside it; inside it, to press on it [m]
 _CLOSING = 0.08  # rate at which the tips close [m/s]
-_AROUND, _LOST = 0.003, 0.025  # from the tips' middle to a cube that is taken, and to one that is lost [m]
-_TRUST = 4.0  # rate at which poses correct where a cube that is held is between the tips [1/s]
-_BELOW = 0.01  # of the tips, below the cube's middle, so that it does not tilt [m]
-_STIFF, _DAMPING = 300.0, 10.0  # a tip's force for being off its aim [N/m], and for its speed [N s/m]
-_RUBBER = 1.5  # friction of the tips, which in PyBullet is multiplied by that of the cube
-_NUDGE = 1e-6  # of joints, which shows how they move the tips [rad]
+_AROUND, _LOST = 0.003, 0.025  # from the tips' midpoint: nearer, a cube is taken; farther, it is lost [m]
+_TRUST = 4.0  # rate at which poses correct a held cube's place between the tips [1/s]
+_BELOW = 0.01  # how far the tips are below the cube's centre, so that it does not tilt [m]
+_STIFF, _DAMPING = 300.0, 10.0  # a tip's force per distance from its aim [N/m], and per speed [N s/m]
+_RUBBER = 1.5  # friction of the tips, which PyBullet multiplies by the cube's
+_NUDGE = 1e-6  # of a joint, to see how it moves the tips [rad]
 
 _SIDES = BASE_ANGLES + np.pi / 2
-"""(3,) directions in which the fingers are from the cube [rad], each near its own base, but for a turn of up
-to 15° that they have in common."""
+"""(3,) directions from the cube to the fingers [rad], each near its own base, up to a common turn of at most
+15°."""
 
 
 class Pushing:
@@ -37,8 +37,8 @@ class Pushing:
 
     Args:
         platform: with the cube.
-        position: (2,) where the cube stands at first [m].
-        yaw: how it is turned [rad].
+        position: (2,) where the cube starts [m].
+        yaw: of the cube at the start [rad].
     """
 
     def __init__(self, platform: Platform, position: FloatArray, yaw: float) -> None:
@@ -73,13 +73,13 @@ class Pushing:
         return self.world.object_pose(0)
 
     def step(self, pose: tuple[FloatArray, FloatArray] | None, goal: FloatArray) -> None:
-        """Let a STEP pass.
+        """Simulate one STEP.
 
-        The tips go around the cube, close, and their middle moves so that the cube comes to the goal.
+        The tips surround the cube and close; then their midpoint moves to bring the cube to the goal.
 
         Args:
-            pose: position (3,) [m] and rotation (3, 3) of the cube, as far as known; None: the fingers wait.
-            goal: (2,) where its centre shall be [m].
+            pose: position (3,) [m] and rotation (3, 3) of the cube, or None if unknown: the fingers wait.
+            goal: (2,) where its centre should be [m].
         """
         if pose is not None:
             self._take_in(*pose)
@@ -95,10 +95,10 @@ class Pushing:
             self.world.step()
 
     def _take_in(self, position: FloatArray, rotation: FloatArray) -> None:
-        """Where the cube is as seen from the tips' middle, and whether they hold it.
+        """Update where the cube is relative to the tips' midpoint, and whether they hold it.
 
-        What is held moves with the tips, whose place is known at once and exactly; poses only correct,
-        slowly, where it is between them. So what is wrong with one pose does not move the fingers.
+        A held cube moves with the tips, whose place is known at once and exactly; poses only correct,
+        slowly, its place between them. So an error of a single pose does not move the fingers.
         """
         seen = position[:2] - self._middle
         self._cube = self._cube + (STEP * _TRUST if self._holding else 1.0) * (seen - self._cube)
@@ -107,9 +107,9 @@ class Pushing:
             self._outward, self._reach = self._arranged(rotation)
 
     def _arranged(self, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Directions (3, 2) of the tips from the cube's middle, and how far off they touch it (3, 1) [m].
+        """Directions (3, 2) from the cube's centre to the tips, and distances (3, 1) of contact [m].
 
-        One is amid a face, the others are 30° off the middles of two: within their cones of friction.
+        One is normal to a face, the others are 30° off the normals of two: within their friction cones.
         """
         sides = rotation[:2, np.argsort(np.abs(rotation[2]))[:2]]
         sides = sides / np.linalg.norm(sides, axis=0)
@@ -119,7 +119,7 @@ class Pushing:
         return outward, (self._size[0] / 2 + TIP_RADIUS) / np.abs(outward @ sides).max(axis=1)[:, None]
 
     def _aims(self) -> FloatArray:
-        """Places (3, 3) to which the tips are drawn [m]."""
+        """Places (3, 3) to which the tips are pulled [m]."""
         places = self._middle + (self._reach + self._gap) * self._outward
         return np.column_stack([places, np.full(3, self._height)])
 
@@ -130,9 +130,9 @@ class Pushing:
         pybullet.setJointMotorControlArray(robot, joints, **off, physicsClientId=client)
 
     def _pull(self, aims: FloatArray) -> None:
-        """Set torques as if a spring and a damper drew each tip to its aim, and nothing weighed.
+        """Set torques as if a spring and a damper pulled each tip to its aim, and nothing had weight.
 
-        Unlike motors that go to angles, which press as hard as they can and so lift the cube, it is gentle.
+        This is gentle; position-controlled motors press as hard as they can, and so lift the cube.
         """
         robot, joints, client = self.world.robot, self.world.joints, self.world.client
         states = pybullet.getJointStates(robot, joints, physicsClientId=client)

@@ -21,7 +21,7 @@ from tracker.geometry import so3
 from tracker.viz import overlay, write_film, write_image
 
 RATE = 10.0
-"""Frames per second, as the platform's cameras have."""
+"""Frames per second of the platform's cameras."""
 
 parser = argparse.ArgumentParser(
     description="Simulate the platform, film it, find the object in every frame."

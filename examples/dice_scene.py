@@ -1,4 +1,4 @@
-"""Make the example of the dice task in `examples/dice`: images, calibration, a goal not reached yet."""
+"""Make the example of the dice task in `examples/dice`: images, calibration, a goal not yet reached."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ SEED, ELSEWHERE = 17, 5
 
 
 def main() -> None:
-    """Dice lie on cells of the task's grid; the goal wants a few of them elsewhere."""
+    """Place dice on cells of the task's grid; the goal has a few of them elsewhere."""
     FOLDER.mkdir(exist_ok=True)
     rig = sized(standard_rig(), 270)
     rig.save(FOLDER)

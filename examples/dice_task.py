@@ -1,4 +1,4 @@
-"""The dice task on the images in `examples/dice`: its error, where dice are, and which has to go where."""
+"""The dice task on the images in `examples/dice`: the error, where the dice are, and which must go where."""
 
 from pathlib import Path
 

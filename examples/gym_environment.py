@@ -1,9 +1,9 @@
-"""Gymnasium's interface on the simulated platform: fingers act, and the tracker sees the result.
+"""Gymnasium's interface to the simulated platform: fingers act, and the tracker sees the result.
 
-An action moves the nine joints by up to STEP; an observation holds the joints, the corners of the object as
-the tracker finds them in rendered images, those of the goal, and the pose's confidence (0: no pose, and its
-corners are zeros). The reward is that of the pose that was found, -1 where there is none; `info["truth"]`
-says where the object really is.
+An action moves the nine joints by up to STEP. An observation holds the joint angles, the object's corners as
+the tracker finds them in rendered images, the goal's corners, and the pose's confidence (0: no pose; then the
+object's corners are zeros). The reward is that of the pose found, or -1 if there is none; `info["truth"]` is
+the object's true position.
 """
 
 from typing import Any
@@ -27,7 +27,7 @@ PERIOD, STEP = 0.1, 0.1
 
 
 class MoveCube(gymnasium.Env):
-    """Move a cube to a place on the table, by what three cameras see of it.
+    """Move a cube to a place on the table, seen by three cameras.
 
     Args:
         goal_position: (3,) [m].
@@ -67,7 +67,7 @@ class MoveCube(gymnasium.Env):
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """A tenth of a second of physics, then a picture of each camera."""
+        """A tenth of a second of physics, then an image from each camera."""
         self.world.steer(self.world.joint_angles() + STEP * np.clip(action, -1.0, 1.0))
         self.world.step(round(PERIOD / self.world.time_step))
         self.time += PERIOD

@@ -1,4 +1,4 @@
-"""What fingers may know of the cube: the truth, poses from late images, or true poses made late and wrong."""
+"""What fingers know of the cube: the truth, poses from late images, or true ones with delay and errors."""
 
 from collections import deque
 from typing import Any
@@ -18,15 +18,15 @@ from tracker.live import Live, Moment, Pushed
 from tracker.viz import overlay
 
 PERIOD, DELAY = 0.1, 0.09
-"""Between sets of pictures, and from the exposure to their arrival [s], as on the platform."""
+"""Time between sets of images, and from exposure to arrival [s], as on the platform."""
 
 FILMED = 2
-"""Every so many sets are in the film."""
+"""The film shows one in this many sets."""
 
 ERROR_MM, ERROR_DEGREES, REPEATED = 1.4, 2.0, 0.1
-"""Median errors of the platform's own tracker, and the share of its poses that repeat the one before."""
+"""Median errors of the platform's own tracker, and the share of its poses that repeat the previous one."""
 
-_SIGMA = 1.538  # median length of a vector of three normal numbers, in their standard deviation
+_SIGMA = 1.538  # median length of a vector of three normal numbers, in standard deviations
 
 Pose = tuple[FloatArray, FloatArray]
 """Position (3,) [m] and rotation (3, 3)."""
@@ -38,15 +38,15 @@ class Truth:
     def __init__(self, *_: object) -> None: ...
 
     def pose(self, time: float, pushing: Pushing) -> Pose | None:
-        """The cube's pose as far as known at a time [s]."""
+        """What is known of the cube's pose at a time [s]."""
         return pushing.truth
 
     def close(self) -> None:
-        """Nothing more will be asked."""
+        """Called after the last `pose`."""
 
 
 class Late(Truth):
-    """Knows what was sensed every PERIOD, from the first question on, and arrived DELAY later."""
+    """Knows what was sensed every PERIOD, from the first `pose` on, and arrived DELAY later."""
 
     def __init__(self) -> None:
         self._due: float | None = None
@@ -73,7 +73,7 @@ class Late(Truth):
 
 
 class Predecessor(Late):
-    """Knows the true poses late, with the errors of the platform's own tracker."""
+    """Knows true poses, late and with the errors of the platform's own tracker."""
 
     def __init__(self, platform: Platform, seed: int) -> None:
         super().__init__()
@@ -94,7 +94,7 @@ class Predecessor(Late):
 
 
 class Newest(Late):
-    """Knows what the tracker found in the newest pictures that have arrived."""
+    """Knows what the tracker found in the newest images that have arrived."""
 
     def __init__(self, platform: Platform, seed: int) -> None:
         super().__init__()
@@ -121,7 +121,7 @@ class Newest(Late):
 
     def _arrived(self, stamp: float, images: list[Image]) -> None:
         self._source.push(images, stamp)
-        # The simulation stands still meanwhile: DELAY contains the tracker's time.
+        # The simulation waits meanwhile: DELAY includes the tracker's time.
         moment = self._live.wait(after=self._moment)
         assert moment is not None
         self._moment = moment.sequence
@@ -135,7 +135,7 @@ class Newest(Late):
 
 
 class Predicted(Newest):
-    """Knows what the tracker predicts, from the pictures that have arrived, for the moment of acting."""
+    """Knows what the tracker predicts, from the images that have arrived, for the moment of acting."""
 
     def _hear(self, moment: Moment) -> None:
         if moment.sequence % FILMED == 0:

@@ -1,8 +1,8 @@
-"""A Gymnasium wrapper: true poses become those of the tracker, late, missed, and with errors.
+"""A Gymnasium wrapper that replaces true poses with the tracker's: late, sometimes missing, with errors.
 
 The environment steps at 50 Hz; its observation is a dictionary with the true `position` (3,) [m] and
-`orientation` (4,) xyzw of the object, and perhaps `visible`, the share of it that no finger hides. The
-wrapper takes `visible` out and adds the `confidence` of the pose (0: none yet).
+`orientation` (4,) xyzw of the object, and optionally `visible`, the share of it that no finger hides. The
+wrapper removes `visible` and adds the `confidence` of the pose (0: none yet).
 """
 
 from collections import deque
@@ -18,7 +18,7 @@ PERIOD, STEP = 0.1, 0.02  # between images, and between actions [s]
 
 
 class NoisyPoses(gymnasium.ObservationWrapper):
-    """Replaces the true pose by the last one that has arrived.
+    """Replaces the true pose with the last one that has arrived.
 
     Args:
         env: the environment.
@@ -52,7 +52,7 @@ class NoisyPoses(gymnasium.ObservationWrapper):
         self.steps += 1
         while self.coming and self.coming[0][0] + self.coming[0][1].delay[0] <= now:
             _, seen = self.coming.popleft()
-            if seen.found[0]:  # else the policy knows what it knew
+            if seen.found[0]:  # else the policy keeps what it knew
                 self.known = {key: getattr(seen, key)[0] for key in ("position", "orientation")}
                 self.known["confidence"] = seen.confidence
         rest = {key: value for key, value in observation.items() if key != "visible"}

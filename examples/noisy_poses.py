@@ -29,6 +29,6 @@ for step in range(100):
     errors.reset(ended)
     known[ended] = np.nan
     for _, seen in coming:
-        seen.found[ended] = False  # what is on its way is of the episode before
+        seen.found[ended] = False  # what is on its way belongs to the previous episode
 off = 1e3 * np.linalg.norm(known - position, axis=1)
 print(f"{100 * np.isfinite(off).mean():.0f} % known, median error {np.nanmedian(off):.1f} mm")
