@@ -31,7 +31,7 @@ TILT, ROLL = 8e-3, 3e-3
 
 SHARED_SHARE, SHARING = 0.8, 3
 """Error of the pose relative to the standard deviation of the cameras' errors, if these are independent, for
-up to this number of cameras; it falls with the square root of more."""
+up to this number of cameras; with more, it falls as the square root of their number."""
 
 OTHERS = 2e-3
 """Standard deviation [m] above which the errors come not from a camera that moved but from another platform's
@@ -113,7 +113,7 @@ _PRIOR, _LOGS = SCALES_PRIOR.tolist(), np.log(SCALES).tolist()
 
 def probabilities(likelihoods: FloatArray) -> list[float]:
     """Probability of each of SCALES, from their log likelihoods (S,)."""
-    values = likelihoods.tolist()  # with so few, NumPy takes several times as long
+    values = likelihoods.tolist()  # for so few, NumPy is several times slower
     most = max(values)
     weights = [prior * math.exp(value - most) for prior, value in zip(_PRIOR, values, strict=True)]
     total = sum(weights)
@@ -121,14 +121,14 @@ def probabilities(likelihoods: FloatArray) -> list[float]:
 
 
 def _mean(likelihoods: FloatArray, values: list[float]) -> float:
-    """Mean of a value of each of SCALES by their probabilities."""
+    """Mean of one value per entry of SCALES, weighted by their probabilities."""
     return sum(share * value for share, value in zip(probabilities(likelihoods), values, strict=True))
 
 
 def size(likelihoods: FloatArray | None) -> float:
-    """How far the cameras disagree [m]: the geometric mean of SCALES by their probabilities.
+    """How far the cameras disagree [m]: the geometric mean of SCALES, weighted by their probabilities.
 
-    It is 0 if likelihoods are None: not judged.
+    It is 0 if `likelihoods` is None: not judged.
     """
     return 0.0 if likelihoods is None else math.exp(_mean(likelihoods, _LOGS))
 
@@ -142,7 +142,7 @@ def spread(size: float, cameras: int) -> float:
     """Variance along each axis [m²] of the errors that a disagreement of this size [m] reveals.
 
     Like the between-study variance in a meta-analysis, it adds to the stated variance.
-    cameras: number of those that see the object.
+    cameras: number of cameras that see the object.
     """
     return (SHARED_SHARE * _averaging(cameras) * size) ** 2
 
@@ -161,6 +161,6 @@ def _fits(cameras: int) -> list[float]:
 def probably_fits(likelihoods: FloatArray, cameras: int) -> float:
     """Probability that calibration errors leave the pose within NEAR_DISTANCE of the truth.
 
-    cameras: number of those that see the object.
+    cameras: number of cameras that see the object.
     """
     return _mean(likelihoods, _fits(cameras))

@@ -37,7 +37,7 @@ BORDER = 2.5
 
 WHOLLY = 0.5
 """Distance from a face's outline [px of the label map] beyond which a pixel of a sharp image shows this face
-alone; in a blurred one, this takes one standard deviation of the blur."""
+alone; in a blurred one, it must be at least the blur's standard deviation."""
 
 
 @compiled
@@ -138,7 +138,7 @@ def count_labels(lenses, labels, pictures, box, rotation, position, lags, seen):
 
 @compiled
 def explanation_score(seen, pictures):  # type: ignore[no-untyped-def]
-    """How well a pose explains the label maps of those pictures (C,) that count.
+    """How well a pose explains the label maps of the pictures (C,) that count.
 
     This is equation (6) of docs/how-it-works.md.
     A hidden pixel costs little, a wrong one much; but a camera that shows something else scores no worse than

@@ -118,7 +118,7 @@ def _explained_behind(space, g, k, inside, outside, line, inner, outer):  # type
 def fit_blur(space, g, part):  # type: ignore[no-untyped-def]
     """Return the evidence for a change of blur that colours and shift do not explain, and its weight.
 
-    See equation (11) of docs/how-it-works.md. There are no narrow surfaces.
+    See equation (11) of docs/how-it-works.md. It assumes no narrow surfaces.
     """
     full, raw, wider, contrast = space.full, space.raw, 0.0, 0.0
     aw, bw, ew = full[g, INSIDE, BLUR], full[g, OUTSIDE, BLUR], full[g, LINE, BLUR]
@@ -136,11 +136,11 @@ def fit_blur(space, g, part):  # type: ignore[no-untyped-def]
 
 @compiled
 def fit_edge(space, g, part, narrow, slopes, stiffness):  # type: ignore[no-untyped-def]
-    """Solve for the edge's shift, with gradients if it has `slopes`, on which `stiffness` is a prior.
+    """Solve for the edge's shift and, if `slopes`, for gradients with the prior information `stiffness`.
 
     This is equation (9) of docs/how-it-works.md. The colours inside and outside are put into space.color.
-    Return the reduction of the sum of squares, the information on the shift at a contrast of 1, and sums over
-    channels: of the weight, of the weighted shift, and of the weighted bloom.
+    Return the reduction of the sum of squares, the information on the shift at a contrast of 1, and the sums
+    over channels of the weight, the weighted shift and the weighted bloom.
     """
     full, raw, mean = space.full, space.raw, space.mean
     known, i, o, io, ei, eo = full[g, LINE, LINE], 0.0, 0.0, 0.0, 0.0, 0.0
@@ -229,7 +229,7 @@ def _add_up(strip, at, narrow, slopes, pixels, space):  # type: ignore[no-untype
 
 @compiled
 def _fit_parts(strip, parts, narrow, slopes, stiffness, space):  # type: ignore[no-untyped-def]
-    """Sum up `fit_edge` over the parts; return the squares left and what it returns, of the first known."""
+    """Sum `fit_edge` over the parts; return squares left, the first part's information, and other sums."""
     left, weight, shift, lift, certain = strip.squares, 0.0, 0.0, 0.0, 0.0
     for g in range(parts):
         explained, known, one, two, three = fit_edge(space, g, 3 // parts, narrow, slopes, stiffness)

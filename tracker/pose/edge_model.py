@@ -47,7 +47,7 @@ def model(distance, first, last, shift, slopes, reach, blur, space):  # type: ig
     """Fill space.columns (8, P) for an edge between two wide surfaces, except OUTSIDE, which is 1 - INSIDE.
 
     See equation (8) of docs/how-it-works.md.
-    All are zero in the gaps (FAR). slopes: whether the model has gradients.
+    The columns are zero in the gaps (FAR). slopes: whether the model has gradients.
     """
     columns, scale, half = space.columns, 1.0 / blur, 0.5 * reach
     for q in range(np.uint64(last - first)):

@@ -33,7 +33,7 @@ PLAUSIBLE = 0.5
 of 970 that led to the object scored higher, 94 % of 234 others lower."""
 
 COMPETING, BEHIND = 4, 10.0
-"""Maximum number of competing hypotheses, and how far one may rank behind the best after a step to stay."""
+"""Maximum number of competing hypotheses, and how far behind the best one may rank after a step and stay."""
 
 RIVAL = 0.95
 """A pose that looks like the best fit is refined, too, if it explains the label maps at least this well,
@@ -79,9 +79,9 @@ class PoseEstimator:
 
         The first hypothesis settles most images. If its fit is in doubt, others compete: with other positions
         and rotations, and with each camera left out in turn, since one image that is tinted, mirrored or from
-        another moment spoils the vote. Those few that explain the label maps best are refined. If no pose is
-        accepted, though there are faces' colours, a first hypothesis is tried in the images as they are: a
-        white or black table is not as bright as the platform's greys, and a coloured one is none.
+        another moment spoils the vote. The few that explain the label maps best are refined. If no pose is
+        accepted although face colours are in view, a first hypothesis is tried in the images as they are: a
+        white or black table is not as bright as the platform's greys, and a coloured one is not grey.
 
         Args:
             images: one for each camera; None for a missing one.
@@ -229,8 +229,8 @@ class PoseEstimator:
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """Return the fit with a judgement of the calibration, if two or more cameras see the object.
 
-        A camera whose label map shows the object beside the pose is searched by itself, since the object's
-        edges lie outside the strips there.
+        If a label map shows the object beside the pose, that camera's image is searched on its own, since
+        there the object's edges lie outside the strips.
         """
         views = fit.own
         assert views is not None
@@ -253,7 +253,7 @@ class PoseEstimator:
         near = self.search.alone(only, c, fit.rotation, fit.position)
         if near is None:
             return None
-        # Not as in the fit, which counts colours beside the object elsewhere in images that were left out.
+        # Count again: in images that were left out, the fit counts colours beside the object as elsewhere.
         before = self.search.counted(only, fit.rotation, fit.position, fit.shifts)[c]
         if not _explains_better(self.search.counted(only, near.rotation, near.position)[c], before):
             return None
@@ -268,6 +268,6 @@ class PoseEstimator:
 
 
 def _explains_better(seen: Any, before: Any) -> bool:
-    """Whether a camera's record of SEEN for a pose explains its label map clearly better than that before."""
+    """Whether a camera's record of SEEN for a pose explains its label map clearly better than the old one."""
     gain = seen["agree"] - seen["extra"] - seen["wrong"] - before["agree"] + before["extra"] + before["wrong"]
     return bool(gain > max(BETTER[0], BETTER[1] * before["predicted"]))

@@ -94,8 +94,8 @@ NUMBERS = Numbers(
 
 
 FULL_WEIGHT = 3.0
-"""Number of cameras, as many as NUMBERS were fitted with, up to which each counts in full. More share this
-weight: many see the same occluders, and the same errors of the model."""
+"""Number of cameras with which NUMBERS were fitted: up to so many, each counts in full. More share this
+weight, since many see the same occluders and the same model errors."""
 
 
 @compiled
@@ -362,8 +362,8 @@ def judge(lenses, labels, pictures, used, box, place, stands, seen, numbers):  #
     """Count what label maps show of an object, and return the evidence for it: see `evidence_of`.
 
     Label maps and place (rotation, position, lags) are as in `count_labels`, which fills seen (C,) of SEEN.
-    In images that the pose was found without, which `used` (C,) of PICTURE leaves out, colours beside the
-    object count as seen elsewhere: a noisy or flooded image shows them everywhere.
+    In images without which the pose was found (left out of `used` (C,) of PICTURE), colours beside the object
+    count as seen elsewhere: a noisy or flooded image shows them everywhere.
     """
     rotation, position, lags = place
     count_labels(lenses, labels, pictures, box, rotation, position, lags, seen)

@@ -108,7 +108,7 @@ UNHEARD = Evidence(math.inf, math.inf, -math.inf)
 
 
 class OwnViews(NamedTuple):
-    """Where each camera by itself sees the object."""
+    """Where each camera sees the object on its own."""
 
     information: FloatArray
     """(C, 6, 6) of the pose that it sees [1/m², 1/rad²]; zero if it sees too little."""
@@ -133,7 +133,7 @@ class Fit:
     converged: bool
     """Whether the refinement's last step was negligible."""
     evidence: Evidence = UNHEARD
-    """Evidence for and against it; until the label maps are counted, that there is nothing."""
+    """Evidence for and against it; before the label maps are counted, that nothing is there."""
     resized: float = -math.inf
     """Log odds of a body with one edge shorter or longer; minus infinity if not computed."""
     end: Start = LIKELY
@@ -151,10 +151,10 @@ class Fit:
     shaded: bool = False
     """Whether colours were read as those of faces in shade."""
     shifts: FloatArray | None = None
-    """(C, 6) displacement of the object in the cameras' views by errors of their calibration and by the age
-    of the images [m, rad]; None: by neither."""
+    """(C, 6) displacement of the object in the cameras' views due to their calibration errors and the age of
+    the images [m, rad]; None: no displacement."""
     own: OwnViews | None = None
-    """Where each camera by itself sees the object; None: not estimated."""
+    """Where each camera sees the object on its own; None: not estimated."""
     disagreement: FloatArray | None = None
     """(S,) log likelihoods of how far the calibration is off (`agreement.SCALES`); None: not judged."""
 

@@ -24,8 +24,8 @@ FAR_REACHES = np.array([8, 6, 4, 3])
 """The same, starting from a predicted pose."""
 
 AROUND = 6.0 * np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4])
-"""Displacements (8, 2) from which a camera's own search also starts [px of the label map]: a narrow object is
-not aligned from a place where it does not overlap what the camera sees."""
+"""Displacements (8, 2) from which a camera's own search also starts [px of the label map]: alignment fails
+for a narrow object placed where it does not overlap what the camera sees."""
 
 ALIGNED = 10
 """Maximum number of hypotheses per round that are aligned to the end: the best after a first step."""
@@ -41,7 +41,7 @@ SUNK = 2e-3
 
 
 class Round(NamedTuple):
-    """How many hypotheses have been begun by the end of a round."""
+    """How many hypotheses have been started by the end of a round."""
 
     places: int
     """Number of positions, the likeliest ones."""
@@ -81,7 +81,7 @@ def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool
 
 
 class Search:
-    """Search for an object in label maps alone, in images that `reader` reads; no memory."""
+    """Search for an object in label maps alone, those of images that `reader` reads; without memory."""
 
     def __init__(self, box: Box, rig: CameraRig, reader: Reader) -> None:
         self.lenses = reader.lenses
@@ -154,7 +154,7 @@ class Search:
     ) -> list[Hypothesis]:
         """Hypotheses reached from poses (3, 3), (3,) [m] that may be off by 3 cm and 30°, best first.
 
-        still: whether they are scored where they are.
+        still: whether to score them as they are, without alignment.
         """
         reaches = FAR_REACHES[:0] if still else FAR_REACHES
         return self._aligned(sight, [Hypothesis(0.0, *pose) for pose in poses], reaches)

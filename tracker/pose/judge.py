@@ -27,7 +27,7 @@ SETTLED = 0.95
 """Probability that a fit is the object, above which no other hypothesis is tried."""
 
 CLEAR = 0.5
-"""If a fit that all cameras see is the object with a higher probability, no other position is tried."""
+"""Probability that a fit seen by all cameras is the object, above which no other position is tried."""
 
 MOST_ODDS = 500.0
 """Log odds are capped at this, since their exponential may overflow with many cameras."""

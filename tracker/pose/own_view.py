@@ -1,4 +1,4 @@
-"""Where each camera by itself sees the object, as if no calibration bound it to the others."""
+"""Where each camera sees the object on its own, as if no calibration tied it to the others."""
 
 import numpy as np
 
@@ -31,10 +31,10 @@ def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
-    """Solve for each camera's pose by itself, as if no calibration bound it to the others.
+    """Solve for the pose that each camera sees on its own, as if no calibration tied it to the others.
 
-    Uses the offsets measured last. Unlike in the joint solution, everything within the strips counts at
-    first, since a camera that is displaced shows all edges displaced.
+    Uses the latest offsets. Unlike in the joint solution, everything within the strips counts at first, since
+    a displaced camera shows all edges displaced.
 
     Args:
         solution: the joint one.

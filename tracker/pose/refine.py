@@ -64,7 +64,7 @@ EXPONENT_STD = 0.5
 
 FINE_MOSAIC = 1.5
 """Size of the object relative to the reference, above which a mosaic does not matter: strips have so many
-pixels that interpolation errors average out (recorded images of 540×540 fit no better with it)."""
+pixels that interpolation errors average out (modelling it does not help recorded images of 540×540)."""
 
 PRIOR = 3.0, 10.0
 """Information of a prior of 0.6 radii of the object and 0.3 rad around the pose before each step, which

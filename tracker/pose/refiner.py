@@ -59,7 +59,7 @@ class Workspace(NamedTuple):
     found: Array
     """(C, MAX_STRIPS) of OFFSET."""
     distance: FloatArray
-    """(C, PIXELS) from the edges [px], when they were collected."""
+    """(C, PIXELS) distances from the edges when they were collected [px]."""
     values: FloatArray
     """(C, 3, PIXELS) colours."""
     residuals: FloatArray
@@ -96,7 +96,7 @@ class Refiner:
     Args:
         box: the object.
         rig: the cameras.
-        reader: what read the images.
+        reader: the one that read the images.
         support: whether the object is expected to rest on the arena's table.
     """
 
@@ -136,7 +136,7 @@ class Refiner:
             lag: how old the images are; None: all were taken at the same time.
             resized: see Fit, if known.
             left_out: cameras whose images do not move the pose, but are evidence for it or against it.
-            ask: whether to estimate the pose that each camera sees by itself.
+            ask: whether to estimate the pose that each camera sees on its own.
         """
         pictures, start = sight.without(*left_out).pictures, start or self.likely
         model, pose = self._shaded if sight.shaded else self.model, (rotation, position)
@@ -180,7 +180,7 @@ class Refiner:
         lag: Lag | None = None,
         ask: bool = False,
     ) -> tuple[Array, Array, Array, OwnViews]:
-        """Call `refine` at a rotation and position; return the solution (1,) and all else that it fills."""
+        """Call `refine` at a rotation and position; return the solution (1,) and everything else it fills."""
         solution, cameras = np.zeros(1, SOLUTION), np.zeros(len(pictures), CAMERA)
         solution["size"] = UNKNOWNS if lag is None else MOVING
         solution["rotation"], solution["position"] = pose

@@ -219,10 +219,9 @@ class Observation:
             memory, or if lost.
         status: why there is a pose, or why not.
         timing_ms: wall-clock time of each stage [ms].
-        reason: from `update`, without `object_pose`: why none was measured, or accepted; AMBIGUOUS: or not
-            confirmed yet.
-            From `detect`, with a pose: INCONSISTENT_VIEWS if the cameras contradict each other, which makes
-            their calibration doubtful.
+        reason: from `update` without `object_pose`: why none was measured or accepted; AMBIGUOUS may also
+            mean that it is not confirmed yet. From `detect`, with a pose: INCONSISTENT_VIEWS if the cameras
+            contradict each other, which makes their calibration doubtful.
         cameras: how each camera's image was used, in the order of the rig.
     """
 

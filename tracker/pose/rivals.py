@@ -22,14 +22,14 @@ SQUARE = 0.02
 """Relative difference of two edges below which their face counts as a square."""
 
 LONG = 1.5
-"""Longest edge, relative to the next, from which a box may be taken for one that is shifted along it."""
+"""Longest edge, relative to the next, from which a box may be mistaken for one shifted along that edge."""
 
 SHOWN = 12
-"""Pixels of a label map in the colour of an end that settle where it is."""
+"""Number of label-map pixels in the colour of an end that settles where the end is."""
 
 SHIFTS = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
-"""Distances by which it may be shifted [half its longest edge]: an end that is hidden is easily taken to be
-where an occluder ends."""
+"""Distances by which it may be shifted [half its longest edge]: a hidden end is easily taken to be where an
+occluder ends."""
 
 
 def turned_about_face(

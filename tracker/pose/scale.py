@@ -33,7 +33,7 @@ WINDOW_RIM = 12.0
 def extent(half, narrow):  # type: ignore[no-untyped-def]
     """One length [m] for the size of a box, between its longest edge and its diagonal; less for a thin box.
 
-    Their geometric mean is equal to within 4 % for a cube of 65 mm and a cuboid of 20 × 20 × 80 mm, for which
+    Their geometric mean agrees to within 4 % for a cube of 65 mm and a cuboid of 20 × 20 × 80 mm, for which
     the same lengths suit the refinement. narrow: half the edge that must still be resolved [m].
     """
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
@@ -61,7 +61,7 @@ def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[in
     An object in the arena's middle then has about the size LABELS.
     """
     middle = np.array([*arena.center, arena.ground + box.half.min()])
-    # For a plate's sake no finer: more pixels of its wide faces would count as more evidence.
+    # Not finer for a plate: more pixels of its wide faces would count as more evidence.
     factors, length = [], extent(box.half, np.sort(box.half)[1])
     for camera in cameras:
         depth = float(camera.camera_from_world[2, :3] @ middle + camera.camera_from_world[2, 3])

@@ -17,7 +17,7 @@ class Schedule(NamedTuple):
     tukey: FloatArray
     """(steps,) smallest residual at which a piece's weight reaches zero [px]."""
     every: Array
-    """(steps,) n, never growing, if only every n-th piece is used: all from the second step on."""
+    """(steps,) n if only every n-th piece is used; it never grows, and is 1 from the second step on."""
     negligible: FloatArray
     """(steps,) squared length of a step [standard deviations of the pose] below which the refinement ends."""
     moves: bool = True

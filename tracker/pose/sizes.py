@@ -37,7 +37,7 @@ FEET_PRIOR = np.array([0.5, 0.25, 0.25])
 """Prior probability of each."""
 
 FOOT_STD = math.sqrt(float(FEET @ FEET_PRIOR))
-"""Prior standard deviation of that [m]."""
+"""Prior standard deviation of that height [m]."""
 
 WORN = WEAR**2 / (WEAR + 0.07**2)
 """Part of WEAR that all cameras and all edges of a worn face share: hardly any of the offset of sharp edges,
@@ -49,7 +49,7 @@ n × (length of the mean of their viewing directions)² / third if that is above
 show edges. Chosen on generated scenes, so that worn boxes lie within their covariances as sharp ones do."""
 
 NEGLIGIBLE = 30.0
-"""Twice the log odds by which a share falls behind the likeliest so far that no longer counts: even the
+"""Twice the log odds behind the likeliest share so far beyond which a share no longer counts: even the
 largest then changes the mean by less than 1e-4."""
 
 
@@ -65,12 +65,12 @@ def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: igno
 
 @compiled
 def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
-    """Add to doubts (S,) of SHARES what the measurements say, from the stated one both ways."""
+    """Add to doubts (S,) of SHARES what the measurements say, in both directions from the stated one."""
     least = np.inf
     for first, last, way in ((STATED, -1, -1), (STATED + 1, len(SHARES), 1)):
         behind = 0.0
         for k in range(first, last, way):
-            # Those after one that is negligible are so, too.
+            # Those after a negligible one are negligible, too.
             doubts[k] += solve(solution, cameras, SHARES[k]) if behind < NEGLIGIBLE else np.inf
             least = min(least, doubts[k])
             behind = max(behind, doubts[k] - least)
@@ -78,7 +78,7 @@ def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
 
 @compiled
 def _mean(sizes, doubts):  # type: ignore[no-untyped-def]
-    """Posterior mean of sizes (W,) by their doubts."""
+    """Posterior mean of sizes (W,), given their doubts."""
     least, weights, mean = doubts[smallest(doubts)], 0.0, 0.0
     for w in range(len(sizes)):
         weight = math.exp(-0.5 * (doubts[w] - least))
@@ -103,9 +103,9 @@ def seeing(cameras):  # type: ignore[no-untyped-def]
 def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
     """Estimate the size of the cameras' errors and of the edges' own.
 
-    Both scatter the offsets of strips more than noise does: those of a camera together, those of an edge by
-    themselves. Each candidate size is weighted by the likelihood of the measurements (empirical Bayes):
-    equation (18) of docs/how-it-works.md. Each is searched with the other at its most likely value.
+    Both scatter the offsets of strips more than noise does: a camera's shift all its strips together, an
+    edge's only its own. Each candidate size is weighted by the likelihood of the measurements (empirical
+    Bayes): equation (18) of docs/how-it-works.md. Each is estimated with the other at its most likely value.
 
     doubtful: whether the calibration states errors; ask: whether to estimate the edges' errors, too, and set
     the solution's variances `own` and `foot` to their posterior means.

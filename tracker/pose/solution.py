@@ -29,7 +29,7 @@ CAMERA = np.dtype(
         ("delay", np.float64),  # age of the image relative to the latest [s]
         ("weights", np.float64, (6, 6)),  # inverse covariance of its offset, as calibrated
         ("offset", np.float64, (OWN,)),  # displacement of the object in its view [m, rad]; of its exponent
-        ("lag", np.float64, (6,)),  # the same by the age of its image [m, rad]
+        ("lag", np.float64, (6,)),  # the same due to the age of its image [m, rad]
         ("blur", np.float64),  # standard deviation of its image's blur [px]
         ("reach", np.float64),  # half width of the strips [px]
         ("strips", np.int64),  # number of strips, …

@@ -124,8 +124,8 @@ def with_edges(cameras, feet, own, foot):  # type: ignore[no-untyped-def]
 
     All pieces of an edge may be off together, because wear, light or print differ from the model; see below
     equation (14) of docs/how-it-works.md. Where feet (12,) is 1, the colours above the edge also end too
-    early, by a deviation of the variance `foot` [m²]. Return minus twice the log likelihood of the offsets,
-    as far as it depends on the edges' own.
+    early, by a deviation of variance `foot` [m²]. Return minus twice the log likelihood of the offsets, up to
+    terms that do not depend on the edges' own.
     """
     unlikely = 0.0
     for c in range(len(cameras)):
@@ -240,7 +240,7 @@ def _add(camera, solution):  # type: ignore[no-untyped-def]
 
 @compiled
 def solve(solution, cameras, share):  # type: ignore[no-untyped-def]
-    """Solve for the shared unknowns, the cameras' own eliminated.
+    """Solve for the shared unknowns, with the cameras' own eliminated.
 
     Return minus twice the log likelihood of the measurements with this `share`, up to a constant; infinite if
     the equations cannot be solved: equation (18) of docs/how-it-works.md. The step is equation (17) of
@@ -321,7 +321,7 @@ def own_changes(solution, cameras):  # type: ignore[no-untyped-def]
 
 @compiled
 def marginal(solution):  # type: ignore[no-untyped-def]
-    """Fill the marginal covariance (6, 6) of the pose and variance of the rim.
+    """Fill the marginal covariance (6, 6) of the pose and the variance of the rim.
 
     Return False if there is none.
 

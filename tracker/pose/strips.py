@@ -99,7 +99,7 @@ def _depths(corners, ends, faces, length):  # type: ignore[no-untyped-def]
 def _begin_edge(lens, half, rotation, position, ends, edge):  # type: ignore[no-untyped-def]
     """Fill edge (4, 3): an edge's first end and the way to its other end, along world and camera axes [m].
 
-    The world's axes begin at the object's centre. ends: the edge's corners.
+    The former are relative to the object's centre. ends: the edge's corners.
     """
     (a, b), r = ends, lens.rotation
     edge[:, :] = 0.0
@@ -304,9 +304,9 @@ def collect(shown, picture, camera, strips, every, pixels):  # type: ignore[no-u
 
     shown: the image and its mask of hidden pixels (H, W); picture: its light and mosaic (`views.PICTURE`);
     camera (`solution.CAMERA`): number of strips, their half width, and whether the mosaic counts; every:
-    collect for every n-th strip only, and not again where it is done. Each strip stores where its pixels are,
-    separately for each channel of a mosaic. Gaps up to the next multiple of BLOCK are filled with FAR and 0;
-    P must be such a multiple.
+    collect for every n-th strip only, unless already done. Each strip stores where its pixels are, separately
+    for each channel of a mosaic. Gaps up to the next multiple of BLOCK are filled with FAR and 0; P must be
+    such a multiple.
     """
     (image, mask), start, parts, reach = shown, camera.pixels, camera.parts, camera.reach
     stride = _stride(strips, camera.strips, reach) if parts == 1 else 1

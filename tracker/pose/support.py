@@ -216,7 +216,7 @@ def apply_table(table, half, solution):  # type: ignore[no-untyped-def]
     and a uniform density, and so is the posterior; the step then leads to its mean: equation (28) of
     docs/how-it-works.md.
 
-    Filled: the solution's columns and less, such that columns · less · columnsᵀ is the reduction of the
+    Filled: the solution's `columns` and `less`, such that columns · less · columnsᵀ is the reduction of the
     pose's covariance. Return the log likelihood of the images relative to an object that may be anywhere.
     """
     n, columns, change = solution.size, solution.columns, solution.change

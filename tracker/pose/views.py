@@ -44,8 +44,8 @@ PICTURE = np.dtype(
 """One camera's image as a whole."""
 
 TILE = 4
-"""Label-map pixels per side of a square, which is read if its first pixel or that of a neighbouring square
-shows a face colour; all else is background."""
+"""Label-map pixels per side of a tile, which is read if its first pixel or that of a neighbouring tile shows
+a face colour; all else is background."""
 
 
 Hidden: TypeAlias = Sequence[Array | None] | None
@@ -146,7 +146,7 @@ def _evened_label(b, g, r, at, picture, table, slopes):  # type: ignore[no-untyp
 
 @compiled
 def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-untyped-def]
-    """Return which tiles (h, w) of a label map show a face colour in a window, or are beside such tiles."""
+    """Return which tiles (h, w) of a label map show a face colour in a window, or border on one that does."""
     left, top, right, bottom = window
     near = np.zeros((image.shape[0] // by // TILE + 3, image.shape[1] // by // TILE + 3), np.bool_)
     for m in range(top // TILE, (bottom - 1) // TILE + 1):

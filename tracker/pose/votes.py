@@ -22,7 +22,7 @@ MIN_VOTE, RELATIVE_VOTE = 0.15, 0.35
 """Smallest vote of a position: absolute, and relative to the best."""
 
 DOUBT = 2.0
-"""Number of imaginary cameras that see nothing at a point, beside those that view it. With fewer, points
+"""Number of imaginary cameras that see nothing at a point, added to those that view it. With fewer, points
 behind the object, which only one camera views, outvote the place that all cameras view."""
 
 GRID_STEP = 0.5
@@ -187,8 +187,8 @@ def gather(lenses, labels, pictures, position, radius, stats):  # type: ignore[n
 def _toward(lenses, stats, radius, face, position):  # type: ignore[no-untyped-def]
     """Move a position (3,) [m] in place so that it projects to the centroids of stats (C, 7, 3).
 
-    It moves by at most 0.8 radii along each axis. face: what a colour shows of the object at most [m²]; one
-    that shows more counts less, since something else has it, too.
+    It moves by at most 0.8 radii along each axis. face: the most of the object that a colour can show [m²];
+    one that shows more counts less, since something else has it, too.
     """
     jacobian, matrix = np.empty((2, 3)), np.zeros((3, 3))
     vector, step = np.zeros(3), np.empty(3)
@@ -244,7 +244,7 @@ def _grid(arena: Arena, step: float) -> FloatArray:
     side = (np.arange(across) - (across - 1) / 2) * step
     heights = (bottom + top) / 2 + (np.arange(up) - (up - 1) / 2) * step
     x, y, z = np.meshgrid(side, side, heights, indexing="ij")
-    # A column more or less wide than the arena always stands inside.
+    # At least one column is always inside, even if it is about as wide as the arena.
     inside = np.hypot(x, y) <= max(arena.radius, 0.71 * step)
     return np.stack([x[inside] + arena.center[0], y[inside] + arena.center[1], z[inside]], axis=-1)
 
@@ -271,7 +271,7 @@ class PositionSearch:
         return np.stack(one, axis=1)
 
     def floods(self, labels: Array, pictures: Array) -> list[tuple[int, int]]:
-        """Cameras and colours of which their label maps (C, h, w) show much more than a face: a table's."""
+        """Camera and colour where a label map (C, h, w) shows far more of it than a face can: a table's."""
         found = []
         for c, colored in enumerate(pictures["colored"].tolist()):
             if colored > self._most[c]:
