@@ -60,9 +60,9 @@ class ColorModel(Frozen):
 
     Attributes:
         name: name of the model.
-        log_posterior: (7, 32, 32, 32) by class, blue, green, red; at most 0, which is the best
-            class of a node.
-        normalise: whether to scale an image's channels so that its greys become grey; False: as they are.
+        log_posterior: (7, 32, 32, 32) by class, blue, green, red; at most 0, the value of a node's best
+            class.
+        normalise: whether to scale an image's channels so that its greys become neutral; False: no scaling.
 
     Raises:
         ColorModelError: a value has the wrong type or shape, or the log posteriors are impossible.
@@ -101,7 +101,7 @@ class ColorModel(Frozen):
 
     @functools.cached_property
     def shade_table(self) -> Array:
-        """`label_table`, but colours that in more light would clearly be another face's are that face's."""
+        """`label_table`, but colours that would clearly be another face's in more light are that face's."""
         plain = self.label_table.reshape((CELLS,) * 3, order="F")
         table = plain.copy()
         for light in MORE_LIGHT:

@@ -130,7 +130,7 @@ def keep_strongest(labels: Image, evidence: Array) -> Image:
     for label in range(1, 7):
         mask = cv2.medianBlur((labels == label).astype(np.uint8), 5 if fine else 3)
         if fine:
-            # Pixels at the rim mix two surfaces; at this resolution a face is large enough without them.
+            # Pixels at the border mix two surfaces; at this resolution a face is large enough without them.
             mask = cv2.erode(mask, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
         count, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
         large = stats[:, cv2.CC_STAT_AREA] >= MIN_AREA * scale * scale

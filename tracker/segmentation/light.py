@@ -1,10 +1,10 @@
 """Normalise the light of an image: scale its channels so that the scene's greys become one grey.
 
-A veil, which stray light or a camera's black level lays over all of an image, is taken off before.
+First, the veil that stray light or a camera's black level lays over the whole image is removed.
 
 The platform is grey almost everywhere (wall, table, robot), so the most frequent chromaticity is
-that of grey under this camera's white balance. The mean of these grey pixels gives the channel gains,
-the brighter ones give the exposure.
+that of grey under this camera's white balance. The mean of these grey pixels gives the channel gains, and the
+brighter ones give the exposure.
 """
 
 import math
@@ -43,11 +43,11 @@ LEAST_BLACK = 8
 """Smallest level of an image's darkest pixels that a veil may have lifted."""
 
 DENSEST = 128
-"""Level above which what even the darkest pixels have is no veil: the image is overexposed."""
+"""Level of the darkest pixels above which they show no veil: the image is overexposed."""
 
 DARKEST = 8000
-"""One in this number of pixels is taken for black: so few show at least the dark channels of a saturated
-object, in a scene without anything black."""
+"""One pixel in this many is taken for black: even in a scene without anything black, at least so many show
+the dark channels of a saturated object."""
 
 _BINS = 56
 _RANGE = 1.75
@@ -261,7 +261,7 @@ class Light:
     tilt: FloatArray
     """(2, 2) slopes of ln(blue/green) and ln(red/green), per half image to the right and down; 0: even."""
     share: float
-    """Share of the pixels, neither dark nor clipped, that are grey; 0 if no grey is found."""
+    """Share of greys among the pixels that are neither dark nor clipped; 0 if no grey is found."""
 
 
 def find_light(image: Image) -> Light:

@@ -118,7 +118,7 @@ _INTERPOLATIONS = (
 def interpolated(image: Image, red: int) -> Image:
     """Return the image (H, W, 3), interpolated again from what its mosaic measured; red: see `find_mosaic`.
 
-    The border stays, since OpenCV repeats its neighbours there.
+    The border stays as it is, since OpenCV repeats its neighbours there.
     """
     row, column = red >> 1, red & 1
     raw = image[..., 1].copy()
