@@ -42,7 +42,7 @@ class TrackingOptions:
             `max_speed` per second.
 
     Raises:
-        TrackerError: a value is not a finite number or negative, or a confidence that is none.
+        TrackerError: a value is negative or not a finite number, or `min_confidence` is above 1.
     """
 
     coast_seconds: float = 0.5
@@ -75,8 +75,8 @@ class Belief(NamedTuple):
     motion: MotionFilter | None = None
     """Pose and velocity of the object at the last images; None before it was first seen."""
     basis: MotionFilter | None = None
-    """The same at the last accepted measurement, from which all is predicted: many short predictions would
-    blur the kinds of motion into each other."""
+    """The same at the last accepted measurement, from which everything is predicted: many short predictions
+    would blur the kinds of motion into each other."""
     last_pose: tuple[FloatArray, FloatArray] | None = None
     """Rotation (3, 3) and position (3,) [m] of the last accepted measurement."""
     seen: float | None = None
@@ -104,7 +104,7 @@ class Belief(NamedTuple):
         return moved._replace(motion=motion), motion.state
 
     def _seconds_since(self, timestamp: float) -> float | None:
-        """Return how long before a timestamp [s] the object was seen [s]; None if it is lost then."""
+        """Return how long before a timestamp [s] the object was seen [s]; None if it is lost by then."""
         if self.timestamp is not None and timestamp < self.timestamp:
             raise TrackerError(
                 f"timestamp: found {timestamp:.6f} s after {self.timestamp:.6f} s, expected no earlier one; "
@@ -182,7 +182,7 @@ class Belief(NamedTuple):
         return _close(fit, rotation, position, shift, turn)
 
     def forecast(self, timestamp: float, box: Box, ground: float) -> Forecast | None:
-        """Predict the object at a later timestamp [s], see `advance`, that has no images; None if it is lost.
+        """Predict the object at a later timestamp [s] without images (see `advance`); None if it is lost.
 
         box: the object; ground: height [m] below which it is never predicted, unless last seen lower.
         """
@@ -216,12 +216,12 @@ class Belief(NamedTuple):
     def _near(self, motion: MotionFilter, fused: MotionState) -> float:
         """Nearness of a predicted pose: the object probably rests where it was, but may have moved far.
 
-        motion: the object's, which may have changed its kind; fused: the state that tells the pose.
+        motion: the object's, which may have changed its kind; fused: the state that gives the pose.
         """
         return sum(weight * nearness(spread, self._single) for weight, spread in motion.parts(fused))
 
     def _raised(self, state: MotionState, box: Box, ground: float) -> MotionState:
-        """Return a state that is not below the ground [m], or where the object was last seen."""
+        """Return a state that is not below the ground [m], or not below where the object was last seen."""
         if self.last_pose is not None:
             rotation, position = self.last_pose
             ground = min(ground, box.lowest(position, rotation))
@@ -229,7 +229,7 @@ class Belief(NamedTuple):
         return state._replace(position=state.position + np.array([0.0, 0.0, height]))
 
     def _told(self, state: MotionState, box: Box, near: float | None = None) -> dict[str, Any]:
-        """Return the fields of a MotionEstimate of a state; near: see `nearness`, None: by the covariance."""
+        """Return the fields of a MotionEstimate of a state; near: `nearness`, None: from the covariance."""
         pose = state.covariance[:6, :6]
         near = nearness(pose, self._single) if near is None else near
         return {

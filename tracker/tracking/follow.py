@@ -30,8 +30,8 @@ TOGETHER, ALONE = 1.2, 2.2
 cameras, and with one, in which wrong poses look better."""
 
 MORE_EXTRA = 0.08
-"""Largest increase, since the last search everywhere, of the share of object-coloured pixels outside the
-outline at which a fit is kept: a fit that slid along an edge looks good, too, but leaves them uncovered."""
+"""Largest increase in the share of object-coloured pixels outside the outline, since the last search
+everywhere, for a fit to be kept: a fit that slid along an edge looks good, too, but leaves them uncovered."""
 
 MOSTLY = 0.8
 """Share of these pixels above which one camera counts as showing most of them."""
@@ -78,18 +78,18 @@ class Memory(NamedTuple):
 
 
 class Gate:
-    """Lets one thread in; others get an error, unless they come in the same instant, and wait."""
+    """Lets one thread in; others get an error, or wait if they come at the same instant."""
 
     def __init__(self) -> None:
         self._locks = dict[int, threading.Lock]()
 
     def lock(self) -> threading.Lock:
-        """Return the lock to enter with, whose own with-statement Ctrl-C cannot leave locked.
+        """Return the lock to use in a `with` statement, which Ctrl-C cannot leave locked.
 
         Raises:
             TrackerError: it is locked.
         """
-        # In a forked process, no thread would release the lock that one held.
+        # A forked process has no thread that would release an inherited lock.
         lock = self._locks.setdefault(os.getpid(), threading.Lock())
         if lock.locked():
             raise TrackerError(
@@ -100,7 +100,7 @@ class Gate:
 
 
 class Follower:
-    """Tracks one object from frame to frame; stateless, the state is a `Memory`.
+    """Tracks one object from frame to frame; stateless: the state is a `Memory`.
 
     Args:
         estimator: finds and refines poses.
@@ -121,7 +121,7 @@ class Follower:
     ) -> tuple[Observation, Memory]:
         """Return the answer to the images of a timestamp [s], and the state after them.
 
-        delays: age of each camera's image [s]; hidden: masks of pixels that are no evidence.
+        delays: age of each camera's image [s]; hidden: masks of pixels that do not count as evidence.
 
         Raises:
             TrackerError: the timestamp is earlier than the last one.
@@ -131,7 +131,7 @@ class Follower:
         timing: dict[str, float] = {}
         given = self._estimator.reader.unveiled(given, timing)
         memory, lag = memory._replace(belief=belief, cameras=cameras), None
-        # What is not used makes nothing uncertain, however old it is.
+        # An unused image makes nothing uncertain, however old it is.
         delays = [0.0 if image is None else delay for image, delay in zip(given, delays, strict=True)]
         if (longest := max(delays)) > 0.0:
             velocity, covariance = np.zeros(6), START_VELOCITY

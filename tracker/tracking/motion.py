@@ -116,7 +116,7 @@ def _pool(modes, weights, errors, mean, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def _mix(dt, motions, old, modes):  # type: ignore[no-untyped-def]
-    """Let the kinds of motion `old` change into each other for dt [s]; modes: a copy of them, changed.
+    """Let the kinds of motion `old` change into each other for dt [s]; modes: a copy of them to change.
 
     See equation (23) of docs/how-it-works.md.
     """
@@ -318,8 +318,8 @@ class MotionFilter(NamedTuple):
     ) -> MotionFilter:
         """Return the filter updated with a measurement and its covariance (6, 6).
 
-        others: whether the last one had large constant errors that this one does not share, as of a single
-            camera: what differs between them is no motion.
+        others: whether the last one had large constant errors that this one does not share, as with a single
+            camera: their difference is then not motion.
         """
         old, modes = self.modes, np.empty_like(self.modes)
         if others:
@@ -331,10 +331,10 @@ class MotionFilter(NamedTuple):
     def forecast(self, dt: float, *, changing: bool = False) -> MotionFilter:
         """Return the filter after dt [s] if each kind of motion continues.
 
-        changing: whether the kind may change, as between images: for confidences. In poses, rare changes
+        changing: whether the kind may change, as between images; used for confidences. In poses, rare changes
             would hide what is nearly certain.
         """
-        # Displaced by a dt²/2, the variance is that of white noise of this strength.
+        # A displacement of a dt²/2 has the variance that white noise of this strength causes.
         push = np.sqrt(MOTIONS.push**2 + 0.75 * dt * ACCELERATION**2)
         return self._after(dt, self.modes, MOTIONS._replace(push=push), mixed=changing)
 
