@@ -109,7 +109,7 @@ def described(array: Any) -> str:
 
 
 def array_of(given: object) -> Array:
-    """Convert to an array; one of dtype object if it is ragged, refuses, or has masked values."""
+    """Convert to an array, of dtype object if the input is ragged, refuses, or has masked values."""
     if isinstance(given, np.ndarray) and type(given) is not np.ndarray and np.ma.is_masked(given):
         return np.asarray(None)
     try:
@@ -119,7 +119,7 @@ def array_of(given: object) -> Array:
 
 
 def in_8_bits(image: Array) -> tuple[int, str]:
-    """Return how many bits an image of 16 uses, as cameras do, and the expression that makes 8 of them."""
+    """Return how many of its 16 bits a camera's image uses, and the expression that reduces it to 8."""
     bits = next(bits for bits in (8, 10, 12, 16) if image.max(initial=0) < 1 << bits)
     return bits, f"(image >> {bits - 8}).astype(np.uint8)" if bits > 8 else "image.astype(np.uint8)"
 
@@ -128,7 +128,7 @@ BLACK = 12
 """Level that the brightest pixel of an image must reach; otherwise the image counts as black."""
 
 ROWS = 8
-"""Step between the rows of pixels that are looked at, for speed; decoders of films repeat 4 to 16 rows."""
+"""Step between the rows of pixels examined, for speed; film decoders repeat 4 to 16 rows."""
 
 
 def sampled(image: Array) -> Array:

@@ -25,7 +25,7 @@ from numba.core.typing.templates import make_concrete_template
 _KERNEL = re.compile(r"@_?compiled\b")
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 _CREATING = {"array", "copy", "empty", "eye", "zeros"}
-"""Names by which kernels create arrays; those that use other functions for that fail to compile."""
+"""Names of functions with which kernels may create arrays; kernels that use others fail to compile."""
 
 _FOLDER = "kernels-"
 _OTHERS, _OTHERS_SHARED = 1, 8
@@ -250,8 +250,8 @@ class _Implementation(CompileResultCacheImpl):
 
     def reduce(self, result: Any) -> Any:
         # Kernels compile what they call: of the bitcode that is kept to be linked into other code, only the
-        # name of the function that Python calls is of use. Environments serve errors whose text is made
-        # when they occur, which kernels do not raise; loading them imports numba's arrays.
+        # name of the function that Python calls is needed. Environments serve errors whose text is made up as
+        # they occur, and kernels raise none; loading them imports numba's arrays.
         (name, kind, (code, _)), *others, _envs = super().reduce(result)  # type: ignore[no-untyped-call]
         entry = f'define void @"{result.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
         return (name, kind, (code, ll.parse_assembly(entry).as_bitcode())), *others, ()

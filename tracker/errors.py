@@ -46,7 +46,7 @@ def install(extra: str) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a short description of a value of any type and size: of arrays their dtype and shape."""
+    """Return a short description of a value of any type and size: for arrays, their dtype and shape."""
     if (shape := getattr(value, "shape", ())) and hasattr(value, "dtype"):
         return f"{value.dtype} of shape {shape}"
     if isinstance(value, (dict, list)):

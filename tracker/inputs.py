@@ -61,8 +61,8 @@ def colors_of(colors: ColorModel | PathLike | None, model: CuboidModel) -> Color
 def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
     """Return one set of files in the order of the cameras that they or their folders are named after.
 
-    If there is no such name, in the given order. NO_IMAGE stands for a missing image. ImageError if there are
-    too few or too many, or if names contradict the cameras.
+    Without such names, in the given order. NO_IMAGE stands for a missing image. ImageError if there are too
+    few or too many, or if names contradict the cameras.
     """
     each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' for a missing image)"
     if len(paths) != len(names):

@@ -75,7 +75,7 @@ class ObjectTracker:
         return f"ObjectTracker({self.model!r},\n    {self.rig!r},\n    {self.colors!r}{memory})"
 
     def __getstate__(self) -> dict[str, Any]:
-        # A copy, of whichever depth, gets its own gate.
+        # A copy, shallow or deep, gets its own gate.
         return self.__dict__ | {"_gate": Gate()}
 
     def detect(self, images: Images, hidden: Images | None = None) -> Observation:
@@ -115,7 +115,7 @@ class ObjectTracker:
 
         Images arrive late: predict the pose for the time at which you act. `kinds` lists the possible motions
         (at rest, carried or pushed, thrown) with their poses and probabilities. Pose and covariance are those
-        of the mixture of the likely ones (95 %), of all while the object is unseen. Predictions never sink
+        of the mixture of the likely ones (95 %), or of all while the object is unseen. Predictions never sink
         deeper into the table than the last pose did. The result is None if the object is lost, or unseen for
         more than `TrackingOptions.coast_seconds` by then.
 
@@ -179,7 +179,7 @@ class ObjectTracker:
 
 
 SAMPLE, RATHER = 7, 0.25
-"""Number of sets of images that tell which object they show, and the gain in mean confidence that does."""
+"""Number of sets of images, and gain in mean confidence, that suffice to recognise another object."""
 
 
 def another_shown(tracker: ObjectTracker, sets: Sequence[Sequence[Image | None]]) -> str:

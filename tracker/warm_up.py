@@ -201,7 +201,7 @@ def use_others() -> None:
     estimator, sight, place = _estimator(), _sight(), (np.eye(3), _POSITION, np.zeros((1, 6)))
     image = np.random.default_rng(0).integers(0, 255, (_SIZE, _SIZE, 3)).astype(np.uint8)
     estimator.reader([image])
-    # Called by themselves for an image with a veil, and for one that may be frozen.
+    # Called on their own for an image with a veil, and for one that may be frozen.
     find_mosaic(image)
     noise_level(image)
     positions = estimator.search.positions
@@ -210,7 +210,7 @@ def use_others() -> None:
     first = estimator.search.begun(sight, _POSITION, range(1))[0]
     estimator.search.near(sight, [(first.rotation, first.position)])
     seen = estimator.search.counted(sight, np.eye(3), _POSITION)
-    # Fits are judged by the refinement, which takes long enough without these two.
+    # The refinement judges fits, but takes long enough to compile without these two.
     estimator.search.resized(sight, Fit(_POSITION, np.eye(3), np.eye(6), seen, converged=True))
     maps, faces = estimator.search.lenses, estimator.search.faces
     judge(maps, sight.labels, sight.pictures, sight.pictures, faces, place, 0.0, seen, NUMBERS)

@@ -58,14 +58,14 @@ def mass_within(covariance, near, turned, directions):  # type: ignore[no-untype
             total += 1.0 - math.exp(-half) * (1.0 + half + 0.5 * half * half)
         else:
             total += 1.0
-    return max(total, 0.0) / count  # rounding errors may exceed what is next to nothing
+    return max(total, 0.0) / count  # rounding errors may exceed a tiny total
 
 
 def probability_within(covariance: FloatArray, near: float, turned: float) -> float:
     """Return P(‖δp‖ < near and ‖δθ‖ < turned) for a Gaussian error with covariance (6, 6) [m, rad].
 
     This is equation (20) of docs/how-it-works.md.
-    The error is L·r·w with the covariance L Lᵀ, a unit vector w, and r² that follows χ² with six degrees of
+    The error is L·r·w with covariance L Lᵀ, a unit vector w, and r² distributed as χ² with six degrees of
     freedom. The limits hold up to r² = min(near²/‖L_p w‖², turned²/‖L_θ w‖²); the result is the mean of the
     χ² distribution function there over all directions w. It is 0 if the covariance is not positive definite.
     """
