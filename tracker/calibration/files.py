@@ -220,7 +220,7 @@ def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Cali
 
 
 def file_name(camera: str) -> str:
-    """Return the name of a camera's file, which is read with its folder: `camera` is in it."""
+    """Return the name of a camera's file; `camera` is in it, so that it is read with its folder."""
     return f"{camera}.yml" if "camera" in camera else f"camera_{camera}.yml"
 
 

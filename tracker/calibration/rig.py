@@ -1,7 +1,7 @@
 """The rig: all cameras that see the arena, in a fixed order, and the arena.
 
 The arena is stated beside the camera files, in one TOML file, `arena.toml`: the fields of
-`geometry.arena.Arena`, each optional; table = "none" is that of an arena without one.
+`geometry.arena.Arena`, each optional; table = "none" means that the arena has none.
 """
 
 from __future__ import annotations

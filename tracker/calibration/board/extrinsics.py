@@ -27,10 +27,10 @@ MOST_RMS = 1.5e-3
 
 LEAST_RMS, SURENESS = 0.15, 8.0
 """Residual that every photo may have [px RMS], since prints and rendered boards are not exact either, and how
-many residuals' worth of evidence this is for the variance that a few corners tell badly."""
+many residuals this counts for, since a few corners determine the variance badly."""
 
 TRIED = 3
-"""How many of the photos that fit worst are tried to be left out."""
+"""How many of the worst-fitting photos to try leaving out."""
 
 Photo = tuple[int, int]
 """Numbers of a photo's camera and of its board pose."""
@@ -69,7 +69,7 @@ def place_cameras(lenses: Sequence[Calibrated], sightings: Photos, world_from_bo
 
     Raises:
         CalibrationError: a photo differs in size from its lens's images, no chain of photos links a camera
-            to the board's given pose, a camera's lens does not fit its photos, or two places of it do.
+            to the board's given pose, a camera's lens does not fit its photos, or two of its places do.
     """
     for (number, _), one in sightings.items():
         lens = lenses[number].camera

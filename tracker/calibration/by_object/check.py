@@ -43,7 +43,7 @@ LIMIT = 1.6 / FOCAL
 """Largest median disagreement of the cameras [rad]: 1.6 px on the platform, 3 mm at half a metre."""
 
 LOST = 0.6
-"""A camera is reported if it cannot use its image, but should see the object, in this share of looks."""
+"""A camera is reported if its image is unusable, though it should see the object, in this share of looks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,13 @@ class CameraCheck:
 
     name: str
     looks: int
-    """In how many it and at least one other camera see the object."""
+    """Number of looks in which it and at least one other camera see the object."""
     cannot_use: int
-    """In how many looks it should see the object but cannot use its image."""
+    """Number of looks in which it should see the object but its image is unusable."""
     miss_px: float
     """Median disagreement with the other cameras [px]."""
     moved: bool
-    """Whether its pose has changed since the calibration; if only two see the object: of one of them."""
+    """Whether its pose has changed since the calibration; if only two see the object: that of one of them."""
     correction: FloatArray
     """Transform (4, 4) that reconciles it with the others: camera_from_world is correction · given."""
     shift_mm: float
@@ -97,7 +97,7 @@ class CalibrationCheck:
     miss: float
     """Median over the looks of the cameras' root mean square disagreement [rad]; poor views do not count."""
     looks: int
-    """In how many at least two cameras see the object."""
+    """Number of looks in which at least two cameras see the object."""
     misses: FloatArray
     """Disagreement (looks, C, 2) of each camera with the others [px], right and down; NaN if not measured."""
 
@@ -121,7 +121,7 @@ class CalibrationCheck:
         ]
 
     def is_lost(self, one: CameraCheck) -> bool:
-        """Whether a camera cannot use its image in most looks."""
+        """Whether a camera's image is unusable in most looks."""
         return one.cannot_use >= max(OFTEN, LOST * len(self.misses))
 
 

@@ -62,7 +62,7 @@ class Look(NamedTuple):
     moved: FloatArray
     """The pose (C, 6) that each camera sees minus the joint pose [m, rad]."""
     lost: Array
-    """(C,) bool: whether a camera should see the object and shows its colours, but cannot use them."""
+    """(C,) bool: whether a camera should see the object and shows its colours, but they are unusable."""
     corners: FloatArray
     """Corners (N, 3) of the object according to all cameras together [m]."""
 
@@ -135,8 +135,8 @@ class CameraErrors:
     def moved(self) -> tuple[list[int], FloatArray]:
         """Return the cameras that have moved, the one that explains most first, and all errors (C, 6).
 
-        Not all but one: nothing tells which one has not, so that all are returned. Its error is that which
-        explains what it can in place of the camera that explains least.
+        If all but one have, nothing shows which one has not, so all are returned. The error of that one is
+        estimated in place of the camera that explains least.
         """
         free: list[int] = []
         seen = self.known[:, :, 0, 0] > 0.0

@@ -162,7 +162,7 @@ Posed: TypeAlias = Sighting | PoseEstimate | PoseColumns
 
 
 def near(one: Posed, other: Posed, limits: tuple[float, float]) -> bool:
-    """Return whether the object moved and turned by less than these limits [m, rad]; not if a pose is NaN."""
+    """Return whether the object moved and turned by less than these limits [m, rad]; False for a NaN pose."""
     moved = np.linalg.norm(one.position - other.position)
     return bool(moved < limits[0] and so3.angle_between(one.rotation, other.rotation) < limits[1])
 
