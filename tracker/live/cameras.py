@@ -57,7 +57,7 @@ class Grabbed:
 class LiveCamera(Protocol):
     """A camera that has been opened.
 
-    With an attribute `film`, if true, each set gets its next image, as if taken when the set was asked for.
+    If it has a true attribute `film`, each set gets its next image, as if taken when the set was requested.
     """
 
     triggered: bool

@@ -89,7 +89,7 @@ class Recorder(Listener):
     by more, or forward by more than an hour, or if writing fails, the recording ends.
 
     Args:
-        path: a file that does not exist yet, in a folder that there is.
+        path: a file that does not exist yet, in an existing folder.
         rig: the cameras.
         settings: returns each camera's settings, which are stored when the recording begins.
 

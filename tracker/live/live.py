@@ -40,7 +40,7 @@ PATIENCE = 0.1
 
 
 def check_arguments(tracker: object, history: object, listeners: Sequence[object] = ()) -> None:
-    """Raise LiveError if one of the arguments of Live with these names is none."""
+    """Raise LiveError if one of the arguments of Live with these names is invalid."""
     if not (callable(getattr(tracker, "update", None)) and hasattr(tracker, "rig")):
         raise LiveError(f"tracker: found {shown(tracker)}, expected a tracker.ObjectTracker")
     if not is_whole(history) or not 1 <= history <= 10**9:
@@ -114,7 +114,7 @@ class Live(AbstractContextManager["Live"]):
 
     @property
     def _lock(self) -> threading.Condition | nullcontext[None]:
-        """What guards the thread's results; without the thread, as in a fork, nobody might free a lock."""
+        """Guards the thread's results; without the thread, as in a fork, a lock might never be freed."""
         return self._changed if self._thread.is_alive() else nullcontext()
 
     @property
@@ -128,7 +128,7 @@ class Live(AbstractContextManager["Live"]):
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """The last hundred faults after which tracking continued, distinct but for times."""
+        """The last hundred faults after which tracking continued, distinct apart from their times."""
         with self._lock:
             return tuple(self._faults.values())
 
@@ -147,7 +147,7 @@ class Live(AbstractContextManager["Live"]):
             None if no moment came in time, or none will come since the source has ended or this was closed.
 
         Raises:
-            LiveError: the source or the tracker failed, as the message says, or an argument is none.
+            LiveError: the source or the tracker failed, as the message says, or an argument is invalid.
             KeyboardInterrupt, SystemExit: the source raised it.
         """
         number = after.sequence if isinstance(after, Moment) else after
