@@ -52,7 +52,7 @@ class OneAtATime:
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
-    """Open a regular file for reading; OSError for folders, devices and pipes, also without a writer."""
+    """Open a regular file for reading; OSError for folders, devices and pipes, even without a writer."""
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
     file = open(path, "rb", opener=lambda name, _: os.open(name, flags))  # noqa: SIM115 - the caller closes it
     with on_error(file.close):
@@ -71,7 +71,7 @@ def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
 
 
 def visible(folder: Path) -> Iterator[Path]:
-    """Return what is in a folder but for hidden files, which editors and file systems for Macs leave."""
+    """Return what is in a folder except hidden files, which editors and Mac file systems leave there."""
     return (item for item in folder.iterdir() if not item.name.startswith("."))
 
 
@@ -160,7 +160,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path; the file or new folder there is renamed to `path` if the block does not raise.
 
     A file is synced to disk before it is renamed, so that a power cut leaves either the old or the new one.
-    What is in a folder is not. A symbolic link is kept: its target is replaced.
+    The files in a new folder are not. A symbolic link is kept: its target is replaced.
 
     Raises:
         OSError: the file cannot be written, or is a pipe or a device, such as /dev/null, which a superuser

@@ -174,7 +174,7 @@ def text(file: Any, key: str) -> str:
 
 
 def text_of(path: str | os.PathLike[str], key: str) -> str | None:
-    """Return the text in an attribute of a file; None if there is none, or the file is damaged or no HDF5."""
+    """Return the text in a file's attribute; None if there is none, or the file is damaged or not HDF5."""
     with contextlib.suppress(LogError), faults_as_log_errors(""), open_file(path) as file:
         return text(file, key)
     return None  # the function that opens the file later reports what is wrong

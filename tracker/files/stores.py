@@ -46,7 +46,7 @@ reads, the length of the value (-1 if there is none) and, unless it exceeds the 
 
 
 class LmdbFile:
-    """An LMDB file without named databases, open for reading; LogError if it is damaged or no database."""
+    """An LMDB file without named databases, open for reading; LogError if it is damaged or not a database."""
 
     def __init__(self, path: Path) -> None:
         for package in ("lmdb", "numcodecs"):  # fail here, not at the first value

@@ -171,7 +171,7 @@ def checked_stamp(value: object, *, what: str) -> float:
 
 
 MOST_SET_BACK = 60.0
-"""Longest time by which a clock may be set back while it is waited for [s]."""
+"""Longest time by which a clock may be set back and still be waited for [s]."""
 
 
 class WentBack(LogError):

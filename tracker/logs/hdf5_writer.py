@@ -50,7 +50,7 @@ class Hdf5LogWriter(contextlib.AbstractContextManager["Hdf5LogWriter"]):
 
     Raises:
         LogError: the file exists already or cannot be written, the cameras' images differ in size, or an
-            argument is none that can be written.
+            argument cannot be written.
     """
 
     def __init__(
@@ -260,7 +260,7 @@ def _text_of(settings: Settings) -> bytes:
 
 
 def _pose_rows(pose: Any, where: str) -> dict[str, Any]:
-    """Return a frame's rows of the recorded pose; LogError if it is none that can be read again."""
+    """Return a frame's rows of the recorded pose; LogError if it could not be read again."""
     values = {name: np.zeros(shape) for name, shape in POSE.items()}
     for name, shape in {} if pose is None else POSE.items():
         if not hasattr(pose, name):

@@ -274,7 +274,7 @@ def _fitting(path: Path, camera: str, pattern: Any) -> list[tuple[str, Path]]:
 
 
 def _matches(folder: Path, parts: Sequence[str], above: Set[str]) -> Iterator[Path]:
-    """Yield what fits a pattern below a folder; its `*` stand for no links back to the folders above."""
+    """Yield what fits a pattern below a folder; its `*` match no links back to the folders above."""
     for one in folder.glob(re.sub(r"[\[?]", r"[\g<0>]", parts[0])):  # in names these are letters
         if len(parts) == 1:
             yield one

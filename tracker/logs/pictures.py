@@ -114,7 +114,7 @@ def decode(data: bytes, *, color: bool = True) -> Image:
 def decoded(data: bytes, how: int) -> Array | None:
     """Return the image in a file's content, read by OpenCV as its flags `how` say; None if it cannot.
 
-    LogError: it is black, or seems so: of up to 12 bits' values in 16 bits, only the upper 8 are left.
+    LogError: it is black, or seems so: of values of up to 12 bits in 16, only the upper 8 bits are left.
     """
     content = np.frombuffer(data, np.uint8)
     try:
@@ -155,7 +155,7 @@ def check_container(path: Path) -> None:
 
 
 class FilmFile:
-    """A film whose images are decoded on access; LogError if it is none, or damaged.
+    """A film whose images are decoded on access; LogError if it is not a film, or is damaged.
 
     TrackerError: the optional package `av` is missing.
     """

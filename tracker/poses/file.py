@@ -106,7 +106,7 @@ _MAY_BE_MISSING = ("fingerprint", "fault")
 """Root attributes, also fields of About, that are written only if they are not empty."""
 
 _DATASETS = {"index": "frame", "timestamp": "timestamps"}
-"""Dataset names of those fields of Poses that have another name in the file."""
+"""Dataset names of the fields of Poses that have another name in the file."""
 
 _UNITS = {
     "timestamps": "s",

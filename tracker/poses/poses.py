@@ -141,7 +141,7 @@ class Poses(Frozen):
         parts: dict[str, Any] = {
             name: one[rows] for name, one in vars(self).items() if isinstance(one, PoseColumns | np.ndarray)
         }
-        # Not all that was made by one run: it must not count as its result.
+        # A part of what one run made must not count as its result.
         return replace(self, **parts, about=replace(self.about, fingerprint=""))
 
     def table(self, keypoints_of: CuboidModel | None = None) -> dict[str, Array]:

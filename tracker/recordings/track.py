@@ -277,7 +277,7 @@ def chosen(path: Path, count: int, start: int, stop: int | None) -> range:
 
 
 def _expected(log: Log, job: Job) -> int:
-    """Return the number of frames to track, had the recording all that it states."""
+    """Return the number of frames to track if the recording had all that it states."""
     return len(range(len(log) + log.missing)[job.recipe.start : job.recipe.stop])
 
 

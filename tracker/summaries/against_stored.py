@@ -71,7 +71,7 @@ def delay(parts: Sequence[Poses]) -> float | None:
     theirs_squared, count = 0.0, 0
     for poses in parts:
         ours, theirs, times = poses.columns(best_kind(poses)), poses.columns("recorded"), poses.timestamp
-        seen = ours.has_pose & (poses.status != "coasting")  # predictions tell no delay
+        seen = ours.has_pose & (poses.status != "coasting")  # predictions show no delay
         if not seen.any():
             continue
         own = ours.position[seen], times[seen]

@@ -67,7 +67,7 @@ def swapped(
 ) -> str | None:
     """Return a remark on the only order in which images fit the cameras, if it is not the given one.
 
-    None also if no order fits, or several do, as in a symmetric rig: the right one is then unknown. `answer`
+    Also None if no order fits, or several do, as in a symmetric rig: the right one is then unknown. `answer`
     is the result of `tracker.detect(images)`, if known.
     """
     few = sum(image is not None for image in images) < 2
@@ -167,7 +167,7 @@ def lasting_remark(tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]
 def remark_on_recording(job: Job, poses: Poses) -> str | None:
     """Return the `lasting_remark` on a recording that was tracked badly, if there is one.
 
-    None also if the recording can no longer be read: its poses remain valid.
+    Also None if the recording can no longer be read: its poses remain valid.
     """
     if not len(poses) or not _is_odd(poses):
         return None
