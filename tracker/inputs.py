@@ -89,7 +89,7 @@ def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
 
 
 def camera_in(text: str, names: Sequence[str]) -> str | None:
-    """Return the camera named in a file's or folder's name, not as part of a longer word or number.
+    """Return the camera that a file's or folder's name contains, but not within a longer word or number.
 
     A name that differs from one of `names` only in its number is another camera. Several are joined by "and".
     """

@@ -1,1 +1,1 @@
-"""Tracks many recordings, each once, in several processes or machines, and makes one table of results."""
+"""Tracks many recordings, each once, by several processes or machines, and makes one table of results."""

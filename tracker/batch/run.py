@@ -79,7 +79,7 @@ def make_result(task: Task) -> dict[str, Any]:
         line = {"fingerprint": mark, "bytes": about.st_size, "goal": _goal_of(job.log), "agreed": task.agreed}
         line |= row(job, tracked, remark_on_recording(job, tracked.poses))
         _write(results.summary_file(output), line)
-        # With the poses' time: if the clock was set back since, its own would be earlier, as of older poses.
+        # With the poses' time: if the clock has been set back, its own would be earlier, as of older poses.
         os.utime(results.summary_file(output), ns=(about.st_atime_ns, about.st_mtime_ns))
         results.failure_file(output).unlink(missing_ok=True)
     except Exception as error:  # any error: the other recordings must still be done
@@ -186,7 +186,7 @@ def only_run(batch: Batch, work: Sequence[Work]) -> Iterator[None]:
     """Make this the only run with a folder of results until the `with` block ends; write what was asked for.
 
     work: the batch's. Leftovers of killed runs and workers are removed, and so are table rows of other
-    options. BlockingIOError if another run is active, LogError if the folder holds other files by the names
+    options. BlockingIOError if another run is active, LogError if the folder holds other files with the names
     of a batch's own, or if results of other recordings or objects would be replaced.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)

@@ -154,7 +154,7 @@ def refuse_overwriting(
 
 
 def parent_of(path: Path) -> Path:
-    """Return the folder that a file at the path is written to: of a link, that of its target."""
+    """Return the folder that a file at the path is written to: for a link, that of its target."""
     return Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
 
 

@@ -6,7 +6,7 @@ keep it from reinforcing its own errors: faces must have the hues of their names
 be explained better than before.
 
 Images are read in neutral light, so that the model fits other light, too. On a table that is not grey, this
-makes the table grey and gives the faces other hues: then they are read as they are.
+makes the table grey and gives the faces other hues: then images are read as they are.
 """
 
 import dataclasses
@@ -40,10 +40,10 @@ GAIN = 0.002
 """Smallest gain of `Judgement.explained` with which a fit counts as better."""
 
 ENOUGH_POSED = 0.5
-"""Share of the frames with a pose above which learning may end as few poses are confident."""
+"""Share of frames with a pose above which learning may end because too few poses are confident."""
 
 OFTEN = 5
-"""Number of pixels of one colour mistaken for a face in a round that cannot be chance."""
+"""Number of pixels of one colour, mistaken for a face in one round, that cannot be due to chance."""
 
 PATIENCE = 2
 """Number of rounds without a gain after which learning ends."""
@@ -185,7 +185,7 @@ TRIED = 12
 
 
 def nearest(model: CuboidModel, footage: Sequence[Frames], seed: int, normalise: bool = True) -> ColorModel:
-    """Return the object's, a shipped or the names' model that explains most of a few frames."""
+    """Return the model that explains most of a few frames: the object's, a shipped one, or the names'."""
     step = max(1, sum(len(one.learned) for one in footage) // TRIED)
     few = [dataclasses.replace(one, learned=(), held_out=one.learned[::step]) for one in footage]
     names = [name for name in color_model_names() if name != "dice"]  # a single colour fits no cuboid

@@ -116,7 +116,7 @@ def neutral(image: Image) -> tuple[Image, Light]:
 
 
 def surely_background(labels: Image) -> Array:
-    """Return (H, W) bool: pixels with a margin to all labels (H, W), since masks are drawn too small."""
+    """Return (H, W) bool: pixels some way off all labels (H, W), since masks are drawn too small."""
     margin = 2 * (labels.shape[0] // 50) + 1
     near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((margin, margin), np.uint8))
     return np.equal(near, 0)

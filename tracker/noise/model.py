@@ -38,10 +38,10 @@ LEAST_VISIBLE = 0.05
 """Lower bound of the visible share, except in the rates of missed poses and gross errors."""
 
 FASTEST = 1.0
-"""Speed beyond which errors grow no more [m/s]: the films contain no faster motion."""
+"""Speed beyond which errors grow no further [m/s]: the films contain no faster motion."""
 
 ROUNDED = 1e-6
-"""Visible shares that are out of range by no more were rounded."""
+"""Visible shares out of range by no more than this are rounding errors."""
 
 _MOST = 60.0
 """Largest exponent of a rate."""

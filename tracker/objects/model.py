@@ -144,7 +144,7 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
 
     Raises:
         ObjectModelError: the name is unknown (the message lists the known ones), or the file is
-            missing, malformed, or gives an object that differs the name of one of the platform's.
+            missing, malformed, or gives a different object the name of one of the platform's.
     """
     path = found_by(name_or_path, _DATA, ".toml", "object", ObjectModelError)
     data = read_toml(path, ObjectModelError, _KEYS, "object")

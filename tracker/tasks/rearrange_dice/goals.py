@@ -32,7 +32,7 @@ DIE_WIDTH = 0.022
 """Edge length of a die [m]."""
 
 TOLERANCE = 0.004
-"""How much wider than a die the box is in which it counts as placed [m]."""
+"""By how much the box in which a die counts as placed exceeds the die's width [m]."""
 
 ARENA_RADIUS = 0.19
 """Radius around the arena's centre within which all corners of placed dice must be [m]."""

@@ -96,7 +96,7 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
 
     Args:
         image: (H, W, 3) uint8 BGR, 270 or 540 px high; lengths scale with its shorter side.
-        colors: a colour model, of whose face colours the bluish ones count as dice; by default `dice`.
+        colors: a colour model, whose bluish face colours count as dice; by default `dice`.
 
     Raises:
         ImageError: the image has the wrong shape or type.
