@@ -1,6 +1,6 @@
 """Optional real-world imperfections in the images.
 
-Each can be switched on by itself. Without any, the images are those of a tidy world, bit for bit. Each effect
+Each can be switched on alone. Without any, the images are those of a tidy world, bit for bit. Each effect
 draws its parameters from its own random stream, so switching one on or off does not affect the others.
 """
 

@@ -29,7 +29,7 @@ class FingerMasks(Closing):
 
     Raises:
         AssetError: the robot's meshes are not available.
-        TrackerError: the rig is none, or the margin is no whole number of pixels from 0.
+        TrackerError: the rig is not a CameraRig, or the margin is not a whole number of pixels from 0.
     """
 
     def __init__(self, rig: CameraRig, margin: int = 0) -> None:

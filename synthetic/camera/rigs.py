@@ -102,7 +102,7 @@ def choose_rig(calibration: str, seed: int) -> CameraRig:
     if calibration == RANDOM:
         return random_rig(np.random.default_rng([seed, _RANDOM_STREAM]))
     if Path(calibration).exists():
-        # What is rendered is this arena, whatever the folder's file says.
+        # This arena is rendered, whatever the folder's file says.
         return dataclasses.replace(CameraRig.load(calibration), arena=standard_rig().arena)
     if calibration not in ROBOTS:
         raise CalibrationError(

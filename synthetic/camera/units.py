@@ -34,7 +34,7 @@ IN_ROOM_LIGHT = 0.004, 0.015
 """Shortest and longest exposure time of a camera without the platform's lamps [s]."""
 
 STEP, MOST = 1.0, 6
-"""Motion between consecutive scenes of an exposure [px], which the lens's blur hides; most such scenes."""
+"""Motion between consecutive scenes of an exposure [px], which the lens's blur hides; most scenes allowed."""
 
 STILL = 0.02
 """Motion that is ignored if smaller [px]."""
@@ -133,7 +133,7 @@ def units_of(
 ) -> tuple[Unit, ...]:
     """Draw the units of a rig, which share a sensor; `rng` draws their settings.
 
-    Each effect has a stream of its own, of the seed and the number of the scene or film.
+    Each effect has a stream of its own, from the seed and the number of the scene or film.
     """
 
     def drawn(name: str, sample: Callable[[np.random.Generator], Drawn]) -> list[Drawn | None]:

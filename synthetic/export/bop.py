@@ -154,7 +154,7 @@ def _read_mask(path: Path) -> Array:
 def _seen(points: FloatArray, alone: Array, visible: Array) -> dict[str, Any]:
     """Return an object's entries from its projected corners (8, 2) [px] and its two masks.
 
-    As the layout requires, the whole counts pixels beyond the image, and a box of nothing is of -1.
+    As the layout requires, the whole counts pixels beyond the image, and an empty box is all -1.
     """
     left, top, width, height = cv2.boundingRect(visible.astype(np.uint8))
     low, high = (np.rint(end).astype(int) for end in (points.min(axis=0), points.max(axis=0)))

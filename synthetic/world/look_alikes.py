@@ -56,7 +56,7 @@ def _repainted(own: Body, labels: Array, colors: Array | None = None) -> list[Bo
 
 
 def _scaled(own: Body, factors: Array | float) -> list[Body]:
-    """Return the object with its edges scaled by `factors` (3,), or all by one."""
+    """Return the object with its edges scaled by `factors` (3,), or all by the same one."""
     return [_on_table(own, _as_body(own, meshes.box(factors * own.size), own.labels, faces=True))]
 
 

@@ -78,7 +78,7 @@ def _paint(rng: np.random.Generator, name: str) -> list[Body]:
             ]
             vertices, triangles = concatenate([_bar(place, length, width, turn), *halves])
         groups = np.zeros(len(triangles), dtype=np.int64)
-        # Each is slightly lower than the one before, for where they cross.
+        # Each is slightly lower than the one before, in case they cross.
         height = _PAINT_HEIGHT - 1e-5 * number
         result.append(_flat(f"paint_{name}_{number}", vertices, triangles, groups, color[None], height))
     return result
