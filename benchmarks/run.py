@@ -61,7 +61,7 @@ class Run:
 
     @property
     def asked(self) -> dict[str, Any]:
-        """What a part answers, beside the scenes: answers to anything else are not those of this run."""
+        """What a part is asked, apart from the scenes: answers to anything else are not those of this run."""
         workloads = [workload.name for workload in self.workloads]
         objects = self.objects and list(self.objects)
         return {"workloads": workloads, "objects": objects, "films": self.films, "recorded": bool(self.real)}

@@ -120,7 +120,7 @@ def likeness_table(real: Path, scenes: int, quality: str) -> str:
 )
 @click.option("--quality", default="default", show_default=True, help="Of the synthetic pictures.")
 def main(real: Path | None, scenes: int, quality: str) -> None:
-    """Print how like real pictures the synthetic ones are."""
+    """Print how similar the synthetic pictures are to real ones."""
     folder = real_folder(real)
     if folder is None:
         raise click.UsageError("--real: found no such folder, expected one of recorded data")

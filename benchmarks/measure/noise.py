@@ -57,7 +57,7 @@ def measured(name: str, plan: Plan, check: int, output: Path, *, refined: bool) 
     logs = np.log(spent)
     delay = {"images": IMAGES, "pose": float(np.exp(np.median(logs))), "spread": float(logs.std())}
     found = fit(episodes, films, start | {"delay": delay})
-    # Of recordings' means: what else the computer does changes the median by more than chance.
+    # From recordings' means: other work of the computer changes the median by more than chance.
     ends = np.quantile(np.reshape(logs, (-1, LENGTH)).mean(axis=1), [0.025, 0.975])
     found["delay"] = {
         "images": (IMAGES, []),

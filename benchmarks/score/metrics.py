@@ -31,7 +31,7 @@ SURE = 0.5
 RESAMPLES = 999
 
 FILM = "object", "camera", "film"
-"""Columns, as far as there are any, that tell films apart."""
+"""Columns that tell films apart, where they exist."""
 
 NOTHING = "–"
 """Text for a figure that was not measured."""

@@ -40,7 +40,7 @@ DRAWS = 50
 """Number of bootstrap samples of films for the intervals."""
 
 SLOPE = 6.0
-"""Decrease of the log rate of gross errors with the visible fraction; too rare to fit it."""
+"""Decrease of the log rate of gross errors with the visible fraction; they are too rare to fit it."""
 
 PULL = 0.5
 """Strength of the prior that pulls the logarithm of a number towards the start of the fit."""

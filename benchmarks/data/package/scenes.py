@@ -29,7 +29,7 @@ CHUNK = 20
 KINDS = {"cube_v2": "cube", "cuboid_2x2x8_v2": "cuboid"}
 
 ROWS_TOO_HIGH = 1.0
-"""How many rows of its own grid too high the package's camera renders everything [px]."""
+"""Number of rows of its own grid by which the package's camera renders everything too high [px]."""
 
 LENS_MARGIN = 27
 """Margin on each side of images that will be distorted: the package's own padding [px]."""
