@@ -34,7 +34,7 @@ UNKNOWN = 3e-4, 6e-4
 def measure(
     detector: tracker.ObjectTracker, images: list[Image], width: float
 ) -> tuple[list[float], list[float]]:
-    """Return misses in each camera [px], and how much farther away each puts the object by itself [mm]."""
+    """Return misses in each camera [px], and how much farther away each puts the object on its own [mm]."""
     model = dataclasses.replace(detector.model, rim=width, rim_std=LEAST_RIM_STD)
     exact = tracker.ObjectTracker(model, detector.rig, detector.colors)
     whole = exact.detect(images).object_pose

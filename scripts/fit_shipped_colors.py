@@ -5,7 +5,7 @@
 REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT` and `dice`. Each object's model is fitted to its own
 labelled images, with a small weight on those of the other objects. `simulation` is fitted to the pure colours
 of the platform's simulation under shading; `dice` to the blue of one image. These two are fitted without
-veils: the renderer has none, and the dice's mask follows the blue into shade by itself.
+veils: the renderer has none, and the dice's mask follows the blue into shade anyway.
 """
 
 import dataclasses

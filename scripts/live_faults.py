@@ -1,4 +1,4 @@
-"""Test how live tracking survives faults in mid-run, each fault ten times.
+"""Test how live tracking survives faults while it runs, each fault ten times.
 
     python scripts/live_faults.py [--times N] [--away SECONDS]
 

@@ -1,4 +1,4 @@
-"""Print the lowest versions that pyproject.toml allows as requirements for pip, one `name==version` per line.
+"""Print, as requirements for pip, the lowest versions that pyproject.toml allows: `name==version` per line.
 
     python scripts/lowest_versions.py [--python VERSION] [EXTRA ...]
 

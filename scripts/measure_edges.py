@@ -1,10 +1,10 @@
-"""Measure the appearance of the object's edges in recorded triplets, and rendered with the same poses.
+"""Measure the appearance of the object's edges in recorded triplets and in renderings of the same poses.
 
     python scripts/measure_edges.py REAL_FOLDER [--effects none|world|NAMES] [--draws N]
 
-Across every edge with both sides in view, intensity profiles are aligned on the edge line that they show
-themselves, and averaged. Measured for each edge: how far the brightness exceeds the range of both sides (a
-glint, a dark seam), the width of the step, and the scatter of single profiles about the line.
+Across every edge with both sides in view, intensity profiles are aligned on the edge line that they
+themselves show, and averaged. Measured for each edge: how far the brightness exceeds the range of both sides
+(a glint, a dark seam), the width of the step, and the scatter of single profiles about the line.
 """
 
 import dataclasses

@@ -2,8 +2,8 @@
 
     python scripts/public_api.py
 
-Public are the names that `tracker` exports, that the documentation's reference shows, and that the packages
-in the documentation's pages export. Users notice a change there: it belongs in CHANGELOG.md.
+The public names are those that `tracker` exports, that the documentation's reference shows, and that the
+packages in the documentation's pages export. Users notice a change there: it belongs in CHANGELOG.md.
 """
 
 import ast

@@ -29,7 +29,7 @@ POSED = {"cube_v1": "new", "cube_v2": "new", "cuboid_2x2x8_v2": "old"}
 """Objects with a recorded triplet, and how its images were recorded."""
 
 _DARK = 30
-"""Value below which pixels are ignored as the dark around the arena when light is compared."""
+"""Value below which pixels, the dark around the arena, are ignored when light is compared."""
 
 _TRIES, _SEEN = 8, 0.8
 """Number of draws of fingers, until every camera sees this share of the object."""
@@ -73,7 +73,7 @@ def recorded(real: Path, name: str) -> Triplet:
 def redrawn(
     record: Triplet, effects: str, draws: int, seed: int, *, blur: float | None = None
 ) -> list[Triplet]:
-    """Render the triplet so many times, from `seed` on, see `restaged`; `effects` as on the command line."""
+    """Render the triplet `draws` times, from `seed` on, see `restaged`; `effects` as on the command line."""
     chosen = chosen_effects(effects)
     with Platform(record.model.name) as platform:
         return [restaged(platform, record, seed + k, chosen, blur=blur) for k in range(draws)]

@@ -27,7 +27,7 @@ JOINT = re.compile(r"(?<=[\w)])(?=[_./](?=\w))")
 
 
 def _link(found: re.Match[str]) -> str:
-    """Replace a link to a file that is no page by its words, with the path as a tooltip.
+    """Replace a link to a file that is not a page by its words, with the path as a tooltip.
 
     Raises:
         FileNotFoundError: the file does not exist, which fails the build.

@@ -34,7 +34,7 @@ def _block(language: str, text: str) -> str:
     if language != "math":
         return f"```{language}\n{text}```"
     formula, number = text.strip(), NUMBER.search(text)
-    # On a narrow screen, formulas that stand side by side go below each other.
+    # On a narrow screen, formulas that stand side by side move below each other.
     math = "".join(mathml(part, "block") for part in NEXT.split(NUMBER.sub("", formula)))
     label = f"<span>({number[1]})</span>" if number else ""
     return f'<div class="equation" id="equation-{number[1] if number else ""}"><div>{math}</div>{label}</div>'
