@@ -19,7 +19,7 @@ LEAST_VARIANCE = 1e-14
 
 
 def rotation_slopes(rotation: FloatArray) -> FloatArray:
-    """Return the derivatives (3, 3, 3) of exp(ω) R by each ω_k at ω = 0: [e_k]× R."""
+    """Return the derivatives (3, 3, 3) of exp(ω) R with respect to each ω_k at ω = 0: [e_k]× R."""
     return so3.hat(np.eye(3)) @ rotation
 
 

@@ -45,14 +45,14 @@ class Status(Word):
     COASTING = "coasting"
     """Over time: the object is not seen, or not accepted yet; the filtered pose is a prediction."""
     LOST = "lost"
-    """Over time: the object has not been seen for too long, or never."""
+    """Over time: the object has been unseen for too long, or was never seen."""
 
 
 class CameraUse(Word):
     """How one camera's image was used; a text such as "used"."""
 
     USED = "used"
-    """It contributed to the pose if the object is in view; or there is no pose."""
+    """It contributed to the pose, if there is one and the object is in view."""
     CONTRADICTING = "contradicting"
     """It shows the object elsewhere or differently, or was left out because the others agree without it."""
     NO_IMAGE = "no_image"

@@ -39,12 +39,12 @@ CAMERA = np.dtype(
         ("since", np.float64, (6,)),  # … and since their offsets were measured [m, rad]
         ("edges", np.float64, (12, EDGE)),  # sums over each edge's strips
         ("whole", np.float64, (UNKNOWNS, UNKNOWNS)),  # normal equations without edges' own offsets, and …
-        ("force", np.float64, (UNKNOWNS,)),  # … their right side
+        ("force", np.float64, (UNKNOWNS,)),  # … their right-hand side
         ("information", np.float64, (UNKNOWNS, UNKNOWNS)),  # normal equations, and …
-        ("gradient", np.float64, (UNKNOWNS,)),  # … their right side
+        ("gradient", np.float64, (UNKNOWNS,)),  # … their right-hand side
         ("lower", np.float64, (OWN, OWN)),  # Cholesky factor of its own block, inverse pivots on the diagonal
         ("reduced", np.float64, (OWN, UNKNOWNS)),  # cross block with the shared, forward substituted, …
-        ("change", np.float64, (OWN,)),  # … and right side; after `own_changes` its update
+        ("change", np.float64, (OWN,)),  # … and right-hand side; after `own_changes` its update
     ]
 )
 """One camera's part of the solution."""
@@ -60,7 +60,7 @@ SOLUTION = np.dtype(
         ("foot", np.float64),  # variance of how far colours end above such an edge [m²]
         ("velocity", np.float64, (6, 6)),  # covariance of the change of velocity
         ("prior", np.float64, (MOVING, MOVING)),  # prior information, and …
-        ("pull", np.float64, (MOVING,)),  # … its right side
+        ("pull", np.float64, (MOVING,)),  # … its right-hand side
         ("known", np.float64, (MOVING, MOVING)),  # posterior information, all else marginalised
         ("lower", np.float64, (MOVING, MOVING)),  # its Cholesky factor
         ("change", np.float64, (MOVING,)),  # update of the shared unknowns

@@ -34,8 +34,8 @@ LIFTED = 2
 """The row of FLAT whose height is never negative."""
 
 BELOW, SHADOWED = -0.8, 0.01
-"""Largest z of the normal of the face that is below, and how high above the table, apart from its
-uncertainty, the lowest edge may be to lie in its own shadow [m]."""
+"""Largest z of the lower face's normal, and largest height of the lowest edge above the table, apart from the
+latter's uncertainty, for it to lie in its own shadow [m]."""
 
 
 class Table(NamedTuple):
@@ -81,8 +81,8 @@ def mark_feet(table, half, solution):  # type: ignore[no-untyped-def]
 def contacts_of(table, half, rotation, position, value, slope, plane):  # type: ignore[no-untyped-def]
     """Residuals of the object against the table; return the lowest edge's drop from middle to end [m].
 
-    Filled: value (5,) of ROWS [m, rad], and its derivatives: slope (5, 6) by the pose, plane (5, 3) by the
-    table's height and slopes.
+    Filled: value (5,) of ROWS [m, rad], and its derivatives with respect to the pose, slope (5, 6), and to
+    the table's height and slopes, plane (5, 3).
     """
     up = rotation[2]
     x, y = position[0] - table.center[0], position[1] - table.center[1]
@@ -99,7 +99,7 @@ def contacts_of(table, half, rotation, position, value, slope, plane):  # type: 
             if (k != along) if edge else (k == face):
                 side = math.copysign(half[k], up[k])
                 value[row] -= side * up[k]
-                # Derivative of R_2k, the height of axis k, by a rotation: (δθ × R_k)_z.
+                # Derivative of R_2k, the height of axis k, with respect to a rotation: (δθ × R_k)_z.
                 slope[row, 3] -= side * rotation[1, k]
                 slope[row, 4] += side * rotation[0, k]
     sign = math.copysign(1.0, up[face])

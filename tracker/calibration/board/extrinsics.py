@@ -169,11 +169,11 @@ def _fitted(
 def _slopes(
     one: BoardView, camera: FloatArray, place: FloatArray, optics: Optics
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives (2 N, 6) of a photo's residuals by `_step`s of its camera and of its place."""
+    """Derivatives (2 N, 6) of a photo's residuals with respect to `_step`s of its camera and of its place."""
     pose = camera @ place
     turn = cv2.Rodrigues(pose[:3, :3])[0]
     _, by = cv2.projectPoints(one.points, turn, pose[:3, 3], *optics)
-    by_point = -np.asarray(by)[:, 3:6].reshape(-1, 2, 3)  # derivatives by the shift
+    by_point = -np.asarray(by)[:, 3:6].reshape(-1, 2, 3)  # with respect to the shift
     held = one.points @ place[:3, :3].T
     seen = (held + place[:3, 3]) @ camera[:3, :3].T
     by_place = by_point @ camera[:3, :3]

@@ -187,7 +187,7 @@ def corner_misses(
         for f, look in enumerate(looks):
             if (shares := problem.shares(f, c)) is None:
                 continue
-            # The Jacobian (2 N, 6) of the corners in the image by the object's pose [px at FOCAL].
+            # The corners' Jacobian (2 N, 6) in the image with respect to the object's pose [px at FOCAL].
             _, jacobian = camera.project_with_jacobian(look.corners)
             swing = -so3.hat(look.corners - look.position)
             motion = np.concatenate([jacobian, jacobian @ swing], axis=2)

@@ -39,9 +39,9 @@ class Contour:
     """
 
     jacobian: FloatArray
-    """Derivative (N, 6) of the predicted position by the pose, outwards along the normal [px/m, px/rad]."""
+    """Motion (N, 6) of the predicted position along the outward normal per (δp, δθ) [px/m, px/rad]."""
     lens: FloatArray
-    """The same (N, 3) by the logarithm of the focal length [px] and by the principal point."""
+    """The same (N, 3) per change of the logarithm of the focal length [px] and of the principal point."""
     bloom: FloatArray
     """Offset (N,) per unit of the exponent [px]."""
     rim: FloatArray
@@ -81,7 +81,7 @@ VAGUE = np.diag(np.repeat([2e-2, 3e-1], 3) ** -2.0)
 
 
 def seen_motion(position: FloatArray) -> FloatArray:
-    """Return the Jacobian (6, 6) of the apparent pose of an object at (3,) [m] by a camera's error (a, w)."""
+    """Jacobian (6, 6) of an object's apparent pose at (3,) [m] with respect to a camera's error (a, w)."""
     motion = np.eye(6)
     motion[:3, 3:] = -so3.hat(position)
     return motion
@@ -98,7 +98,7 @@ def pose_information(contour: Contour, rim_std: float) -> FloatArray:
 def pose_errors(
     contours: Sequence[Contour | None], position: FloatArray, cameras: Sequence[Camera], rim_std: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the covariance (6, 6) of a pose's own errors, and its Jacobian (6, C, 6) by the cameras' errors.
+    """Covariance (6, 6) of a pose's own errors, and its Jacobian (6, C, 6) with respect to camera errors.
 
     The pose is the mean of the poses that the cameras see, weighted by M_c = (H_c⁻¹ + D_c)⁻¹. H_c is the
     information of camera c's edges, D_c the covariance at `position` (3,) [m] due to its stated error.

@@ -4,8 +4,8 @@ Bundle adjustment on images: measure edges, solve, update cameras and poses, and
 
 The unknowns are the pose δ_f = (δp, δθ) of each frame; the error e_c = (a, w) (see `deviations`), response
 exponent γ_c and, on request, focal length and principal point k_c of each camera; and the object's rim ρ.
-With J the Jacobian of an edge piece's position by the pose, and B(p) that of the apparent pose of an object
-at p by a camera's error, the offset of a piece [px] is
+With J the Jacobian of an edge piece's position with respect to the pose, and B(p) that of the apparent pose
+of an object at p with respect to a camera's error, the offset of a piece [px] is
     r = J (δ_f + B(p_f) e_c) + K k_c + bloom γ_c + rim ρ.
 The robustly weighted least squares problem is solved with the poses eliminated (Schur complement), since each
 occurs in one frame only. D_f (6, 6) is the block of a pose, E_f of the pose with the rest, A of the rest:

@@ -55,7 +55,7 @@ class Rest:
     own: FloatArray
     """Covariance (6, 6) of the errors specific to this pose [m, rad]."""
     common: FloatArray
-    """Jacobian (6, C, 6) of the pose by the cameras' errors (see `calibration.deviations`)."""
+    """Jacobian (6, C, 6) of the pose with respect to the cameras' errors (see `calibration.deviations`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ def _equations(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the equations of a pose: values (3,) = design (3, 3) · (height, slopes), and moves (3, 6).
 
-    The rows are the contact's height and the lowest face's slopes; moves are derivatives by the pose's error.
+    The rows are the contact's height and the lowest face's slopes; moves: their change per error of the pose.
     """
     # The centre of the lowest face, and its inward normal.
     axis = int(np.argmax(np.abs(rest.rotation[2])))
