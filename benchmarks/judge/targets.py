@@ -63,7 +63,7 @@ def _judged(target: dict[str, Any], kind: str, results: Results) -> Iterator[dic
 
 
 def _target(metric: Metric, least: float, most: float) -> str:
-    # A limit has all its digits, whatever those of the figure.
+    # A limit keeps all its digits, however many the figure has.
     low, high = (f"{limit:g}{metric.form.partition('}')[2]}" for limit in (least, most))
     if math.isinf(most):
         return f"≥ {low}"

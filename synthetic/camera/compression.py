@@ -46,7 +46,7 @@ class Compression:
         Args:
             pictures: consecutive images of one camera, beginning at a key frame: H.264 predicts each image
                 from the one before.
-            raw: the recording holds mosaics, so JPEG is that of the mosaic, whatever the image.
+            raw: the recording holds mosaics, so JPEG always compresses the mosaic, whatever the image.
 
         Raises:
             EffectError: PyAV, the extra `video`, is missing.

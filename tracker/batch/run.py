@@ -298,7 +298,7 @@ def _refuse_other_object(output: Path, line: Mapping[str, Any], name: str) -> No
 
 
 def _beside_poses(batch: Batch) -> Iterator[str]:
-    """Yield the names, relative to the folder, of all files that a run may write, but those of poses."""
+    """Yield the names, relative to the folder, of all files that a run may write, except those of poses."""
     yield from results.OF_ALL
     for _, output in batch.pairs:
         path = Path(output)

@@ -25,7 +25,7 @@ class ImageSet:
     images: tuple[Image | None, ...]
     """Image (H, W, 3) uint8 BGR of each camera in order; None if it gave none."""
     stamps: tuple[float, ...]
-    """Timestamp of each image [s]; for a missing image, the time at which it was asked for."""
+    """Timestamp of each image [s]; for a missing image, the time at which it was requested."""
     faults: tuple[str | None, ...] = ()
     """What is wrong with each camera, in a few words; None: nothing."""
     raw: tuple[Image | None, ...] | None = None
@@ -48,7 +48,7 @@ class ImageSet:
 
     @property
     def timestamp(self) -> float:
-        """Timestamp of the latest image [s], of a black one only without others; else the latest."""
+        """Timestamp of the latest image [s], a black one only if there are no others; else the latest."""
         shown = shown_in(self.images)
         return max([t for t, one in zip(self.stamps, shown, strict=True) if one] or self.stamps)
 

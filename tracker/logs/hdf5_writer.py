@@ -111,7 +111,7 @@ class Hdf5LogWriter(contextlib.AbstractContextManager["Hdf5LogWriter"]):
         Args:
             images: one per camera: raw Bayer pixels (H, W), red at even rows and columns, or BGR (H, W, 3),
                 of which each pixel keeps the colour that such a sensor measures there. None, a missing
-                image, is recorded as black, and is read as missing but for the camera's first image.
+                image, is recorded as black, and is read as missing unless it is the camera's first.
             timestamp: timestamp of the frame [s], at most an hour after the previous frame and not before it.
             camera_timestamps: (C,) timestamps of the images [s]; None, or NaN for one image: the frame's. A
                 missing image has that of the camera's image before. NaN for all, without images: a driver

@@ -174,7 +174,7 @@ def to_toml(model: CuboidModel) -> str:
         f'"{face}" = "{COLOR_NAMES[label]}"'
         for face, label in zip(FACE_NAMES, model.face_labels.tolist(), strict=True)
     ]
-    # Strings and lists of numbers are the same in JSON and TOML, but for emojis and the character DEL.
+    # Strings and lists of numbers are the same in JSON and TOML, except emojis and the character DEL.
     values = {
         "name": model.name, "size": model.size.tolist(), "colors": model.colors, "rim": model.rim,
         "rim_std": model.rim_std,

@@ -26,7 +26,7 @@ CLASSES = len(COLOR_NAMES)
 NODES = 32
 CELLS = 64
 MORE_LIGHT, CLEARER = (1.5, 2.0, 3.0, 4.5), 2.0
-"""Factors on the light in which a colour is compared, and log odds that make it another face's in shade."""
+"""Factors on the light at which a colour is compared, and log odds that make it another face's in shade."""
 
 _SHAPE = (CLASSES, NODES, NODES, NODES)
 _LOG_STEP = 1 / 16
