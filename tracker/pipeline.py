@@ -179,7 +179,7 @@ class ObjectTracker:
 
 
 SAMPLE, RATHER = 7, 0.25
-"""Number of sets of images, and gain in mean confidence, that suffice to recognise another object."""
+"""Number of sets of images used to recognise another object, and the gain in mean confidence required."""
 
 
 def another_shown(tracker: ObjectTracker, sets: Sequence[Sequence[Image | None]]) -> str:

@@ -184,7 +184,7 @@ class CameraRig:
         """Write one platform file per camera, e.g. `camera60.yml`, so that `load(folder)` finds them.
 
         An arena other than the default is written to `arena.toml` beside them; for the default arena, an
-        existing `arena.toml` is removed. Files of other cameras stay, and `load(folder)` takes them, too.
+        existing `arena.toml` is removed. Files of other cameras stay, and `load(folder)` loads them, too.
 
         Raises:
             CalibrationError: a file cannot be written, and none was; or two would have the same name (left,

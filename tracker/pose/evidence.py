@@ -94,7 +94,7 @@ NUMBERS = Numbers(
 
 
 FULL_WEIGHT = 3.0
-"""Number of cameras with which NUMBERS were fitted: up to so many, each counts in full. More share this
+"""Number of cameras with which NUMBERS were fitted. Up to this number, each counts in full; more share its
 weight, since many see the same occluders and the same model errors."""
 
 

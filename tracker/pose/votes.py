@@ -271,7 +271,7 @@ class PositionSearch:
         return np.stack(one, axis=1)
 
     def floods(self, labels: Array, pictures: Array) -> list[tuple[int, int]]:
-        """Camera and colour where a label map (C, h, w) shows far more of it than a face can: a table's."""
+        """Cameras and colours of which a label map (C, h, w) shows much more than a face can: a table's."""
         found = []
         for c, colored in enumerate(pictures["colored"].tolist()):
             if colored > self._most[c]:

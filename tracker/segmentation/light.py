@@ -43,7 +43,7 @@ LEAST_BLACK = 8
 """Smallest level of an image's darkest pixels that a veil may have lifted."""
 
 DENSEST = 128
-"""Level of the darkest pixels above which they show no veil: the image is overexposed."""
+"""Level of the darkest pixels above which it is not due to a veil: the image is overexposed."""
 
 DARKEST = 8000
 """One pixel in this many is taken for black: even in a scene without anything black, at least so many show

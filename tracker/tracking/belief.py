@@ -221,7 +221,7 @@ class Belief(NamedTuple):
         return sum(weight * nearness(spread, self._single) for weight, spread in motion.parts(fused))
 
     def _raised(self, state: MotionState, box: Box, ground: float) -> MotionState:
-        """Return a state that is not below the ground [m], or not below where the object was last seen."""
+        """Return a state that is not below the ground [m] or, if lower, where the object was last seen."""
         if self.last_pose is not None:
             rotation, position = self.last_pose
             ground = min(ground, box.lowest(position, rotation))
