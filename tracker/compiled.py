@@ -250,8 +250,8 @@ class _Implementation(CompileResultCacheImpl):
 
     def reduce(self, result: Any) -> Any:
         # Kernels compile what they call: of the bitcode that is kept to be linked into other code, only the
-        # name of the function that Python calls is needed. Environments serve errors whose text is made up as
-        # they occur, and kernels raise none; loading them imports numba's arrays.
+        # name of the function that Python calls is needed. Environments serve errors whose text is composed
+        # as they occur, and kernels raise none; loading them imports numba's arrays.
         (name, kind, (code, _)), *others, _envs = super().reduce(result)  # type: ignore[no-untyped-call]
         entry = f'define void @"{result.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
         return (name, kind, (code, ll.parse_assembly(entry).as_bitcode())), *others, ()
