@@ -36,9 +36,9 @@ def test_colors_of_renderings_become_those_of_the_pictures(film):
 
 def test_on_a_brown_table_colors_are_learned_from_images_as_they_are(film):
     brown = [dataclasses.replace(shot, images=list(map(on_wood, shot.images, shot.labels))) for shot in film]
-    learned = adapt(MODEL, [footage_of(brown)], None, OPTIONS, rounds=3)
+    learned = adapt(MODEL, [footage_of(brown[:6])], None, OPTIONS, rounds=3)
     assert not learned.colors.normalise
-    assert learned.before.posed <= 0.5
+    assert learned.before.posed < 0.5
     assert learned.after.posed == 1.0
     assert "keep exposure and white balance fixed" in _learned(learned, Path("mine.npz"))
     other_order = tracker.load_object("cube_v1")
