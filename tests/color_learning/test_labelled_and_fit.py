@@ -167,6 +167,7 @@ def test_a_saved_model_is_read_back_whatever_its_best_class_has(best, model, tmp
     scene = labelled_image(10)
     assert (segment(scene.image, read) == segment(scene.image, model)).mean() > 0.999
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again.npz", "mine.npz"]
+    assert load_colors((tmp_path / "again.npz").rename(tmp_path / "again")).name == "again"
 
 
 def written(save, *arrays, **entries) -> bytes:

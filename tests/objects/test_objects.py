@@ -170,6 +170,9 @@ def test_what_is_not_there_is_named_with_what_is(tmp_path):
         load_object("cube_v9")
     with pytest.raises(ObjectModelError, match=r"none\.toml: cannot be read: No such file"):
         load_object(tmp_path / "none.toml")
+    (tmp_path / "box.txt").write_text(to_toml(load_object("cube_v2")))
+    with pytest.raises(ObjectModelError, match=r"unknown object .*, or the path of a \.toml file"):
+        load_object(tmp_path / "box.txt")
 
 
 def test_arrays_are_read_only():

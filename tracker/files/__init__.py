@@ -81,13 +81,16 @@ def names_in(folder: Path, suffix: str) -> tuple[str, ...]:
 
 
 def found_by(
-    given: str | os.PathLike[str], folder: Path, suffix: str, what: str, fault: type[TrackerError]
+    given: object, folder: Path, suffix: str, what: str, fault: type[TrackerError], *, others: bool = False
 ) -> Path:
-    """Return the file with this name in a folder of the package, or the given path; `fault` if neither."""
+    """Return the file with this name in a folder of the package, or the given path; `fault` if neither.
+
+    others: whether an existing file with another suffix counts, too.
+    """
     path, names = path_of(given, what, fault), names_in(folder, suffix)
     if str(path) in names:
         return folder / f"{path}{suffix}"
-    if path.suffix != suffix and not os.path.isfile(path):
+    if path.suffix != suffix and not (others and os.path.exists(path)):
         valid = f"valid are {', '.join(names)}, or the path of a {suffix} file"
         raise fault(f"unknown {what} {shown(str(path))}; {valid}")
     return path

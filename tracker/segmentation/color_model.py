@@ -187,5 +187,5 @@ def load_colors(name_or_path: str | Path) -> ColorModel:
 
     Raises ColorModelError if the name is unknown or the file is malformed.
     """
-    path = found_by(name_or_path, _DATA, ".npz", "colour model", ColorModelError)
+    path = found_by(name_or_path, _DATA, ".npz", "colour model", ColorModelError, others=True)
     return _shipped(path.stem) if path.parent == _DATA else _read(path, path.stem)
