@@ -104,7 +104,7 @@ def dataset(
             bar.update(done - bar.pos)
 
         made = make_dataset(options, folder, workers=workers, progress=progress)
-    click.echo(f"{folder}: {made} frames made, {count - made} were there")
+    click.echo(f"{folder}: {made} frames made, {count - made} kept")
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

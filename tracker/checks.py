@@ -17,7 +17,7 @@ from tracker.errors import TrackerError, install, shown
 
 Kind = TypeVar("Kind")
 
-UNSTAMPED = "found none for any camera, expected one number: the time, now, of a set without images"
+UNSTAMPED = "found none for any camera, expected one number, the current time, for a set without images"
 
 
 def optional(package: str, extra: str | None, what: str, fault: type[TrackerError] = TrackerError) -> Any:

@@ -118,7 +118,9 @@ def likeness_table(real: Path, scenes: int, quality: str) -> str:
     show_default=True,
     help="Synthetic scenes of each object.",
 )
-@click.option("--quality", default="default", show_default=True, help="Of the synthetic pictures.")
+@click.option(
+    "--quality", default="default", show_default=True, help="Rendering quality of the synthetic pictures."
+)
 def main(real: Path | None, scenes: int, quality: str) -> None:
     """Print how similar the synthetic pictures are to real ones."""
     folder = real_folder(real)

@@ -20,7 +20,7 @@ from tests.helpers.reading import frames_of, peak_memory
 from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, write_log
 from tracker.calibration.files import Calibrated, calibration_text
 from tracker.errors import CalibrationError, LogError, TrackerError
-from tracker.files import told_as, write_together
+from tracker.files import write_together, writing
 from tracker.logs import open_log
 from tracker.logs.folder import write_folder
 from tracker.logs.frame import LogFrame, with_stamps
@@ -341,7 +341,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path):
 
 
 def write_calibration(path, camera):
-    with told_as(CalibrationError, path):
+    with writing(CalibrationError, path):
         write_together([(path, calibration_text(Calibrated(camera)))])
 
 

@@ -137,7 +137,7 @@ def test_an_interrupted_run_continues_where_it_stopped(made, generate, tmp_path)
     shutil.rmtree(folder / "000002")
     (folder / ".000002.999999999").mkdir()
     untouched = (folder / "000000" / "camera60.png").stat().st_mtime_ns
-    assert "2 frames made, 1 were there" in well(generate(folder)).stdout
+    assert "2 frames made, 1 kept" in well(generate(folder)).stdout
     assert contents(folder) == expected
     assert (folder / "000000" / "camera60.png").stat().st_mtime_ns == untouched
 

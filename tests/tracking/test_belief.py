@@ -33,7 +33,7 @@ class Track:
         expected = self.advance(timestamp)
         if fit is None:
             return None
-        self.belief, status = self.belief.see(fit, expected)
+        self.belief, status = self.belief.updated(fit, expected)
         return status
 
     def estimate(self):

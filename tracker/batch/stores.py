@@ -31,7 +31,7 @@ from tracker.calibration.files import pattern_of, robots_in
 from tracker.checks import optional
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
-from tracker.files import parquet_file, told_as, whole_file, write_whole
+from tracker.files import parquet_file, whole_file, write_whole, writing
 from tracker.geometry import cuboid
 from tracker.logs.datasets import CONTROL_RATE, Episode, StoreSteps, is_store, read_steps
 from tracker.poses.columns import PoseColumns
@@ -182,7 +182,7 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
     about = {"source": source, "object": model.name, "rows": _ROWS}
     about |= {name: text for name, (_, text) in ARRAYS.items()}
     with (
-        told_as(LogError, folder),
+        writing(LogError, folder),
         _group(folder / results.ZARR, about) as group,
         parquet_file(folder / results.IMAGES) as add_images,
         parquet_file(folder / results.STEPS) as add_steps,

@@ -30,7 +30,7 @@ import yaml
 from tracker.checks import is_number, naming
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, message, shown
-from tracker.files import read_bounded, told_of, visible
+from tracker.files import read_bounded, reading, visible
 from tracker.geometry import so3
 from tracker.geometry.camera import COUNTS, ROTATION_TOLERANCE, Camera, check_rotation
 
@@ -79,7 +79,7 @@ for _kind, _number in ((_Loader, _FLOAT), (_Dumper, rf"^[-0-9]|{_FLOAT}")):
 
 def _read_mapping(path: Path) -> dict[Any, Any]:
     """Return the mapping in a calibration file; CalibrationError if it is not a mapping in plain YAML."""
-    with told_of(path, CalibrationError):
+    with reading(path, CalibrationError):
         content = read_bounded(path, MAX_FILE_SIZE)
     try:
         # OpenCV's header is not valid YAML; the rest of the document is.
@@ -253,7 +253,7 @@ def calibration_files(root: Path, pattern: str | None) -> list[Path]:
     None: .yml and .yaml files with `camera` in their names, or all if none has it. CalibrationError: there is
     no such file.
     """
-    with told_of(root, CalibrationError):
+    with reading(root, CalibrationError):
         names = sorted(file.name for file in visible(root) if file.is_file())
     if pattern is None:
         readable = [name for name in names if name.endswith((".yml", ".yaml"))]

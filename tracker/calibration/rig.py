@@ -18,7 +18,7 @@ import numpy as np
 from tracker.calibration.files import Calibrated, calibration_text, file_name, read_all_calibrated
 from tracker.checks import naming, of_kind, path_of
 from tracker.errors import CalibrationError, shown
-from tracker.files import claimed, told_as, write_together
+from tracker.files import claimed, write_together, writing
 from tracker.files.toml import read_toml
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
@@ -72,7 +72,7 @@ def save_rig(
     lenses: how well lenses are known, by the cameras' names; others: texts of further files, by name.
     """
     texts = rig_texts(rig, lenses)
-    with told_as(CalibrationError, folder):
+    with writing(CalibrationError, folder):
         root = Path(folder)
         root.mkdir(parents=True, exist_ok=True)
         with claimed(root / ARENA_FILE):  # the files of two runs would mix

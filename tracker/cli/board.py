@@ -25,7 +25,7 @@ from tracker.cli.terminal import listing, table
 from tracker.color_learning.labelled import read_image
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
-from tracker.files import told_as, visible, write_together, write_whole
+from tracker.files import visible, write_together, write_whole, writing
 from tracker.geometry.camera import check_name
 from tracker.inputs import camera_in
 from tracker.viz.calibration import residual_picture
@@ -142,7 +142,7 @@ class Smaller:
                     raise CalibrationError(f"{file}: found two cameras for it, expected other names")
                 texts[file] = calibration_text(one)
         first = next(iter(texts))
-        with told_as(CalibrationError, first):
+        with writing(CalibrationError, first):
             first.parent.mkdir(parents=True, exist_ok=True)
             write_together(texts.items())
         return ", ".join(map(str, texts))

@@ -193,7 +193,7 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
     def number(value: float, digits: int) -> str:
         return "" if math.isnan(value) else f"{value:.{digits}f}"
 
-    rows = [["camera", "looks", "cannot use", "miss [px]", "moved [mm]", "turned [°]"]]
+    rows = [["camera", "looks", "unusable", "miss [px]", "moved [mm]", "turned [°]"]]
     for one in found.cameras:
         moved = [f"{one.shift_mm:.1f}", f"{one.turn_deg:.2f}"] if one.moved else []
         rows.append([one.name, str(one.looks), str(one.cannot_use), number(one.miss_px, 2), *moved])
@@ -321,7 +321,10 @@ def table_command(filmed: Filmed, output: Path = _output) -> None:
     slopes = np.degrees(np.arctan(plane.slope))
     rows = [
         ["at rest", f"in {used} of {still} places where it was still; seen in {shots} frames"],
-        ["height [mm]", f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}: the table in the old world"],
+        [
+            "height [mm]",
+            f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}: the table in the given calibration",
+        ],
         ["tilt [°]", f"{slopes[0]:+.2f} along x, {slopes[1]:+.2f} along y, ± {np.degrees(tilt):.2f}"],
         ["scatter [mm]", f"{1e3 * plane.scatter:.2f}: heights of resting objects"],
         ["calibration", str(output)],

@@ -14,7 +14,7 @@ from tracker.cli.options import command, option
 from tracker.cli.outputs import OutFolder
 from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
-from tracker.files import told_as, whole_file
+from tracker.files import whole_file, writing
 
 DATA = Path(__file__).parents[1] / "demo"
 
@@ -40,7 +40,7 @@ def demo(
     truths = json.loads((DATA / "truth.json").read_text(encoding="utf-8"))
     model = tracker.load_object(truths["object"])
     with (
-        told_as(TrackerError, output),
+        writing(TrackerError, output),
         whole_file(output) as folder,
         tracker.open_log(_copied(DATA, folder)) as log,
     ):

@@ -17,7 +17,7 @@ import numpy as np
 from tracker.checks import naming
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, LogError
-from tracker.files import read_bounded, told_of
+from tracker.files import read_bounded, reading
 from tracker.logs.pictures import READ, check_whole, decoded, head_of
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
@@ -44,7 +44,7 @@ def read_image(path: Path) -> Image:
     """Read an 8-bit BGR image; ImageError, which names the file, if that fails."""
     if path.is_dir() or not path.exists():
         raise ImageError(f"image {path}: no such file{', but a folder' if path.is_dir() else ''}")
-    with told_of(f"image {path}", ImageError):
+    with reading(f"image {path}", ImageError):
         content = read_bounded(path, MAX_FILE_SIZE)
     # Check before decoding: OpenCV fills missing data with grey, slowly if the sizes are damaged.
     with naming(f"image {path}", ImageError, LogError):

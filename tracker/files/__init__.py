@@ -97,7 +97,7 @@ def found_by(
 
 
 @contextlib.contextmanager
-def told_of(path: str | os.PathLike[str], fault: Callable[[str], Exception] = LogError) -> Iterator[None]:
+def reading(path: str | os.PathLike[str], fault: Callable[[str], Exception] = LogError) -> Iterator[None]:
     """Turn an OSError raised while a file is read into a `fault` with a one-line message."""
     try:
         yield
@@ -120,7 +120,7 @@ _MOST_BYTES = 200
 
 
 @contextlib.contextmanager
-def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> Iterator[None]:
+def writing(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> Iterator[None]:
     """Turn an error from writing `what`, or a file in it, into a `fault` with a one-line message."""
     if not isinstance(what, str | os.PathLike):
         raise fault(f"output: found {shown(what)}, expected a path")

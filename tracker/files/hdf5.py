@@ -27,7 +27,7 @@ import numpy as np
 from tracker.checks import described, naming
 from tracker.conventions import Array
 from tracker.errors import LogError, TrackerError, message
-from tracker.files import open_regular, told_of
+from tracker.files import open_regular, reading
 
 MAX_CHUNK = 1 << 28
 """Size of the largest valid chunk of a dataset [bytes]."""
@@ -82,7 +82,7 @@ def open_file(path: str | os.PathLike[str]) -> h5py.File:
 
 def check_stated_end(path: Path) -> str | None:
     """Return a message if the file is longer than it states, else None; LogError if it is shorter."""
-    with told_of(path), open_regular(path) as file:
+    with reading(path), open_regular(path) as file:
         head = file.read(64)
         size = os.fstat(file.fileno()).st_size
     if len(head) < 64:

@@ -24,7 +24,7 @@ import numpy as np
 from tracker.checks import naming, optional
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files import OneAtATime, on_error, open_regular, told_of
+from tracker.files import OneAtATime, on_error, open_regular, reading
 from tracker.processes import python_command
 
 _READER = """
@@ -52,7 +52,7 @@ class LmdbFile:
         for package in ("lmdb", "numcodecs"):  # fail here, not at the first value
             optional(package, "datasets", f"{path}: an image store", LogError)
         self._path, self._alone = path, OneAtATime(path)
-        with told_of(path), open_regular(path) as file:
+        with reading(path), open_regular(path) as file:
             self.size = file.seek(0, 2)
         self._begin()
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from tracker.checks import naming, path_of
 from tracker.errors import TrackerError
-from tracker.files import read_bounded, told_of
+from tracker.files import read_bounded, reading
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -26,7 +26,7 @@ def read_toml(
     keys: valid keys, None: any. what: text before the path in errors.
     """
     where = f"{what} {path_of(path, what or 'file', fault)}".lstrip()
-    with told_of(where, fault):
+    with reading(where, fault):
         content = read_bounded(path, MAX_FILE_SIZE)
     # The parser also lets through errors of number conversion and of excessive nesting.
     with naming(f"{where}: not a TOML file", fault, ValueError, RecursionError):

@@ -15,7 +15,7 @@ from tracker.calibration.rig import CameraRig, rig_texts
 from tracker.checks import naming
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
-from tracker.files import read_bounded, told_as, told_of, whole_file
+from tracker.files import read_bounded, reading, whole_file, writing
 from tracker.logs.frame import LogFrame, checked_stamp
 from tracker.logs.layout import RECORDING_FILE, STAMPS_FILE, Picture, find_layout
 from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, check_sides, rig_beside
@@ -134,7 +134,7 @@ def _first_size(files: Iterable[Picture | None]) -> tuple[int, int]:
 
 
 def _content(file: Path, largest: int = _MAX_FILE) -> bytes:
-    with told_of(file):
+    with reading(file):
         return read_bounded(file, largest)
 
 
@@ -146,7 +146,7 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> in
     number of frames written.
     """
     stamps, seen = [], np.zeros(len(rig), bool)
-    with told_as(LogError, path), whole_file(path) as folder:
+    with writing(LogError, path), whole_file(path) as folder:
         for name in rig.names:
             (folder / name).mkdir(parents=True)
         for name, text in rig_texts(rig).items():

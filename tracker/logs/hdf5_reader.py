@@ -25,7 +25,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import described, is_number, naming
 from tracker.conventions import FloatArray, Image
 from tracker.errors import CalibrationError, LogError
-from tracker.files import hdf5, on_error, open_regular, told_of
+from tracker.files import hdf5, on_error, open_regular, reading
 from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
 from tracker.logs.frame import EPOCH, UNKNOWN, LogFrame, recorded_frame
 from tracker.logs.log import MAX_CAMERAS, MAX_SIDE, MIN_SIDE, Settings, Source, default_names
@@ -108,7 +108,7 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
         raise LogError(f"camera_names: found {there} bytes, expected {count * size}")
     faults = (LogError, struct.error, UnicodeDecodeError, OverflowError)
     what = "camera_names: found damaged names"
-    with naming(what, LogError, *faults), told_of(path), open_regular(path) as file:
+    with naming(what, LogError, *faults), reading(path), open_regular(path) as file:
         file.seek(offset)
         found = [file.read(size) for _ in range(count)]
         if variable:

@@ -18,7 +18,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import check_sequence, float_array, is_number, naming, of_kind, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError, message, shown
-from tracker.files import told_as, whole_file
+from tracker.files import whole_file, writing
 from tracker.files.hdf5 import Disk
 from tracker.logs.frame import StampOrder, checked_stamp, pose_from_record
 from tracker.logs.hdf5_reader import FLUSHED, MAGIC, POSE
@@ -85,7 +85,7 @@ class Hdf5LogWriter(contextlib.AbstractContextManager["Hdf5LogWriter"]):
         if os.path.lexists(path):
             raise LogError(f"{self._path}: there is such a file, expected a new one")
         with uninterrupted(), contextlib.ExitStack() as undo:
-            with told_as(LogError, self._path):
+            with writing(LogError, self._path):
                 self._disk = undo.enter_context(Disk(path))
             self._file = undo.enter_context(h5py.File(self._disk, "w"))
             self._begin(frame_rate, poses, texts or [b""] * len(rig))
@@ -195,7 +195,7 @@ class Hdf5LogWriter(contextlib.AbstractContextManager["Hdf5LogWriter"]):
 
     def _check_disk(self) -> None:
         if self._disk.fault is not None:
-            with told_as(LogError, self._path):
+            with writing(LogError, self._path):
                 raise self._disk.fault
 
     def _begin(self, frame_rate: float | None, poses: bool, settings: Sequence[bytes]) -> None:
@@ -282,7 +282,7 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
     known = log.settings
     settings = [known.get(name, {}) for name in rig.names]
     with (
-        told_as(LogError, path),
+        writing(LogError, path),
         whole_file(path) as temporary,
         Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path, settings=settings) as writer,
     ):

@@ -28,7 +28,7 @@ import numpy as np
 from tracker.checks import is_number, naming
 from tracker.conventions import FloatArray
 from tracker.errors import LogError, shown
-from tracker.files import read_bounded, told_of, visible
+from tracker.files import read_bounded, reading, visible
 from tracker.files.toml import read_toml
 from tracker.geometry.camera import may_be_name
 from tracker.logs.frame import EPOCH
@@ -297,7 +297,7 @@ def _stamps(path: Path, cameras: int) -> FloatArray | None:
     """Read (frames, 1) or (frames, cameras) times [s]; None if there is no such file."""
     if not os.path.lexists(path):
         return None
-    with told_of(path):
+    with reading(path):
         content = read_bounded(path, _MAX_STAMPS)
     with naming(f"{path}: found no table of numbers", LogError, ValueError):
         text = content.decode("utf-8-sig")

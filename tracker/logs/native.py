@@ -21,7 +21,7 @@ import numpy as np
 
 from tracker.checks import naming
 from tracker.errors import LogError
-from tracker.files import OneAtATime, on_error, open_regular, told_of
+from tracker.files import OneAtATime, on_error, open_regular, reading
 from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, default_names
 from tracker.logs.pictures import from_bayer
@@ -51,7 +51,7 @@ class NativeSource(Source):
         super().__init__(path)
         self.camera_names = default_names(_CAMERAS)
         self._alone = OneAtATime(path)
-        with told_of(path):
+        with reading(path):
             self._raw = open_regular(path)
             self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
         with on_error(self.close):
@@ -180,13 +180,13 @@ class NativeSource(Source):
         """
         if not self.sequential:
             done = 0
-            with told_of(self.path):  # without moving the position, which threads and forked processes share
+            with reading(self.path):  # without moving the position, which threads and forked processes share
                 while count := os.preadv(self._raw.fileno(), [data[done:]], offset + done):
                     done += count
             return done
         what = f"{self.path}: the gzipped data are damaged or truncated before byte {offset + len(data)}"
         fault = naming(f"{what} of the content", LogError, EOFError, zlib.error, gzip.BadGzipFile)
-        with told_of(self.path), self._alone.lock(), fault, on_error(self._rewind):
+        with reading(self.path), self._alone.lock(), fault, on_error(self._rewind):
             self._file.seek(offset)
             return self._file.readinto(data)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from tracker.calibration.rig import CameraRig
 from tracker.checks import path_of
 from tracker.errors import CalibrationError, LogError
-from tracker.files import HDF5_MAGIC, on_error, open_regular, told_of
+from tracker.files import HDF5_MAGIC, on_error, open_regular, reading
 from tracker.geometry.camera import Camera
 from tracker.logs.datasets import STORE_FILE, DatasetSource, is_store
 from tracker.logs.folder import TRUTH_FILE, FolderSource
@@ -43,7 +43,7 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
     """
     check_rate(rate, "rate")
     root = path_of(path, "path of a recording", LogError)
-    with told_of(root):
+    with reading(root):
         source = _source(root, rate)
         with on_error(source.close):
             return Log(source, recover=recover)

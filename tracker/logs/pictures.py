@@ -19,7 +19,7 @@ import numpy as np
 from tracker.checks import in_8_bits, naming, optional
 from tracker.conventions import Array, Image
 from tracker.errors import LogError, message
-from tracker.files import OneAtATime, on_error, open_regular, told_of
+from tracker.files import OneAtATime, on_error, open_regular, reading
 from tracker.logs.log import check_same_size, check_sides
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ _MATROSKA = b"\x1aE\xdf\xa3"
 
 def check_container(path: Path) -> None:
     """Raise LogError unless the file is a known container; for libraries that open any format."""
-    with told_of(path), open_regular(path) as file:
+    with reading(path), open_regular(path) as file:
         head = file.read(12)
     avi = head[:4] == b"RIFF" and head[8:] == b"AVI "
     if not avi and head[:4] != _MATROSKA and head[4:8] not in _BOXES:
@@ -164,7 +164,7 @@ class FilmFile:
         av = optional("av", "video", f"{path}: a film")
         self.path, self._alone = path, OneAtATime(path)
         self._faults: tuple[type[Exception], ...] = (av.FFmpegError, ValueError, MemoryError)
-        with naming(f"{path}: found no film", LogError, *self._faults), told_of(path):
+        with naming(f"{path}: found no film", LogError, *self._faults), reading(path):
             open_regular(path).close()  # FFmpeg would wait for a pipe's writer
             self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
         with on_error(self.close):

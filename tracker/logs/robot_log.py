@@ -17,7 +17,7 @@ import numpy as np
 from tracker.checks import Frozen, array_of, float_array, freeze, in_range, naming, of_kind, path_of, seconds
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
-from tracker.files import open_regular, told_of
+from tracker.files import open_regular, reading
 from tracker.logs.frame import LogFrame
 from tracker.logs.log import Log
 
@@ -136,7 +136,7 @@ def paired(log: Log, robot_log: RobotLog | str | os.PathLike[str]) -> Iterator[P
 def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
     """Read the platform's `robot_data.dat` or `.csv`, also gzipped; LogError if it is damaged or too long."""
     where = path_of(path, "path of a robot log", LogError)
-    with told_of(where), naming(where, LogError, LogError, EOFError, zlib.error), open_regular(where) as raw:
+    with reading(where), naming(where, LogError, LogError, EOFError, zlib.error), open_regular(where) as raw:
         packed = raw.read(2) == b"\x1f\x8b"
         raw.seek(0)
         with cast("BinaryIO", gzip.open(raw) if packed else raw) as file:

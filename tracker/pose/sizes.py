@@ -54,34 +54,34 @@ largest then changes the mean by less than 1e-4."""
 
 
 @compiled
-def _likely(solution, cameras, share, sizes, prior, feet, doubts):  # type: ignore[no-untyped-def]
-    """Fill doubts (W,) of variances of edges' offsets or feet, with priors; return the likeliest."""
+def _likely(solution, cameras, share, sizes, prior, feet, costs):  # type: ignore[no-untyped-def]
+    """Fill costs (W,) of variances of edges' offsets or feet, with priors; return the likeliest."""
     for w in range(len(sizes)):
         own, foot = (solution.own, sizes[w]) if feet else (sizes[w], solution.foot)
-        doubts[w] = with_edges(cameras, solution.feet, own, foot) - 2.0 * math.log(prior[w])
-        doubts[w] += solve(solution, cameras, share)
-    return sizes[smallest(doubts)]
+        costs[w] = with_edges(cameras, solution.feet, own, foot) - 2.0 * math.log(prior[w])
+        costs[w] += solve(solution, cameras, share)
+    return sizes[smallest(costs)]
 
 
 @compiled
-def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
-    """Add to doubts (S,) of SHARES what the measurements say, in both directions from the stated one."""
+def _likely_shares(solution, cameras, costs):  # type: ignore[no-untyped-def]
+    """Add to costs (S,) of SHARES what the measurements say, in both directions from the stated one."""
     least = np.inf
     for first, last, way in ((STATED, -1, -1), (STATED + 1, len(SHARES), 1)):
         behind = 0.0
         for k in range(first, last, way):
             # Those after a negligible one are negligible, too.
-            doubts[k] += solve(solution, cameras, SHARES[k]) if behind < NEGLIGIBLE else np.inf
-            least = min(least, doubts[k])
-            behind = max(behind, doubts[k] - least)
+            costs[k] += solve(solution, cameras, SHARES[k]) if behind < NEGLIGIBLE else np.inf
+            least = min(least, costs[k])
+            behind = max(behind, costs[k] - least)
 
 
 @compiled
-def _mean(sizes, doubts):  # type: ignore[no-untyped-def]
-    """Posterior mean of sizes (W,), given their doubts."""
-    least, weights, mean = doubts[smallest(doubts)], 0.0, 0.0
+def _mean(sizes, costs):  # type: ignore[no-untyped-def]
+    """Posterior mean of sizes (W,), given their costs."""
+    least, weights, mean = costs[smallest(costs)], 0.0, 0.0
     for w in range(len(sizes)):
-        weight = math.exp(-0.5 * (doubts[w] - least))
+        weight = math.exp(-0.5 * (costs[w] - least))
         weights += weight
         mean += weight * sizes[w]
     return mean / weights

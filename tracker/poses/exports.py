@@ -8,7 +8,7 @@ import numpy as np
 from tracker.checks import of_kind, optional
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
-from tracker.files import csv_text, parquet_file, told_as, write_whole
+from tracker.files import csv_text, parquet_file, write_whole, writing
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import PoseColumns
@@ -41,7 +41,7 @@ def write_csv(
         ["" if value != value else value for value in row]  # only NaN differs from itself
         for row in zip(*(column.tolist() for column in table.values()), strict=True)
     )
-    with told_as(LogError, path):
+    with writing(LogError, path):
         write_whole(path, csv_text(tuple(table), rows))
 
 
@@ -54,7 +54,7 @@ def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered
     columns = _poses(poses).columns(kind)
     table = np.column_stack([poses.timestamp, columns.position, columns.orientation])[columns.has_pose]
     lines = ["# timestamp tx ty tz qx qy qz qw", *(" ".join(map(repr, row)) for row in table.tolist())]
-    with told_as(LogError, path):
+    with writing(LogError, path):
         write_whole(path, "\n".join(lines) + "\n")
 
 
@@ -96,7 +96,7 @@ def write_bop(
         [scene_id, image, object_id, score, _spaced(r), _spaced(1000.0 * t), -1]
         for image, score, r, t in zip(images, scores, rotation, translation, strict=True)
     )
-    with told_as(LogError, path):
+    with writing(LogError, path):
         write_whole(path, csv_text(BOP_HEADER, rows))
 
 
@@ -114,7 +114,7 @@ def write_parquet(
     columns = _table(poses, keypoints_of, more)
     pa = optional("pyarrow", None, "this")
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
-    with told_as(LogError, path), parquet_file(path) as add:
+    with writing(LogError, path), parquet_file(path) as add:
         add(table)
 
 

@@ -20,7 +20,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import described, float_array, naming, of_kind, one_stamp, path_of
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files import HDF5_MAGIC, hdf5, told_as, told_of, write_whole
+from tracker.files import HDF5_MAGIC, hdf5, reading, write_whole, writing
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import KINDS, About, Kind, Poses
 
@@ -134,7 +134,7 @@ def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
     of_kind(poses, Poses, "poses", LogError, "tracker.track(...).poses")
     with naming(path, LogError, LogError, UnicodeEncodeError):
         content = _content(poses)
-    with told_as(LogError, path):
+    with writing(LogError, path):
         write_whole(path, content)
 
 
@@ -146,7 +146,7 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
             values. The message names the dataset, what was found and what would be valid.
     """
     path = path_of(path, "path of poses", LogError)
-    with told_of(path):  # a name may be too long
+    with reading(path):  # a name may be too long
         if not path.is_file():
             there = "a folder" if path.is_dir() else "a pipe or a device"
             found = there if path.exists() else "no such file"

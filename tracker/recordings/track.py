@@ -24,7 +24,7 @@ import scipy
 from tracker.calibration.rig import CameraRig
 from tracker.checks import is_whole, naming, path_of
 from tracker.errors import LogError, TrackerError, shown
-from tracker.files import claimed, told_of
+from tracker.files import claimed, reading
 from tracker.files.hdf5 import text_of
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, LogFrame, open_log
@@ -122,16 +122,16 @@ class Recipe(Reading):
                 pattern=options.pattern,
                 correct_halved_principal_point=options.correct_halved_principal_point,
             )
-        reading = {field.name: getattr(options, field.name) for field in dataclasses.fields(Reading)}
-        return cls(model, load_colors(options.colors or model.colors), rig, **reading)
+        settings = {field.name: getattr(options, field.name) for field in dataclasses.fields(Reading)}
+        return cls(model, load_colors(options.colors or model.colors), rig, **settings)
 
     @functools.cached_property
     def digest(self) -> str:
         """Hash of all fields, code and libraries, on which the poses depend."""
         make = self.make_tracker
         name = f"{make.__module__}.{getattr(make, '__qualname__', make)}"
-        reading = (self.correct_halved_principal_point, self.resize_calibration, self.recover)
-        digest = hashlib.sha256(repr((code(), *reading, self.start, self.stop, name)).encode())
+        parts = (self.correct_halved_principal_point, self.resize_calibration, self.recover)
+        digest = hashlib.sha256(repr((code(), *parts, self.start, self.stop, name)).encode())
         cameras = () if self.rig is None else (*self.rig, self.rig.arena)
         for part in (self.model, self.colors, *cameras):
             for field in dataclasses.fields(part):
@@ -232,7 +232,7 @@ def track(
     """
     log = path_of(path, "path of a recording", LogError)
     target = path_of(os.devnull if output is None else output, "output", LogError)
-    with told_of(log):
+    with reading(log):
         log.stat()
     found = object_of(model)
     cameras = None if rig is None else rig_of(rig)

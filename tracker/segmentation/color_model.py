@@ -19,7 +19,7 @@ from tracker.checks import Frozen, described, float_array, of_kind, path_of
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ColorModelError, message, shown
-from tracker.files import found_by, names_in, read_bounded, told_as, told_of, write_whole
+from tracker.files import found_by, names_in, read_bounded, reading, write_whole, writing
 from tracker.objects.labels import COLOR_NAMES
 
 CLASSES = len(COLOR_NAMES)
@@ -140,13 +140,13 @@ class ColorModel(Frozen):
             buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes
         )
         target = path_of(path, "colour model", ColorModelError)
-        with told_as(ColorModelError, f"colour model {target}"):
+        with writing(ColorModelError, f"colour model {target}"):
             write_whole(target, buffer.getvalue())
 
 
 def _read(path: Path, name: str) -> ColorModel:
     what = f"colour model {path}"
-    with told_of(what, ColorModelError):
+    with reading(what, ColorModelError):
         content = read_bounded(path, _MAX_BYTES)
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:

@@ -135,7 +135,7 @@ class Belief(NamedTuple):
         shift, turn = (share * (jump[k] + speed[k] * seconds) for k in range(2))
         return _close(fit, expected.rotation, expected.position, shift, turn)
 
-    def see(
+    def updated(
         self, fit: Fit, expected: MotionState | None, fitting: float = 1.0, spread: float = 0.0
     ) -> tuple[Belief, Status]:
         """Take in a measurement: return the new belief and TRACKING, FOUND or REFOUND; COASTING if rejected.

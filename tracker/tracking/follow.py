@@ -147,7 +147,7 @@ class Follower:
         else:
             agreement = memory.agreement.after(outcome, expected, lagging=longest > READ)
             wide = spread(agreement.size, supporters(outcome)) if self._estimator.stated else 0.0
-            belief, status = belief.see(outcome, expected, agreement.fitting, wide)
+            belief, status = belief.updated(outcome, expected, agreement.fitting, wide)
             uses = after(uses, outcome)
             if status is Status.COASTING:  # found, but not accepted yet: does not update the agreement
                 unlikely = trust(outcome) < belief.options.min_confidence

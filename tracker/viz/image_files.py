@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tracker.checks import is_number, optional, path_of
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, shown
-from tracker.files import check_suffix, told_as, whole_file, write_whole
+from tracker.files import check_suffix, whole_file, write_whole, writing
 from tracker.logs import Log
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -40,7 +40,7 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
     suffix = target.suffix.lower()
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
     content = cv2.imencode(suffix, image, options)[1].tobytes()
-    with told_as(ImageError, f"image {target}"):
+    with writing(ImageError, f"image {target}"):
         write_whole(target, content)
 
 
@@ -68,7 +68,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
     av = optional("av", "video", "a film")
     count = 0
     with (
-        told_as(ImageError, f"film {target}"),
+        writing(ImageError, f"film {target}"),
         whole_file(target) as temporary,
         av.open(str(temporary), "w", format="mp4") as film,
     ):

@@ -18,7 +18,7 @@ import numpy as np
 from tracker.checks import of_kind, optional, path_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ImageError, TrackerError
-from tracker.files import check_suffix, told_as, write_whole
+from tracker.files import check_suffix, write_whole, writing
 from tracker.geometry import so3
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.poses.columns import PoseColumns
@@ -71,7 +71,7 @@ def figure_file(path: str | os.PathLike[str], size: tuple[float, float]) -> Iter
     with figure(size) as drawn:
         yield drawn
         content = png(drawn)
-    with told_as(ImageError, f"plot {target}"):
+    with writing(ImageError, f"plot {target}"):
         write_whole(target, content)
 
 

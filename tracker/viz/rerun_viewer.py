@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from tracker.calibration.rig import CameraRig
 from tracker.checks import naming
 from tracker.errors import ImageError, TrackerError, install
-from tracker.files import told_as, whole_file
+from tracker.files import whole_file, writing
 from tracker.objects.model import CuboidModel
 from tracker.processes import environment, python_command
 
@@ -79,7 +79,7 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
 def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) -> Iterator[None]:
     """Send the frames of the `with` block to a file, which appears when the block ends."""
     fault = naming(f"view {target}: cannot be written, is the disk full? ", ImageError, RuntimeError, sep="")
-    with fault, told_as(ImageError, f"view {target}"), whole_file(target) as temporary:
+    with fault, writing(ImageError, f"view {target}"), whole_file(target) as temporary:
         temporary.write_bytes(b"")  # raises if it cannot be created; Rerun does not report the reason
         try:
             stream.save(temporary)  # with a blueprint, it may wait for ever if the disk is full

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from tracker.checks import is_number, is_whole, naming, of_kind, path_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TaskError, shown
-from tracker.files import check_suffix, read_bounded, told_as, told_of, write_whole
+from tracker.files import check_suffix, read_bounded, reading, write_whole, writing
 from tracker.tasks.checks import numbers
 
 NUM_DICE = 25
@@ -156,7 +156,7 @@ def read_stored(path: str | os.PathLike[str]) -> Any:
     TaskError names a file that cannot be read. In JSON, keys must be unique and numbers finite.
     """
     path = path_of(path, "goal", TaskError)
-    with told_of(path, TaskError):
+    with reading(path, TaskError):
         content = read_bounded(path, MAX_FILE_SIZE)
     with naming(path, TaskError):
         try:
@@ -216,7 +216,7 @@ def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
     check_suffix(target, (".json", ".txt"), "goal", TaskError)
     rows = ",\n".join(f"  {json.dumps(place)}" for place in places.tolist())
     as_json = target.suffix.lower() == ".json"
-    with told_as(TaskError, target):
+    with writing(TaskError, target):
         write_whole(target, f'{{"goal": [\n{rows}\n]}}\n' if as_json else pattern(places))
 
 
