@@ -90,7 +90,7 @@ def test_a_camera_that_tells_little_is_no_evidence_and_no_cameras_view_leaves_wh
     np.testing.assert_allclose(nothing, nothing[0])
     np.testing.assert_allclose(agreement.probabilities(nothing), SCALES_PRIOR / SCALES_PRIOR.sum())
     # Three normal deviates are near together as chi-square has it; all cameras' world may be displaced, too.
-    std = agreement.SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / agreement.OTHERS) ** 2)
+    std = agreement.SHARED_SHARE * SCALES * np.sqrt(1.0 + (SCALES / CONTRADICTION) ** 2)
     expected = SCALES_PRIOR @ chi2.cdf((agreement.NEAR_DISTANCE / std) ** 2, 3) / SCALES_PRIOR.sum()
     assert probably_fits(nothing, 3) == pytest.approx(expected, abs=1e-9)
 

@@ -33,13 +33,10 @@ SHARED_SHARE, SHARING = 0.8, 3
 """Error of the pose relative to the standard deviation of the cameras' errors, if these are independent, for
 up to this number of cameras; with more, it falls as the square root of their number."""
 
-OTHERS = 2e-3
-"""Standard deviation [m] above which the errors come not from a camera that moved but from another platform's
-calibration, whose world frame is displaced, too."""
-
 CONTRADICTION = 2e-3
 """Size of the cameras' errors [m] above which they contradict each other: each sees the object 3 mm or more
-from where the others do. The recorded platforms' own calibrations stay below 1 mm."""
+from where the others do. The recorded platforms' own calibrations stay below 1 mm. Larger errors come not from
+a camera that moved but from another platform's calibration, whose world frame is displaced, too."""
 
 NEAR_DISTANCE = 5e-3
 """Distance from the truth that the confidence promises [m]."""
@@ -151,7 +148,7 @@ def spread(size: float, cameras: int) -> float:
 def _fits(cameras: int) -> list[float]:
     """For each of SCALES the probability that the pose's error, normal along each axis, is small enough."""
     # Another platform's world frame is displaced for all cameras alike.
-    whole = np.sqrt(_averaging(cameras) ** 2 + (SCALES / OTHERS) ** 2)
+    whole = np.sqrt(_averaging(cameras) ** 2 + (SCALES / CONTRADICTION) ** 2)
     x = NEAR_DISTANCE / (SHARED_SHARE * SCALES * whole)
     erf = np.array([math.erf(v / math.sqrt(2.0)) for v in x])
     fits: list[float] = (erf - math.sqrt(2.0 / math.pi) * x * np.exp(-0.5 * x**2)).tolist()
