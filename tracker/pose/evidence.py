@@ -29,9 +29,6 @@ RESIZED = (0.9, 0.5), (0.8, 0.5), (1.4, 1.0)
 gain that does not count: a finger hides an end from one camera, whereas a shorter body has no end there in
 any; colours beside the object may come from one bad image."""
 
-MUCH_WORSE = -1.0
-"""If a slightly shorter body explains this much less [log likelihood], a still shorter one is not tried."""
-
 LEAST_LACKING = 0.05
 """Pixels missing or beside the object, relative to those that show it, above which such rivals are tried."""
 
@@ -314,7 +311,6 @@ def resized(lenses, labels, pictures, box, place, room, seen, numbers):  # type:
     _prices(numbers, prices)
     other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
     before, unknowns, options = np.empty(len(seen)), np.empty((len(seen), 6)), np.empty(8)
-    last = np.zeros(6)
     for c in range(len(seen)):
         for face in range(6):
             _options(seen[c].faces[face], prices, numbers.whole, options)
@@ -326,8 +322,7 @@ def resized(lenses, labels, pictures, box, place, room, seen, numbers):  # type:
         for end in range(6):
             axis, side = end // 2, 2.0 * (end % 2) - 1.0
             shift = side * half[axis] * (factor - 1.0)
-            hopeless = 2.0 * shift * rotation[2, axis] > room if factor > 1.0 else last[end] < MUCH_WORSE
-            if hopeless:
+            if factor > 1.0 and 2.0 * shift * rotation[2, axis] > room:
                 continue
             for i in range(3):
                 changed[i] = half[i] * factor if i == axis else half[i]
@@ -338,8 +333,7 @@ def resized(lenses, labels, pictures, box, place, room, seen, numbers):  # type:
                 if seen[c].predicted > 0:
                     gain = _seen_here(other[c], unknowns[c], face_labels, prices, numbers) - before[c]
                     total, most = total + gain, max(most, gain)
-            last[end] = total - share * most
-            found = max(found, last[end])
+            found = max(found, total - share * most)
     return numbers.end * found + numbers.resized
 
 
