@@ -32,8 +32,8 @@ PLAUSIBLE = 0.5
 """Explanation of the label maps per camera above which a hypothesis is refined before others are sought: 84 %
 of 970 that led to the object scored higher, 94 % of 234 others lower."""
 
-COMPETING, BEHIND = 4, 10.0
-"""Maximum number of competing hypotheses, and how far behind the best one may rank after a step and stay."""
+COMPETING = 4
+"""Maximum number of competing hypotheses."""
 
 RIVAL = 0.95
 """A pose that looks like the best fit is refined, too, if it explains the label maps at least this well,
@@ -46,9 +46,9 @@ above which a camera may see the object elsewhere."""
 USED = 8.0
 """Smallest total weight of the pieces of edge for a camera's own view to count."""
 
-BETTER = 20, 0.1
-"""Pixels, and share of those expected, by which a camera's own pose must explain its label map better: many
-poses explain a single label map slightly better."""
+BETTER = 0.1
+"""Share of the expected pixels by which a camera's own pose must explain its label map better: many poses
+explain a single label map slightly better."""
 
 TURNED = math.radians(12)
 """A camera's own pose that is rotated by more than this is a different optimum [rad]."""
@@ -160,8 +160,8 @@ class PoseEstimator:
     ) -> list[Fit]:
         """Fit the hypotheses that explain the label maps about as well as the best earlier fit, or better.
 
-        There are at most `most` fits, earlier ones included. After the refinement's first step, those clearly
-        behind and duplicates of better ones are dropped.
+        There are at most `most` fits, earlier ones included. After the refinement's first step, duplicates of
+        better ones are dropped.
         """
         chosen: list[Hypothesis] = []
         known: list[Fit | Hypothesis] = [*before]
@@ -178,7 +178,7 @@ class PoseEstimator:
         begun = sorted((self._fitted(sight, one, FIRST, lag) for one in chosen), key=rank, reverse=True)
         found: list[Fit] = []
         for fit in begun:
-            if len(before) + len(found) == most or rank(fit) < rank(begun[0]) - BEHIND:
+            if len(before) + len(found) == most:
                 break
             if all(apart(fit, other, self._radius) for other in known):
                 found.append(self._fitted(sight, fit, FROM_THERE, lag))
@@ -270,4 +270,4 @@ class PoseEstimator:
 def _explains_better(seen: Any, before: Any) -> bool:
     """Whether a camera's record of SEEN for a pose explains its label map clearly better than the old one."""
     gain = seen["agree"] - seen["extra"] - seen["wrong"] - before["agree"] + before["extra"] + before["wrong"]
-    return bool(gain > max(BETTER[0], BETTER[1] * before["predicted"]))
+    return bool(gain > BETTER * before["predicted"])
