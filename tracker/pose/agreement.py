@@ -35,8 +35,8 @@ up to this number of cameras; with more, it falls as the square root of their nu
 
 CONTRADICTION = 2e-3
 """Size of the cameras' errors [m] above which they contradict each other: each sees the object 3 mm or more
-from where the others do. The recorded platforms' own calibrations stay below 1 mm. Larger errors come not from
-a camera that moved but from another platform's calibration, whose world frame is displaced, too."""
+from where the others do. The recorded platforms' own calibrations stay below 1 mm. Larger errors come from
+another platform's calibration, whose world frame is displaced, too, rather than from a camera that moved."""
 
 NEAR_DISTANCE = 5e-3
 """Distance from the truth that the confidence promises [m]."""
