@@ -60,11 +60,11 @@ INSIDE = {
     "refine": (Refiner, "__call__"),
     "advance": (Belief, "advance"),
     "plausible": (Belief, "plausible"),
-    "see": (Belief, "see"),
+    "updated": (Belief, "updated"),
     "estimate": (Belief, "estimate"),
     "search": (PoseEstimator, "find"),
 }
-ALWAYS = ("light", "labels", "refine", "advance", "see", "estimate")
+ALWAYS = ("light", "labels", "refine", "advance", "updated", "estimate")
 """What every update of an object that is tracked goes through."""
 
 

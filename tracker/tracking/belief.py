@@ -257,6 +257,6 @@ def widened(covariance: FloatArray, spread: float) -> FloatArray:
 
 
 def measured(fit: Fit, fitting: float, spread: float, size: FloatArray) -> PoseEstimate:
-    """Return a fit as a pose estimate; size: edge lengths (3,) [m]; the others are as for `Belief.see`."""
+    """Return a fit as a pose estimate; size: edge lengths (3,) [m]; the others are as of `Belief.updated`."""
     orientation, covariance = so3.quaternion(fit.rotation), widened(fit.covariance, spread)
     return PoseEstimate(fit.position, orientation, covariance, fitting * apparent(fit), size=size)
