@@ -21,6 +21,10 @@ from importlib.machinery import ModuleSpec, SourceFileLoader
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+
+from benchmarks.score.metrics import right, sure
+from tracker.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = "pose", "tracking", "segmentation"
@@ -51,6 +55,8 @@ buffers is left out.
 
 Numbers whose text names no script were chosen on development scenes. One that does nothing here may save \
 time, give the reason of a refusal, or serve other objects, rigs or images."""
+
+COLUMNS = ["confidence", "mm", "deg", "present"]
 
 WAYS = {"half": 0.5, "double": 2.0}
 
@@ -194,48 +200,35 @@ def change(number: Number, value: str) -> None:
     sys.meta_path.insert(0, Finder)  # type: ignore[arg-type]
 
 
-def answers() -> dict[str, np.ndarray]:
-    """Return confidence, errors [mm, °], and whether the object is in view, of all sets and frames (N, 4)."""
-    import tracker
+def answers() -> pd.DataFrame:
+    """Return a row for each set of images and each frame of the films.
+
+    `frame`: whether it is one of a film; `confidence`; errors `mm` and `deg`; `present`: whether the object,
+    not something like it, is in view.
+    """
     from benchmarks.data.films import FilmStore
     from benchmarks.data.plan import LOOK_ALIKE, Plan
     from benchmarks.data.scenes import OBJECTS, rig
-    from benchmarks.data.sets import scene_set
     from benchmarks.data.workloads import WORKLOADS as ALL
-    from benchmarks.data.workloads import case
-    from benchmarks.score.errors import pose_errors, true_pose
+    from benchmarks.measure.accuracy import measure_accuracy
+    from benchmarks.measure.films import play
+    from benchmarks.measure.timing import one_thread
+    from tracker.pipeline import ObjectTracker
 
     plan = Plan(SCENES, SEED)
-
-    def row(pose, truth):  # type: ignore[no-untyped-def]
-        errors = pose_errors(pose, truth)
-        confidence = np.nan if pose is None else pose.confidence
-        return confidence, errors["mm"], errors["deg"], np.isfinite(truth).all()
-
-    found: dict[str, list[tuple[float, float, float, bool]]] = {"sets": [], "frames": []}
+    tried = [one for one in ALL if one.name in WORKLOADS or one.name.startswith(LOOK_ALIKE)]
+    sets, _ = measure_accuracy(plan, tried, OBJECTS)
+    sets["present"] &= ~sets.group.str.startswith(LOOK_ALIKE)
+    frames = []
     for name in OBJECTS:
-        tried = [w for w in ALL if w.name in WORKLOADS or w.name.startswith(LOOK_ALIKE)]
-        for workload in (w for w in tried if name in w.objects):
-            scenes = scene_set(name, workload.base, plan)
-            alike = workload.name.startswith(LOOK_ALIKE)
-            for scene in scenes:
-                other = scenes.another(scene) if workload.other_moment else None
-                given = case(workload, name, scene, scenes.rig, SEED, other)
-                one = tracker.ObjectTracker(scenes.model, given.rig, scenes.colors)
-                truth = true_pose(*(None, None) if alike else (scene.position, scene.rotation))
-                found["sets"].append(row(one.detect(given.images).object_pose, truth))
         store = FilmStore(name, "errors", FRAMES, plan)
         store.prepare(range(FILMS), vanishing=False)
         for film in range(FILMS):
-            frames = list(store.frames(film, range(FRAMES)))
-            one = tracker.ObjectTracker(name, frames[0].rigs(rig())[1])
-            for frame in frames:
-                pose = one.update(frame.images, frame.stamps).filtered_object_pose
-                found["frames"].append(row(pose, true_pose(frame.position, frame.rotation)))
-    return {key: np.array(rows, dtype=float) for key, rows in found.items()}
-
-
-Answers = dict[str, np.ndarray]
+            shown = list(store.frames(film, range(FRAMES)))
+            with one_thread():
+                frames.append(play(ObjectTracker(name, shown[0].rigs(rig())[1]), shown))
+    parts = [part[COLUMNS].assign(frame=part is not sets) for part in (sets, *frames)]
+    return pd.concat(parts, ignore_index=True)
 
 
 @dataclass(frozen=True)
@@ -247,67 +240,62 @@ class Outcome:
     """Wrong poses with a confidence above 0.5."""
     alike: int
     """Poses above 0.5 where the object is not in view."""
-    brier: float
 
 
-def outcome(answered: np.ndarray) -> Outcome:
-    """Return the figures of answers (N, 4)."""
-    confidence, shown = np.nan_to_num(answered[:, 0]), answered[:, 3] > 0
-    right = _right(answered)
-    sure = (confidence > 0.5) & ~right
-    brier = float(np.mean((confidence - right) ** 2))
-    return Outcome(int(right.sum()), int((sure & shown).sum()), int((sure & ~shown).sum()), brier)
+def outcome(rows: pd.DataFrame) -> Outcome:
+    """Return the figures of answers."""
+    good, certain = right(rows) & rows.present, sure(rows)
+    return Outcome(
+        int(good.sum()), int((certain & ~good & rows.present).sum()), int((certain & ~rows.present).sum())
+    )
 
 
-def _right(answered: np.ndarray) -> np.ndarray:
-    return (answered[:, 1] < 5) & (answered[:, 2] < 5)
-
-
-def _effect(before: Answers, after: Answers) -> str:
+def _effect(before: pd.DataFrame, after: pd.DataFrame) -> str:
     """Return what became of the poses, as a cell of the table."""
     cells = []
-    for key in ("sets", "frames"):
-        one, other = before[key], after[key]
-        if np.allclose(one, other, rtol=0, atol=1e-3, equal_nan=True):
+    for frame in (False, True):
+        one, other = before[before.frame == frame], after[after.frame == frame]
+        if np.allclose(one[COLUMNS[:3]], other[COLUMNS[:3]], rtol=0, atol=1e-3, equal_nan=True):
             cells.append("the same")
             continue
-        was, now, both = outcome(one), outcome(other), _right(one) & _right(other)
-        error = np.exp(np.mean(np.log(other[both, 1:3].clip(1e-4) / one[both, 1:3].clip(1e-4))))
+        was, now, both = outcome(one), outcome(other), right(one) & right(other)
+        errors = [rows.loc[both, ["mm", "deg"]].to_numpy().clip(1e-4) for rows in (one, other)]
         changes = [f"{getattr(now, k) - getattr(was, k):+d}" for k in ("right", "wrong", "alike")]
-        cells.append(f"{', '.join(changes if key == 'sets' else changes[:2])}; × {error:.2f}")
+        error = np.exp(np.mean(np.log(errors[1] / errors[0])))
+        cells.append(f"{', '.join(changes[:2] if frame else changes)}; × {error:.2f}")
     return " \\| ".join(cells).replace("-", "−").replace("+0", "0")
 
 
-def _run(job: tuple[str, Number | None, str]) -> Answers | None:
+def _run(job: tuple[str, Number | None, str]) -> pd.DataFrame | None:
     """Answer all sets and films in a process of its own, unless the answers are kept; None: it failed."""
     name, number, value = job
-    file = KEPT / f"{name}.npz"
+    file = KEPT / f"{name}.csv"
     if not file.is_file():
         kernels = KEPT / f"kernels {name}"
         given = json.dumps([str(file), asdict(number) if number else None, value])
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(kernels), "PYTHONPATH": str(ROOT)}
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(kernels)}
         subprocess.run([sys.executable, __file__, "--answer", given], env=environment, cwd=ROOT, check=False)
         shutil.rmtree(kernels, ignore_errors=True)
-    return dict(np.load(file)) if file.is_file() else None
+    return pd.read_csv(file) if file.is_file() else None
 
 
 def _answer(file: str, number: dict | None, value: str) -> None:
     if number is not None:
         change(Number(**{**number, "place": tuple(number["place"])}), value)
-    np.savez(file, **answers())
+    write_whole(file, answers().to_csv(index=False))
 
 
-def _table(rows: list[tuple[Number, dict[str, str]]], base: Answers) -> str:
-    sets, frames = outcome(base["sets"]), outcome(base["frames"])
-    counts = f"{len(rows)} hand-set numbers", f"{len(base['sets'])} development sets", len(base["frames"])
+def _table(rows: dict[Number, dict[str, str]], base: pd.DataFrame) -> str:
+    sets, frames = (outcome(base[base.frame == frame]) for frame in (False, True))
+    counts = f"{len(rows)} hand-set numbers", f"{(~base.frame).sum()} development sets", base.frame.sum()
     given = (*counts, sets.right, frames.right, sets.wrong, frames.wrong, sets.alike)
     lines = [HEAD.format(*given)]
-    for file in dict.fromkeys(number.file for number, _ in rows):
+    for file in dict.fromkeys(number.file for number in rows):
         lines += ["", f"## {file}", "", "| number | value | what it is | half | double |", "| --- " * 5 + "|"]
         about = ""
-        for number, cells in (row for row in rows if row[0].file == file):
+        for number in (one for one in rows if one.file == file):
             text, about = "" if number.about == about else number.about.replace("|", "\\|"), number.about
-            cell = " | ".join(cells.get(way, "") for way in WAYS)
+            cell = " | ".join(rows[number].get(way, "") for way in WAYS)
             lines.append(f"| `{number.name}` | {' '.join(number.text.split())} | {text} | {cell} |")
     return "\n".join([*lines, ""])
 
@@ -326,21 +314,20 @@ def main(names: list[str]) -> None:
             same = sum(one.file == number.file and one.name == number.name for one in found[:k])
             name = f"{number.file.removesuffix('.py').replace('/', '.')}.{number.name} {same} {way}"
             if number.name in names:
-                (KEPT / f"{name}.npz").unlink(missing_ok=True)
+                (KEPT / f"{name}.csv").unlink(missing_ok=True)
             jobs.append((number, way, (name, number, value)))
-    rows: dict[int, tuple[Number, dict[str, str]]] = {}
+    rows: dict[Number, dict[str, str]] = {}
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
         done = pool.map(_run, [job for _, _, job in jobs])
         for (number, way, (name, _, _)), after in zip(jobs, done, strict=True):
             cell = "fails" if after is None else _effect(base, after)
-            rows.setdefault(id(number), (number, {}))[1][way] = cell
+            rows.setdefault(number, {})[way] = cell
             print(name, cell, flush=True)
-    TABLE.write_text(_table(list(rows.values()), base), encoding="utf-8")
+    write_whole(TABLE, _table(rows, base))
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--answer"]:
-        sys.path.insert(0, str(ROOT))
         _answer(*json.loads(sys.argv[2]))
     else:
         main(sys.argv[1:])
