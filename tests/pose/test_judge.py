@@ -12,7 +12,7 @@ from tracker.geometry.probability import probability_within
 from tracker.objects.model import Box
 from tracker.pose import judge, rivals
 from tracker.pose.evidence import NUMBERS, evidence_of
-from tracker.pose.rivals import SHOWN, lead, shifted_along, turned_about_face
+from tracker.pose.rivals import lead, shifted_along, turned_about_face
 
 GOOD, ALONE = made_fit(), made_fit(cameras=1)
 NO_EDGES = {"usable": 0.0, "inliers": 0.0, "squares": 0.0}
@@ -205,13 +205,13 @@ def test_turns_about_the_one_face_in_view_look_the_same_and_of_two_faces_none(ha
 LONG_BOX = tracker.load_object("cuboid_2x2x8_v2")
 
 
-@pytest.mark.parametrize("seen", [0, SHOWN - 1, SHOWN])
+@pytest.mark.parametrize("seen", [0, judge.EXPECTED - 1, judge.EXPECTED])
 def test_a_long_box_may_be_shifted_along_while_no_end_is_seen(seen, rng):
     box, fit = Box.of(LONG_BOX), dataclasses.replace(made_fit(), rotation=so3.exp(rng.normal(size=3)))
     fit.cameras["faces"][:] = 0
     fit.cameras["faces"][1, 2, box.face_labels[2]] = seen  # the face +y
     found = [fit.rotation.T @ (place - fit.position) for place in shifted_along(fit, box)]
-    assert len(found) == (6 if seen < SHOWN else 0)
+    assert len(found) == (6 if seen < judge.EXPECTED else 0)
     for x, y, z in found:
         assert (x, z) == pytest.approx((0.0, 0.0), abs=1e-12)
         assert 0.009 < abs(y) < 0.031

@@ -14,6 +14,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise, substitute
+from tracker.pose.evidence import FULL_WEIGHT
 from tracker.pose.refine import PRIOR
 
 SCALES = np.array([1e-4, 2e-4, 4e-4, 7e-4, 1.2e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.7e-2, 3e-2])
@@ -29,9 +30,9 @@ of sight, and along it, where edges that look wider make the object seem nearer.
 TILT, ROLL = 8e-3, 3e-3
 """The same for rotation: about axes across the line of sight, and about the line of sight [rad]."""
 
-SHARED_SHARE, SHARING = 0.8, 3
+SHARED_SHARE = 0.8
 """Error of the pose relative to the standard deviation of the cameras' errors, if these are independent, for
-up to this number of cameras; with more, it falls as the square root of their number."""
+up to FULL_WEIGHT cameras; with more, it falls as the square root of their number."""
 
 CONTRADICTION = 2e-3
 """Size of the cameras' errors [m] above which they contradict each other: each sees the object 3 mm or more
@@ -131,8 +132,8 @@ def size(likelihoods: FloatArray | None) -> float:
 
 
 def _averaging(cameras: int) -> float:
-    """Factor on the errors of the pose if more than SHARING cameras see the object."""
-    return math.sqrt(SHARING / max(cameras, SHARING))
+    """Factor on the errors of the pose if more than FULL_WEIGHT cameras see the object."""
+    return math.sqrt(FULL_WEIGHT / max(cameras, FULL_WEIGHT))
 
 
 def spread(size: float, cameras: int) -> float:

@@ -24,7 +24,7 @@ HIDDEN = 0.4
 """Cost of a hidden pixel, relative to the gain of one that shows the right face."""
 
 FEWEST_PIECES = 4
-"""Minimum number of pieces of edge to align a pose."""
+"""Minimum number of pieces of edge to align a pose, and of those that show an image's blur to measure it."""
 
 FEW = 30.0
 """A camera that shows far fewer pixels of the object than this counts little."""

@@ -10,12 +10,12 @@ from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 
 EXPECTED = 20
-"""Minimum number of pixels that the object should fill in a camera's label map for the camera to count, and
-of pixels in its colours, over all label maps, to begin a search."""
+"""Minimum number of pixels that the object should fill in a camera's label map for the camera to count, of
+pixels in its colours, over all label maps, to begin a search, and of those that show a long box's end."""
 
-ASTRAY = 30, 0.15
-"""A camera sees the object elsewhere if at least this many pixels in its colours, and this share of those
-expected, lie where the fit has none."""
+ASTRAY = 0.15
+"""A camera sees the object elsewhere if so many pixels in its colours, relative to those expected, lie
+where the fit has none."""
 
 MIN_VIEW = 4.0
 """Smallest weight of matched pieces of edge for a camera to count as seeing the object."""
@@ -80,7 +80,7 @@ def contradicting(fit: Fit) -> tuple[bool, ...]:
     result = []
     for one in fit.counts:
         predicted, outside = one.predicted, one.extra + one.elsewhere + one.wrong
-        astray = outside >= max(ASTRAY[0], ASTRAY[1] * predicted) or one.broken > 0.5
+        astray = outside >= ASTRAY * predicted or one.broken > 0.5
         result.append(predicted >= EXPECTED and one.shows <= 0.5 and astray)
     return tuple(result)
 

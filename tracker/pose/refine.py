@@ -7,6 +7,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.geometry.lens import apply_update, copy_pose, may_see
 from tracker.geometry.linear import factorise, invert, median
+from tracker.pose.align import FEWEST_PIECES
 from tracker.pose.edge_fit import measure
 from tracker.pose.fit import LIKELY
 from tracker.pose.own_view import see_alone
@@ -55,9 +56,6 @@ STRAY = 0.15
 
 ROUNDS = 2
 """Reweighted solutions per measurement of the offsets."""
-
-MIN_WIDTHS = 4
-"""Minimum number of pieces that must show the blur for it to be used."""
 
 EXPONENT_STD = 0.5
 """Prior standard deviation of the response's exponent."""
@@ -176,7 +174,7 @@ def _estimate_blurs(solution, cameras, likely, work, seen):  # type: ignore[no-u
             if off < 1.0 and found.sharpness > 0.0:
                 work.widths[widths] = found.wider
                 widths += 1
-        if widths >= MIN_WIDTHS:
+        if widths >= FEWEST_PIECES:
             wider = min(scale, max(-0.6 * camera.blur, median(work.widths, widths)))
             camera.blur = min(max(camera.blur + wider, BLURS[0]), max(BLURS[1] * scale, BLURS[0]))
             known_blur += camera.blur / scale

@@ -10,7 +10,7 @@ from tracker.geometry import so3
 from tracker.objects.model import Box
 from tracker.pose.fit import Fit
 from tracker.pose.hypotheses import apart
-from tracker.pose.judge import rank
+from tracker.pose.judge import EXPECTED, rank
 
 ONE_FACE = 0.5
 """Visible area of all other faces, relative to the largest, below which a camera may see only that one."""
@@ -23,9 +23,6 @@ SQUARE = 0.02
 
 LONG = 1.5
 """Longest edge, relative to the next, from which a box may be mistaken for one shifted along that edge."""
-
-SHOWN = 12
-"""Number of label-map pixels in the colour of an end that settles where the end is."""
 
 SHIFTS = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
 """Distances by which it may be shifted [half its longest edge]: a hidden end is easily taken to be where an
@@ -64,7 +61,7 @@ def shifted_along(fit: Fit, box: Box) -> Iterator[FloatArray]:
         return
     axis = half.index(longest)
     ends, faces = (2 * axis, 2 * axis + 1), fit.cameras["faces"].tolist()
-    if all(seen[end][labels[end]] < SHOWN for seen in faces for end in ends):
+    if all(seen[end][labels[end]] < EXPECTED for seen in faces for end in ends):
         for shift in SHIFTS:
             yield fit.position + shift * box.half[axis] * fit.rotation[:, axis]
 

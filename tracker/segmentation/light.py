@@ -35,9 +35,8 @@ MIN_GREYS = 20
 TILTED_ROUNDS, LAST_ROUNDS = 4, 2
 """Rounds that fit a slope of the chromaticity, starting at the most frequent one, and final rounds."""
 
-MIN_TILT, MAX_TILT = 0.05, 1.2
-"""Slope of the log chromaticity from middle to corner below which the light counts as even, and above which
-other pixels must have been mistaken for greys."""
+MIN_TILT = 0.05
+"""Slope of the log chromaticity from middle to corner below which the light counts as even."""
 
 LEAST_BLACK = 8
 """Smallest level of an image's darkest pixels that a veil may have lifted."""
@@ -203,12 +202,12 @@ def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
         return 0.0, 0.0
     plane[0, 0], plane[1, 0] = _mode(points, count)
     middle, inside, flat = (plane[0, 0], plane[1, 0]), 0, True
-    # Two rounds without a slope, then TILTED_ROUNDS with one, then LAST_ROUNDS with it if it is plausible.
+    # Two rounds without a slope, then TILTED_ROUNDS with one, then LAST_ROUNDS with it unless it is slight.
     for turn in range(2 + TILTED_ROUNDS + LAST_ROUNDS):
         sloping = 2 <= turn < 2 + TILTED_ROUNDS
         if turn == 2 + TILTED_ROUNDS:
             tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
-            flat = tilt < MIN_TILT or tilt > MAX_TILT
+            flat = tilt < MIN_TILT
             if flat:
                 plane[:] = 0.0
                 plane[0, 0], plane[1, 0] = middle

@@ -30,8 +30,8 @@ MOST = 6.0
 """Largest log likelihood of one check against a scale of errors: one in a hundred mistakes another object,
 or the object's first motion, for a camera that is far off, and must not outweigh all others."""
 
-LOOKS = 5
-"""Number of checks before a contradiction counts as lasting."""
+LOOKS = round(1 / (1 - FADING))
+"""Number of checks before a contradiction counts as lasting: as many as count."""
 
 SLOW = 0.005, math.radians(5)
 """Speeds below which an object may be at rest [m/s, rad/s]: cameras that are read one after the other see a

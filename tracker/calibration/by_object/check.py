@@ -278,7 +278,7 @@ def look_of(fit: Fit, size: FloatArray) -> Look:
     seen = fit.cameras
     used = fit.own.inliers >= USED
     shown = seen["agree"] + seen["wrong"] + seen["extra"]
-    enough = np.maximum(ASTRAY[0], ASTRAY[1] * seen["predicted"])
+    enough = np.maximum(EXPECTED, ASTRAY * seen["predicted"])
     lost = ~used & (seen["predicted"] >= EXPECTED) & (shown > enough)
     lost[list(fit.left_out)] = True
     known = np.where(used[:, None, None], fit.own.information, 0.0)
