@@ -42,7 +42,7 @@ WEIGHTS = {"swapped": 0.5, "other calibration": 0.25}
 """Weights of workloads that are rarer in practice than here, or that no evidence can recognise."""
 
 PROBABILITIES = ("wrong", "misread", "hidden", "broken", "more", "alike", "colored")
-ODDS = ("body", "shape", "resized", "nothing")
+ODDS = ("body", "resized", "nothing")
 """Search variables: log odds for probabilities and odds, the logarithm for all others."""
 
 MISTAKES = 1e-4
@@ -160,7 +160,7 @@ class Model:
         ahead = numbers.temper * ahead
         against = np.bincount(self.one, _exp(ahead[self.other] - ahead[self.one]), len(here)) + self.disputed
         against += _exp(numbers.temper * (body - here) + numbers.body)
-        against += _exp(numbers.temper * (shape - here) + numbers.shape)
+        against += _exp(numbers.temper * (shape - here))
         against += _exp(numbers.temper * (nothing - here) + numbers.nothing)
         against += _exp(numbers.end * self.resized + numbers.resized)
         odds = np.where(self.alone > 0, values["single"], 1.0) * self.near

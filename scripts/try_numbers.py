@@ -61,7 +61,7 @@ COLUMNS = ["confidence", "mm", "deg", "present"]
 WAYS = {"half": 0.5, "double": 2.0}
 
 FROM_ONE = {
-    "CLOSE", "RIVAL", "SETTLED", "BACKGROUND", "LIKELIEST_SHARE", "FADING", "RESTS", "MOSTLY", "CONSTANT",
+    "CLOSE", "SETTLED", "BACKGROUND", "LIKELIEST_SHARE", "FADING", "RESTS", "MOSTLY", "CONSTANT",
     "SHARED_SHARE", "temper",
 }  # fmt: skip
 """Shares near 1: what they lack of it is halved and doubled."""

@@ -170,7 +170,7 @@ def test_the_same_tree_gives_the_same_answers_and_another_objects_colours_worse_
     assert gate.failures(before, run())
 
 
-@pytest.mark.parametrize("name", ["pixel", "hidden", "inlier", "lacking", "temper", "body", "shape"])
+@pytest.mark.parametrize("name", ["pixel", "hidden", "inlier", "lacking", "temper", "body"])
 def test_the_gate_tells_of_a_number_of_the_evidence(measured, monkeypatch, name):
     run, before = measured
     other = {name: 1.5 * getattr(NUMBERS, name)}

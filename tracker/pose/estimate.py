@@ -14,7 +14,17 @@ from tracker.objects.model import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.fit import Fit, Lag, OwnViews
 from tracker.pose.hypotheses import ENOUGH, EVERYWHERE, LIKELIEST, NEARBY, TURNS, Hypothesis, Search, apart
-from tracker.pose.judge import EXPECTED, alone, confidence, rank, refusal, settled, supporters, well_placed
+from tracker.pose.judge import (
+    EXPECTED,
+    MIN_VIEW,
+    alone,
+    confidence,
+    rank,
+    refusal,
+    settled,
+    supporters,
+    well_placed,
+)
 from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
 from tracker.pose.rivals import lead, shifted_along, turned_about_face
@@ -23,28 +33,19 @@ from tracker.pose.views import Hidden, Reader, Sight
 from tracker.segmentation.color_model import ColorModel
 
 REFINED = 3
-"""Maximum number of poses that are refined, and of those that look like the best of them."""
+"""Maximum number of hypotheses that compete, of poses refined, and of those that look like the best one."""
 
-CLOSE = 0.85
-"""A hypothesis is refined if it explains the label maps at least this well, relative to the best fit."""
+CLOSE = 0.95
+"""A hypothesis is refined if it explains the label maps at least this well, relative to the best fit; so is a
+pose that looks like that fit."""
 
 PLAUSIBLE = 0.5
 """Explanation of the label maps per camera above which a hypothesis is refined before others are sought: 84 %
 of 970 that led to the object scored higher, 94 % of 234 others lower."""
 
-COMPETING = 4
-"""Maximum number of competing hypotheses."""
-
-RIVAL = 0.95
-"""A pose that looks like the best fit is refined, too, if it explains the label maps at least this well,
-relative to that fit."""
-
 ODD = 1.2
 """Pixels of the label map in the object's colours beside it or on the wrong face, per expected piece of edge,
 above which a camera may see the object elsewhere."""
-
-USED = 8.0
-"""Smallest total weight of the pieces of edge for a camera's own view to count."""
 
 BETTER = 0.1
 """Share of the expected pixels by which a camera's own pose must explain its label map better: many poses
@@ -169,7 +170,7 @@ class PoseEstimator:
         least = CLOSE * max((one.score for one in explained), default=0.0)
         several = len(sight.used) > 1
         for one in hypotheses:
-            if len(chosen) == COMPETING or (one.score < least and several):
+            if len(chosen) == REFINED or (one.score < least and several):
                 break
             if all(apart(one, other, self._radius) for other in (*known, *chosen)):
                 chosen.append(one)
@@ -222,7 +223,7 @@ class PoseEstimator:
         poses += [(other, position) for other in turned_about_face(rotation, position, half, camera)]
         if not poses:
             return []
-        least = RIVAL * self.search.near(sight, [(rotation, position)], still=True)[0].score
+        least = CLOSE * self.search.near(sight, [(rotation, position)], still=True)[0].score
         others = [one for one in self.search.near(sight, poses, still=True) if one.score > least][:REFINED]
         return [self._fitted(sight, one._replace(left_out=fit.left_out), SCHEDULE, lag) for one in others]
 
@@ -259,7 +260,7 @@ class PoseEstimator:
             return None
         other = self.refiner(only, near.rotation, near.position, start=fit.end, lag=lag)
         turned = so3.log(other.rotation @ fit.rotation.T)
-        if other.own is None or other.own.inliers[c] < USED or np.linalg.norm(turned) > TURNED:
+        if other.own is None or other.own.inliers[c] < MIN_VIEW or np.linalg.norm(turned) > TURNED:
             return None
         if not _explains_better(other.cameras[c], before):
             return None

@@ -40,7 +40,7 @@ class Numbers(NamedTuple):
     """Weights of the evidence, fitted by scripts/fit_confidence.py to right and wrong fits.
 
     `end`, `resized` and `whole` were chosen on development scenes; `pixel`, `hidden`, `broken`, `body`,
-    `shape` and `nothing` were refitted when pixels on outlines stopped counting (benchmarks/development.md).
+    and `nothing` were refitted when pixels on outlines stopped counting (benchmarks/development.md).
     """
 
     pixel: float
@@ -75,8 +75,6 @@ class Numbers(NamedTuple):
     """Share of the evidence that counts, since cameras and faces are not independent."""
     body: float
     """Prior log odds of a body with other face colours."""
-    shape: float
-    """Prior log odds of a body with the object's face colours and other edges."""
     resized: float
     """Prior log odds of a body with one edge shorter or longer."""
     nothing: float
@@ -86,7 +84,7 @@ class Numbers(NamedTuple):
 NUMBERS = Numbers(
     pixel=0.153, whole=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0315, broken=0.0208, more=0.00897,
     alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, end=1.5,
-    stands=0.337, temper=0.706, body=-5.63, shape=-0.302, resized=-4.0, nothing=2.89,
+    stands=0.337, temper=0.706, body=-5.63, resized=-4.0, nothing=2.89,
 )  # fmt: skip
 
 
@@ -346,7 +344,7 @@ def evidence_of(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-
     for one in seen:
         count += one.predicted > 0
     temper = numbers.temper * min(1.0, FULL_WEIGHT / max(count, 1))
-    other = np.logaddexp(temper * (body - here) + numbers.body, temper * (shape - here) + numbers.shape)
+    other = np.logaddexp(temper * (body - here) + numbers.body, temper * (shape - here))
     less = temper * (nothing - here) + numbers.nothing
     return other, less, temper * ahead - numbers.nothing
 

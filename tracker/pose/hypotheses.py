@@ -33,8 +33,8 @@ ALIGNED = 10
 ENOUGH = 2
 """Minimum number of cameras that must support a pose found with another camera left out."""
 
-SAME_POSITION, SAME_ROTATION = 0.12, 0.15
-"""Hypotheses closer than this [radii of the object, rad] are the same pose."""
+SAME = 0.12
+"""Hypotheses closer than this in position [radii of the object] and rotation [rad] are the same pose."""
 
 SUNK = 2e-3
 """How far another body may reach below the table, or below the pose if that is lower [m]."""
@@ -74,10 +74,10 @@ class Hypothesis(NamedTuple):
 def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool:
     """Whether two poses differ by more than the error alignment leaves; radius: of the object [m]."""
     # The trace of R R2ᵀ is 1 + 2 cos of the angle between them.
-    if np.vdot(one.rotation, other.rotation) < 1 + 2 * math.cos(SAME_ROTATION):
+    if np.vdot(one.rotation, other.rotation) < 1 + 2 * math.cos(SAME):
         return True
     moved = one.position - other.position
-    return math.sqrt(moved @ moved) > SAME_POSITION * radius
+    return math.sqrt(moved @ moved) > SAME * radius
 
 
 class Search:

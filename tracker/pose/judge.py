@@ -17,7 +17,7 @@ ASTRAY = 0.15
 """A camera sees the object elsewhere if so many pixels in its colours, relative to those expected, lie
 where the fit has none."""
 
-MIN_VIEW = 4.0
+MIN_VIEW = 8.0
 """Smallest weight of matched pieces of edge for a camera to count as seeing the object."""
 
 MIN_TRUST = 0.2
@@ -32,11 +32,11 @@ CLEAR = 0.5
 MOST_ODDS = 500.0
 """Log odds are capped at this, since their exponential may overflow with many cameras."""
 
-VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
-"""A pose is accepted if it is this close to the truth [m, rad] with at least this probability."""
-
 NEAR = NEAR_DISTANCE, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
+
+VAGUE, MIN_DEFINITE = (2.0 * NEAR_DISTANCE, NEAR[1]), 0.5
+"""A pose is accepted if it is this close to the truth [m, rad] with at least this probability."""
 
 SINGLE = 2.9
 """Factor on the odds that a single camera's pose is that close: its covariance is too large. Fitted by

@@ -7,13 +7,18 @@ from tracker.geometry.linear import solve_positive
 from tracker.objects.model import RIM_STD
 from tracker.pose.fit import SEEN
 from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
-from tracker.pose.solve import DEVIATION_STD, accumulate, residual, robust_std, shown, with_edges
+from tracker.pose.solve import (
+    DEVIATION_STD,
+    LEAST_LIMIT,
+    accumulate,
+    residual,
+    robust_std,
+    shown,
+    with_edges,
+)
 
 ALONE_ROUNDS = 5
 """Iterations for a single camera: the first uses everything within the strips."""
-
-ALONE_LIMIT = 0.5
-"""Smallest residual at which a weight reaches zero in later iterations [px]."""
 
 
 @compiled
@@ -66,7 +71,7 @@ def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
                     off = residual(work.strips[c, s], work.found[c, s], since, drawn[0], drawn[1])
                     work.residuals[total] = abs(off) / camera.scale
                     total += 1
-            least, scatter = ALONE_LIMIT if turn > 0 else np.inf, robust_std(work.residuals, total)
+            least, scatter = LEAST_LIMIT if turn > 0 else np.inf, robust_std(work.residuals, total)
             accumulate(work.strips[c], work.found[c], camera, since, drawn, least, scatter, counted[0])
             with_edges(cameras[c : c + 1], solution.feet, solution.own, solution.foot)
             for i in range(UNKNOWNS):

@@ -48,8 +48,8 @@ EXPECTED_WEAR = 0.05
 BLURS = 0.5, 3.0
 """Bounds of the blur: smallest [px of the image], largest [px]."""
 
-LONGEST = 0.4, 0.3
-"""Longest step [radii of the object, rad]: strips see nothing farther away."""
+LONGEST = 0.4
+"""Longest step, in position [radii of the object] and rotation [rad]: strips see nothing farther away."""
 
 STRAY = 0.15
 """Motion of a strip beyond which its pixels are collected again [half widths]."""
@@ -215,7 +215,7 @@ def _move(solution, cameras, radius):  # type: ignore[no-untyped-def]
     change = solution.change
     shift = math.sqrt(change[0] ** 2 + change[1] ** 2 + change[2] ** 2)
     turn = math.sqrt(change[3] ** 2 + change[4] ** 2 + change[5] ** 2)
-    share = 1.0 / max(shift / (LONGEST[0] * radius), turn / LONGEST[1], 1.0)
+    share = 1.0 / max(shift / (LONGEST * radius), turn / LONGEST, 1.0)
     part = np.empty(6)
     for i in range(6):
         part[i] = change[i] * share

@@ -15,7 +15,7 @@ from tracker.geometry import so3
 from tracker.geometry.lens import may_see, project_with_jacobian
 from tracker.geometry.linear import smallest
 from tracker.pose.strips import SUMS
-from tracker.pose.votes import NEARER, gather
+from tracker.pose.votes import gather
 
 ROTATIONS = 1400
 """Number of rotations in the even grid: the nearest to any rotation is within 18°, on average 11°."""
@@ -103,7 +103,7 @@ def rank_rotations(lenses, pictures, box, position, stats, rotations, costs):  #
                     faces[0, i], faces[2, i], faces[3, i] = view[i], jacobian[0, i], jacobian[1, i]
                 faces[0, 3], faces[0, 4] = half[axis], area * per_area / distance
                 # No more of a colour counts than its face can show: the rest is something else.
-                count = min(one[0], NEARER * area * per_area)
+                count = min(one[0], area * per_area)
                 faces[side, 5], faces[side, 6], faces[side, 7] = count, math.sqrt(count), 0.5 / (one[0] + 4.0)
                 faces[4 + side, 0], faces[4 + side, 1] = one[1] - u, one[2] - v
             _add_costs(axis, faces, rotations, costs)

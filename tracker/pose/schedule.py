@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
+from tracker.pose.solve import LEAST_LIMIT
 
 
 class Schedule(NamedTuple):
@@ -27,7 +28,7 @@ class Schedule(NamedTuple):
 SCHEDULE = Schedule(
     blur=np.array([1.2] + [0.0] * 7),
     piece=np.array([6.0] + [5.0] * 7),
-    tukey=np.array([4.0, 3.0, 1.0] + [0.5] * 5),
+    tukey=np.array([4.0, 3.0, 1.0] + [LEAST_LIMIT] * 5),
     every=np.array([2] + [1] * 7),
     # Each step is about a twentieth of the one before (squared). If few pixels decide, pieces come and go
     # from step to step, and the pose keeps moving.
@@ -44,7 +45,7 @@ FIRST, FROM_THERE = (
 FOLLOWING = Schedule(
     blur=np.zeros(5),
     piece=np.full(5, 6.0),
-    tukey=np.array([1.0] + [0.5] * 4),
+    tukey=SCHEDULE.tukey[2:7],
     every=np.array([2] + [1] * 4),
     negligible=np.full(5, 9.0),
 )

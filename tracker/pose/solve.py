@@ -17,8 +17,9 @@ from tracker.pose.solution import EXPONENT, KNOWN, OWN, PULL, RIM, ROW, UNKNOWNS
 FLOOR = 0.04
 """Standard deviation of an edge's position that noise does not explain [px]."""
 
-TUKEY = 4.685
-"""Residual at which a piece's weight reaches zero [robust standard deviations]."""
+TUKEY, LEAST_LIMIT = 4.685, 0.5
+"""Residual at which a piece's weight reaches zero [robust standard deviations], and the smallest one near the
+solution [px]."""
 
 CORRELATION = 1.1
 """Factor on the standard deviation of pieces because neighbouring pixels share errors, unless each pixel of a

@@ -46,9 +46,6 @@ FACE = np.float32(1.0 / 3.0)
 """Largest share of the object that one colour counts for: a camera sees up to three faces, and a cloth of one
 colour is no object."""
 
-NEARER = 1.2
-"""Pixels that a face shows at most, relative to its area at the object's depth: it may be nearer."""
-
 BITS = 21
 """Width of a label's count: three share an integer."""
 
@@ -259,7 +256,7 @@ class PositionSearch:
         half = box.half
         area = 2 * (half[0] * half[1] + half[1] * half[2] + half[2] * half[0])
         self._cameras, self._area = cameras, area
-        self._sizes = self.radius, 4.0 * NEARER * float(np.sort(half)[1:].prod())
+        self._sizes = self.radius, 4.0 * float(np.sort(half)[1:].prod())
         self.boxes = self.boxes_at(self.points)
         # Twice what a face shows in each camera at the nearest place: itself, and as much beside it.
         least = self.boxes["share"].min(axis=0, where=self.boxes["share"] > 0, initial=1.0)

@@ -32,8 +32,8 @@ BRIGHTNESS_RANK = 0.7
 MIN_GREYS = 20
 """Smallest number of grey samples; with fewer, no grey is found."""
 
-TILTED_ROUNDS, LAST_ROUNDS = 4, 2
-"""Rounds that fit a slope of the chromaticity, starting at the most frequent one, and final rounds."""
+ROUNDS = 2
+"""Rounds in each stage of the fit: without a slope of the chromaticity, with one, and the last."""
 
 MIN_TILT = 0.05
 """Slope of the log chromaticity from middle to corner below which the light counts as even."""
@@ -202,10 +202,10 @@ def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
         return 0.0, 0.0
     plane[0, 0], plane[1, 0] = _mode(points, count)
     middle, inside, flat = (plane[0, 0], plane[1, 0]), 0, True
-    # Two rounds without a slope, then TILTED_ROUNDS with one, then LAST_ROUNDS with it unless it is slight.
-    for turn in range(2 + TILTED_ROUNDS + LAST_ROUNDS):
-        sloping = 2 <= turn < 2 + TILTED_ROUNDS
-        if turn == 2 + TILTED_ROUNDS:
+    # The last rounds keep the slope unless it is slight.
+    for turn in range(3 * ROUNDS):
+        sloping = turn // ROUNDS == 1
+        if turn == 2 * ROUNDS:
             tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
             flat = tilt < MIN_TILT
             if flat:

@@ -25,9 +25,8 @@ from tracker.geometry.cuboid import corners
 from tracker.logs.log import evenly
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
-from tracker.pose.estimate import USED
 from tracker.pose.fit import Fit
-from tracker.pose.judge import ASTRAY, EXPECTED, apparent
+from tracker.pose.judge import ASTRAY, EXPECTED, MIN_VIEW, apparent
 from tracker.segmentation.color_model import ColorModel
 
 FOCAL = 295.0
@@ -276,7 +275,7 @@ def look_of(fit: Fit, size: FloatArray) -> Look:
     """Return the look at a fitted cuboid of `size` (3,) [m]: the poses that the cameras separately see."""
     assert fit.own is not None
     seen = fit.cameras
-    used = fit.own.inliers >= USED
+    used = fit.own.inliers >= MIN_VIEW
     shown = seen["agree"] + seen["wrong"] + seen["extra"]
     enough = np.maximum(EXPECTED, ASTRAY * seen["predicted"])
     lost = ~used & (seen["predicted"] >= EXPECTED) & (shown > enough)

@@ -26,7 +26,7 @@ from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
-from tracker.pose.estimate import USED
+from tracker.pose.judge import MIN_VIEW
 from tracker.segmentation.color_model import ColorModel
 
 FLOOR = 0.3e-3, np.radians(0.15)
@@ -267,7 +267,7 @@ def plane_of(edges: EdgeReader, seen: Sequence[Sighting]) -> TablePlane:
 def _rest(edges: EdgeReader, frame: Frame) -> Rest | None:
     """Refit the pose in one shot and return it with its errors; None if fewer than two cameras see edges."""
     fit, found = edges.fitted(frame)
-    if sum(one is not None and len(one.offset) >= USED for one in found) < 2:
+    if sum(one is not None and len(one.offset) >= MIN_VIEW for one in found) < 2:
         return None
     own, common = pose_errors(found, fit.position, edges.rig.cameras, edges.model.rim_std)
     return Rest(fit.position, fit.rotation, own, common) if np.isfinite(own).all() else None
