@@ -18,14 +18,11 @@ from tracker.checks import naming
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, LogError
 from tracker.files import read_bounded, reading
-from tracker.logs.pictures import READ, check_whole, decoded, head_of
+from tracker.logs.pictures import MAX_PIXELS, decode
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
 from tracker.segmentation.labels import in_even_light
 from tracker.segmentation.light import Light, apply_gains
-
-MAX_PIXELS = 1 << 26
-"""Largest number of pixels of an image: about eight thousand by eight thousand."""
 
 MAX_FILE_SIZE = 4 * MAX_PIXELS
 """Largest image file [bytes]."""
@@ -46,18 +43,8 @@ def read_image(path: Path) -> Image:
         raise ImageError(f"image {path}: no such file{', but a folder' if path.is_dir() else ''}")
     with reading(f"image {path}", ImageError):
         content = read_bounded(path, MAX_FILE_SIZE)
-    # Check before decoding: OpenCV fills missing data with grey, slowly if the sizes are damaged.
     with naming(f"image {path}", ImageError, LogError):
-        picture = head_of(content, READ)
-        width, height = picture.size
-        if width * height > MAX_PIXELS:
-            raise LogError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
-        check_whole(picture, content, appended=True)
-        # As in recordings: orientation tags do not apply to fixed cameras.
-        image = decoded(content, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    if image is None:
-        raise ImageError(f"image {path}: not an image that can be read, or truncated")
-    return np.asarray(image, dtype=np.uint8)
+        return decode(content, given=True)
 
 
 _MASK = re.compile(r".*_mask_.*|[RGBCMYrgbcmy]\d+")

@@ -19,7 +19,7 @@ from tracker.files import read_bounded, reading, whole_file, writing
 from tracker.logs.frame import LogFrame, checked_stamp
 from tracker.logs.layout import RECORDING_FILE, STAMPS_FILE, Picture, find_layout
 from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, check_sides, rig_beside
-from tracker.logs.pictures import FilmPicture, decode, from_bayer, head_of
+from tracker.logs.pictures import RECORDED, FilmPicture, decode, from_bayer, head_of
 
 TRUTH_FILE = "ground_truth.json"
 """File that `python -m synthetic dataset` writes beside the images; timestamps are read from it."""
@@ -127,7 +127,7 @@ def _first_size(files: Iterable[Picture | None]) -> tuple[int, int]:
             return file.film.size
         if file is not None:
             with suppress(LogError):
-                size = head_of(_content(file)).size
+                size = head_of(_content(file), RECORDED).size
                 check_sides(*size)
                 return size
     return 0, 0

@@ -29,6 +29,9 @@ RECORDED = ("PNG", "JPEG")
 READ = (*RECORDED, "BMP", "TIFF", "WebP")
 """Image formats in recordings, and those accepted from users."""
 
+MAX_PIXELS = 1 << 26
+"""Largest number of pixels of a user's image: about eight thousand by eight thousand."""
+
 _READERS = {
     b"\x89PNG\r\n\x1a\n": ("PNG", "Png"),
     b"\xff\xd8": ("JPEG", "Jpeg"),
@@ -68,7 +71,7 @@ def from_quadrants(quadrants: Image) -> Image:
     return raw
 
 
-def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
+def head_of(data: bytes, formats: tuple[str, ...]) -> ImageFile:
     """Read an image's header; LogError if it is damaged, or of another format."""
     # `Image.open` would also warn about sizes that are rejected later anyway.
     for start, (name, reader) in _READERS.items():
@@ -82,36 +85,35 @@ def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
     raise LogError(f"found {len(data)} bytes that start with {data[:4]!r}, expected {expected}")
 
 
-def check_whole(picture: ImageFile, data: bytes, *, appended: bool = False) -> None:
-    """Check an image's integrity as far as its format allows.
+def decode(data: bytes, *, color: bool = True, given: bool = False) -> Image:
+    """Decode an image to (H, W, 3) BGR, or unchanged if not `color`; LogError if it is damaged.
 
-    A JPEG that may have data `appended` after its end, as photos of phones do, is decoded to check it.
-    LogError: a part of a PNG does not match its checksum, or the end of a PNG or JPEG is missing.
+    An image of a recording is a PNG or JPEG of a valid size. One that is `given` by a user may have more
+    formats and sizes, and data after a JPEG's end, as photos of phones do.
     """
+    picture = head_of(data, READ if given else RECORDED)
+    width, height = picture.size
+    if not given:
+        check_sides(width, height)
+    elif width * height > MAX_PIXELS:
+        raise LogError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
     endless = picture.format == "JPEG" and b"\xff\xd9" not in data[-64:]  # some writers pad
-    if endless and not appended:
+    if endless and not given:
         raise LogError("found a JPEG without an end, it is truncated")
     with naming(f"found a damaged or truncated {picture.format}", LogError, Exception):
         if endless:
             picture.load()
         if picture.format == "PNG":
             picture.verify()
-
-
-def decode(data: bytes, *, color: bool = True) -> Image:
-    """Decode a PNG or JPEG to (H, W, 3) BGR, or unchanged if not `color`; LogError if it is damaged."""
-    picture = head_of(data)
-    check_sides(*picture.size)
-    check_whole(picture, data)
     # Ignore EXIF orientation tags: they do not apply to fixed cameras.
     how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if color else cv2.IMREAD_UNCHANGED
-    image = decoded(data, how)
+    image = _decoded(data, how)
     if image is None or image.dtype != np.uint8:
         raise LogError("found an image that cannot be decoded to 8 bits")
     return image
 
 
-def decoded(data: bytes, how: int) -> Array | None:
+def _decoded(data: bytes, how: int) -> Array | None:
     """Return the image in a file's content, read by OpenCV as its flags `how` say; None if it cannot.
 
     LogError: it is black, or seems so: of values of up to 12 bits in 16, only the upper 8 bits are left.
