@@ -184,17 +184,17 @@ def corner_misses(
     for c, camera in enumerate(cameras):
         rows = []
         for f, look in enumerate(looks):
-            if (shares := problem.shares(f, c)) is None:
+            if not problem.compared[f, c]:
                 continue
             # The corners' Jacobian (2 N, 6) in the image with respect to the object's pose [px at FOCAL].
             _, jacobian = camera.project_with_jacobian(look.corners)
             swing = -so3.hat(look.corners - look.position)
             motion = np.concatenate([jacobian, jacobian @ swing], axis=2)
-            motion *= FOCAL / camera.matrix[(0, 1), (0, 1)][:, None]
+            motion *= FOCAL / problem.focal[c, :, None]
             motion = motion.reshape(-1, 6)
-            moves = (motion @ np.einsum("kij,kj->i", shares, look.moved)).reshape(-1, 2)
+            moves = (motion @ np.einsum("kij,kj->i", problem.shares[f, c], look.moved)).reshape(-1, 2)
             shift = moves.mean(axis=0)
-            feigned = motion @ shares @ problem.lever[f]
+            feigned = motion @ problem.shares[f, c] @ problem.lever[f]
             expected = np.einsum("kni,kij,knj->", feigned, covariances, feigned) / len(moves)
             seen, shape = ((part**2).sum(1).mean() for part in (moves, moves - shift))
             rows.append([seen, expected if stated else np.nan, shift @ shift, shape])
@@ -212,10 +212,8 @@ def _median_miss(misses: FloatArray, problem: CameraErrors) -> float:
 
     Views that are as uncertain as LIMIT count only if there are no others.
     """
-    focal = np.array([camera.matrix[(0, 1), (0, 1)] for camera in problem.cameras])
-    squares = ((misses / focal) ** 2).sum(axis=2)
-    clear = [[problem.noise(f, c) < LIMIT for c in range(len(focal))] for f in range(len(squares))]
-    for one in (np.where(clear, squares, np.nan), squares):
+    squares = ((misses / problem.focal) ** 2).sum(axis=2)
+    for one in (np.where(problem.noise() < LIMIT, squares, np.nan), squares):
         asked = np.isfinite(one).sum(axis=1) > 1
         if asked.any():
             return float(np.median(np.sqrt(np.nanmean(one[asked], axis=1))))

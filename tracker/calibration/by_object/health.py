@@ -215,9 +215,8 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
                 height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
             look = None if fit.own is None else look_of(fit, tracker.model.size)
     if look is not None and len(tracker.rig) > 1:
-        focal = [camera.matrix[[0, 1], [0, 1]] for camera in tracker.rig]
-        misses = CameraErrors([look], tracker.rig.cameras).misses()[0]
-        values["disagreement"] = 1e3 * np.linalg.norm(misses / focal, axis=1)
+        problem = CameraErrors([look], tracker.rig.cameras)
+        values["disagreement"] = 1e3 * np.linalg.norm(problem.misses()[0] / problem.focal, axis=1)
     return Sample(values, height, look)
 
 

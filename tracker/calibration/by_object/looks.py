@@ -7,6 +7,7 @@ The errors stated in the files are the prior. A camera counts as moved if the lo
 with its ξ_c free.
 """
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -72,6 +73,7 @@ class CameraErrors:
 
     def __init__(self, looks: Sequence[Look], cameras: Sequence[Camera]) -> None:
         self.cameras, count = cameras, len(cameras)
+        self.focal = np.array([camera.matrix[(0, 1), (0, 1)] for camera in cameras])
         self.moved_by = np.array([look.moved for look in looks])
         self.lever = np.array([seen_motion(look.position) for look in looks])
         self.known = np.zeros((len(looks), count, 6, 6))
@@ -82,7 +84,7 @@ class CameraErrors:
             for c, camera in enumerate(cameras):
                 self.distance[f, c] = np.linalg.norm(camera.position - look.position)
                 slope = camera.project_with_jacobian(look.position[None])[1][0]
-                self.across[f, c] = slope / camera.matrix[(0, 1), (0, 1)][:, None]
+                self.across[f, c] = slope / self.focal[c, :, None]
                 if look.information[c, 0, 0] > 0.0:
                     # The errors inherent in one view: across the line of sight, and along it.
                     away, sight = self.distance[f, c], look.position - camera.position
@@ -91,6 +93,8 @@ class CameraErrors:
                     noise += np.kron(np.diag(np.square([ALONG * away, ROLL])), along)
                     known = look.information[c]
                     self.known[f, c] = known - known @ np.linalg.solve(known + np.linalg.inv(noise), known)
+        seen = self.known[:, :, 0, 0] > 0.0
+        self.compared = seen & (seen.sum(axis=1, keepdims=True) > 1)
         # Unstated errors are those at the object: the world's origin may be far away.
         middle = seen_motion(np.mean([look.position for look in looks], axis=0))
         typical, self.loose = (
@@ -139,10 +143,8 @@ class CameraErrors:
         estimated in place of the camera that explains least.
         """
         free: list[int] = []
-        seen = self.known[:, :, 0, 0] > 0.0
-        compared = seen & (seen.sum(axis=1, keepdims=True) > 1)
         evidence, costs = self.evidence(free)
-        left = often = np.flatnonzero(self.places @ compared > OFTEN - 0.5).tolist()
+        left = often = np.flatnonzero(self.places @ self.compared > OFTEN - 0.5).tolist()
         while left and len(free) < len(self.cameras) - 1:
             best = min(left, key=lambda c: self.solve([*free, c])[1])
             after, fewer = self.evidence([*free, best])
@@ -159,36 +161,30 @@ class CameraErrors:
             free.append(last)
         return free, errors
 
+    @functools.cached_property
+    def shares(self) -> FloatArray:
+        """Weights (looks, C, C, 6, 6) of each view in the pose that a camera sees minus that of the others.
+
+        NaN where the camera itself or all others see too little.
+        """
+        every = np.arange(len(self.cameras))
+        known = np.repeat(self.known[:, None], len(every), axis=1)
+        known[:, every, every] *= 1e-3  # directions the others do not observe come from the camera itself
+        result = -np.linalg.solve(known.sum(axis=2, keepdims=True) + _FAINT, known)
+        result[:, every, every] += np.eye(6)
+        result[~self.compared] = np.nan
+        return result
+
     def misses(self) -> FloatArray:
         """Return the disagreement (looks, C, 2) of each camera with the others' pose [px]; NaN if unknown."""
-        result = np.full((*self.known.shape[:2], 2), np.nan)
-        for f in range(len(self.known)):
-            for c, camera in enumerate(self.cameras):
-                if (shares := self.shares(f, c)) is not None:
-                    off = np.einsum("kij,kj->i", shares, self.moved_by[f])
-                    result[f, c] = self.across[f, c] @ off[:3] * camera.matrix[(0, 1), (0, 1)]
-        return result
+        off = np.einsum("fckij,fkj->fci", self.shares, self.moved_by)
+        return np.asarray((self.across @ off[..., :3, None])[..., 0] * self.focal)
 
-    def noise(self, f: int, c: int) -> float:
-        """Return the standard deviation [rad] that the views' own errors give to a length in `misses`."""
-        shares, seeing = self.shares(f, c), self.known[f, :, 0, 0] > 0.0
-        if shares is None:
-            return float("nan")
-        parts = self.across[f, c] @ shares[seeing, :3]
-        return float(np.sqrt(np.sum(parts @ np.linalg.inv(self.known[f, seeing] + _FAINT) * parts)))
-
-    def shares(self, f: int, c: int) -> FloatArray | None:
-        """Return each view's weight (C, 6, 6) in the pose that c sees minus the pose that the others see.
-
-        None if c or all others see too little in look f.
-        """
-        known = self.known[f].copy()
-        if known[c, 0, 0] <= 0.0 or not (np.delete(known[:, 0, 0], c) > 0.0).any():
-            return None
-        known[c] *= 1e-3  # so that directions the others do not observe come from the camera itself
-        result = -np.linalg.solve(known.sum(axis=0) + _FAINT, known)
-        result[c] += np.eye(6)
-        return result
+    def noise(self) -> FloatArray:
+        """Return the deviations (looks, C) [rad] that the views' own errors give to lengths of `misses`."""
+        parts = self.across[:, :, None] @ self.shares[..., :3, :]
+        squares = np.einsum("fckij,fkjl,fckil->fc", parts, np.linalg.inv(self.known + _FAINT), parts)
+        return np.asarray(np.sqrt(squares))
 
     def _poses(self, known: FloatArray, seen: FloatArray) -> FloatArray:
         """Return the joint poses (looks, 6) of the object, given the poses (looks, C, 6) that cameras see."""
