@@ -183,18 +183,17 @@ def corner_misses(
     result = []
     for c, camera in enumerate(cameras):
         rows = []
-        for f, look in enumerate(looks):
-            if not problem.compared[f, c]:
-                continue
+        for f in np.flatnonzero(problem.compared[:, c]).tolist():
+            look, shares = looks[f], problem.shares[f, c]
             # The corners' Jacobian (2 N, 6) in the image with respect to the object's pose [px at FOCAL].
             _, jacobian = camera.project_with_jacobian(look.corners)
             swing = -so3.hat(look.corners - look.position)
             motion = np.concatenate([jacobian, jacobian @ swing], axis=2)
             motion *= FOCAL / problem.focal[c, :, None]
             motion = motion.reshape(-1, 6)
-            moves = (motion @ np.einsum("kij,kj->i", problem.shares[f, c], look.moved)).reshape(-1, 2)
+            moves = (motion @ np.einsum("kij,kj->i", shares, look.moved)).reshape(-1, 2)
             shift = moves.mean(axis=0)
-            feigned = motion @ problem.shares[f, c] @ problem.lever[f]
+            feigned = motion @ shares @ problem.lever[f]
             expected = np.einsum("kni,kij,knj->", feigned, covariances, feigned) / len(moves)
             seen, shape = ((part**2).sum(1).mean() for part in (moves, moves - shift))
             rows.append([seen, expected if stated else np.nan, shift @ shift, shape])
