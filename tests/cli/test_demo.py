@@ -2,14 +2,17 @@ import re
 import shlex
 from unittest.mock import Mock
 
+import pytest
+
 from tests.docs.samples import blocks
 from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.full_disk import no_file_longer_than
 
 
-def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
-    shown = well(run_here("demo", "-o", "mine", folder=tmp_path))
-    assert (tmp_path / "mine" / "overlay.png").is_file()
+@pytest.mark.parametrize("name", ["mine", "it's mine"], ids=["plain", "a name that shells split"])
+def test_the_demo_finds_the_cube_and_its_hints_work(name, tmp_path, run_here):
+    shown = well(run_here("demo", "-o", name, folder=tmp_path))
+    assert (tmp_path / name / "overlay.png").is_file()
     millimetres, _, degrees, *_ = shown.stdout.split("median error")[1].split()
     assert float(millimetres) < 0.3
     assert float(degrees) < 0.3
@@ -21,13 +24,7 @@ def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
     for hint in hints:
         well(run_here(*shlex.split(hint), folder=tmp_path))
     assert (tmp_path / "poses.csv").is_file()
-    assert_one_line_error(run_here("demo", "-o", "mine", folder=tmp_path), "mine: exists")
-
-
-def test_the_hints_of_the_demo_work_with_a_name_that_shells_split(tmp_path, run_here):
-    shown = well(run_here("demo", "-o", "it's mine", folder=tmp_path))
-    for hint in re.findall(r"^  tracker (.*)", shown.stdout, re.MULTILINE):
-        well(run_here(*shlex.split(hint), folder=tmp_path))
+    assert_one_line_error(run_here("demo", "-o", name, folder=tmp_path), f"{name}: exists")
 
 
 def test_the_demo_works_after_one_that_was_interrupted(tmp_path, run_here, monkeypatch):
