@@ -1,11 +1,9 @@
 import json
-import subprocess
-import sys
 
 import pytest
 
 from scripts.try_numbers import TABLE, WAYS, numbers
-from tests.helpers import ROOT
+from tests.helpers import ROOT, run_python
 
 
 def test_the_table_has_all_numbers_of_the_estimator_by_name():
@@ -35,8 +33,7 @@ found = changed.{name}
 print(float(found if not hasattr(found, "__len__") else found[0]), changed.__file__)
 """
     given = json.dumps({**vars(number), "place": list(number.place)})
-    run = [sys.executable, "-c", code, given, str(number.changed("double"))]
-    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=True)
+    done = run_python(["-c", code, given, number.changed("double")], check=True)
     found, file = done.stdout.split()
     assert float(found) == pytest.approx(value)
     assert file == str(ROOT / number.file)

@@ -6,7 +6,6 @@ import re
 import runpy
 import shutil
 import signal
-import subprocess
 import sys
 from functools import partial
 from pathlib import Path
@@ -20,7 +19,7 @@ from synthetic import cli
 from synthetic.camera.rigs import choose_rig, standard_rig
 from synthetic.export.dataset import DatasetOptions, make_dataset
 from synthetic.frames import DatasetError, FrameOptions
-from tests.helpers import contents, nudged, opencv_pixels
+from tests.helpers import contents, nudged, opencv_pixels, run_python
 from tests.helpers.command import begin, until, well, workers_of
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig, load_object, open_log
@@ -119,8 +118,7 @@ main(["dataset", "--object", "cube_v2", "--frames", "1", "--seed", "4", "--out",
 
 
 def test_a_signal_that_comes_while_libraries_are_imported_ends_the_run(tmp_path):
-    command = [sys.executable, "-c", INTERRUPTED, tmp_path / "set"]
-    run = subprocess.run(command, capture_output=True, text=True)
+    run = run_python(["-c", INTERRUPTED, tmp_path / "set"])
     assert (run.returncode, run.stderr) == (143, "synthetic: interrupted; the same command continues\n")
 
 
