@@ -9,6 +9,7 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_check import moved
 from tests.helpers import ROOT
+from tests.helpers.filmed import write_recording
 from tests.helpers.kept_stills import take
 from tests.helpers.log_writers import write_picture
 from tests.helpers.moving_cube import carried
@@ -133,10 +134,7 @@ def test_a_single_camera_measures_no_height(film, rig, tmp_path):
 
 
 def test_an_object_that_moves_is_not_taken_to_rest_wherever_it_is_found_anew(rig, tmp_path):
-    for k, still in enumerate(carried()[:6]):
-        for name, image in zip(rig.names, still.images, strict=True):
-            write_picture(tmp_path / name / f"{k:06d}.png", image)
-    found = measured(tmp_path, rig)
+    found = measured(write_recording(tmp_path, list(carried()[:6])), rig)
     assert np.isfinite(found.values["residual"]).all()
     assert np.isnan(found.values["disagreement"]).all()
     assert found.check is None
