@@ -1,5 +1,4 @@
 import gc
-import io
 import subprocess
 import sys
 import time
@@ -10,7 +9,7 @@ from numba import njit
 from numba.core.types import BaseFunction
 
 from tests.helpers import ROOT, run_python
-from tests.helpers.command import until
+from tests.helpers.command import Terminal, until
 from tracker import warm_up
 from tracker.processes import python_command
 
@@ -109,10 +108,6 @@ def test_compiled_quickly_a_kernel_gives_the_same_and_numba_is_left_as_it_was():
 
 @pytest.mark.parametrize("packages", ["tracker/{}/__pycache__", "cache/tracker.{}"])
 def test_a_terminal_shows_how_many_kernels_there_are_on_disk(packages, tmp_path, monkeypatch):
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
     for package, count in (("pose", 3), ("segmentation", 2)):
         for name in ("kernels-1", "kernels-2"):
             folder = tmp_path / packages.format(package) / name

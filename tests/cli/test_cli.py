@@ -1,5 +1,4 @@
 import functools
-import io
 import os
 import signal
 import subprocess
@@ -11,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import ROOT
-from tests.helpers.command import well
+from tests.helpers.command import Terminal, well
 from tests.helpers.recording_stubs import write_log
 from tracker import cli
 from tracker.cli.terminal import bar
@@ -116,11 +115,6 @@ def test_whatever_happens_is_one_line_without_traceback(raised, code, message, c
     assert message in printed.err
     assert len(printed.err.splitlines()) == 1
     assert printed.out == ""
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
 
 
 def test_a_bar_leaves_its_line_once_all_is_done(monkeypatch):

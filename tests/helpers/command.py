@@ -1,5 +1,6 @@
 """The command `tracker`, run or begun and not waited for, and what it says of faults."""
 
+import io
 import os
 import subprocess
 import sys
@@ -11,6 +12,13 @@ from tests.helpers import ROOT, contents
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 """Gives what a command, or a script, printed and its exit code; `folder` is where it runs."""
+
+
+class Terminal(io.StringIO):
+    """What is written to a terminal."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 def well(result: subprocess.CompletedProcess[str]) -> subprocess.CompletedProcess[str]:
