@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from tests.helpers import ROOT, make_camera
+from tests.helpers.log_writers import CAMERAS
 from tracker.calibration.files import Calibrated, calibration_text
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
@@ -92,7 +93,7 @@ def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, me
     for pattern in patterns:
         assert pattern in str(caught.value)
         for given in (pattern, f"*{pattern}"):
-            assert CameraRig.load(tmp_path, pattern=given).names == ("camera60", "camera180", "camera300")
+            assert CameraRig.load(tmp_path, pattern=given).names == CAMERAS
 
 
 @pytest.mark.parametrize(
@@ -229,13 +230,10 @@ def test_resizing_and_correcting_a_rig_changes_every_camera(tmp_path):
         np.testing.assert_allclose(camera.matrix[:2, 2], make_camera().matrix[:2, 2] - 0.25)
 
 
-NAMES = ("camera60", "camera180", "camera300")
-
-
 @pytest.mark.parametrize("robot", [1, 3, 4, 5, 6, 7, 8])
 def test_cameras_of_every_robot_look_at_the_arena_from_half_a_metre(robot, real):
     rig = CameraRig.load(real / "calibration" / "robots", pattern=f"r{robot}_*.yml")
-    assert rig.names == NAMES
+    assert rig.names == CAMERAS
     for camera in rig:
         assert 0.4 < np.linalg.norm(camera.position) < 0.6
         assert camera.position[2] > 0.3

@@ -17,13 +17,11 @@ import pytest
 import tracker
 from tests.cli.test_cli import CODES, ask_to_end
 from tests.helpers.command import assert_one_line_error, begin, well
-from tests.helpers.log_writers import write_picture
+from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.moments import estimate, moment
 from tests.helpers.reading import frames_of
 from tracker.cli.demo import DATA
 from tracker.cli.live_outputs import Lookout, Statistics
-
-NAMES = ("camera60", "camera180", "camera300")
 
 
 @pytest.fixture
@@ -38,7 +36,7 @@ def test_a_recording_is_replayed_printed_and_recorded(tmp_path, live):
     assert "latency         median" in result.stdout
     with tracker.open_log(target) as log:
         frames = list(log)
-        assert log.camera_names == NAMES
+        assert log.camera_names == CAMERAS
     assert 2 <= len(frames) <= 20
     assert all(frame.recorded_pose is not None for frame in frames[1:])
 
@@ -134,7 +132,7 @@ def test_a_check_tells_of_the_cameras_and_exits_with_1_where_one_is_dark(tmp_pat
     monkeypatch.setattr("tracker.live.camera_check.MOST_AGE", 10.0)  # a busy machine takes its time
     result = well(live(DATA, "--check", "--speed", "5"))
     assert "nothing is wrong with the cameras" in result.stdout
-    assert all(name in result.stdout for name in NAMES)
+    assert all(name in result.stdout for name in CAMERAS)
     shutil.copytree(DATA, tmp_path / "dark")
     for path in (tmp_path / "dark").glob("*/camera180.jpg"):
         write_picture(path, cv2.imread(str(path)) // 10)

@@ -14,13 +14,13 @@ import tracker
 from tests.helpers import RIG, nudged
 from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.dice_scenes import EDGE, painted
+from tests.helpers.log_writers import CAMERAS
 from tracker.calibration.rig import CameraRig
 from tracker.cli.demo import DATA as DEMO
 from tracker.inputs import of_cameras
 from tracker.tasks import rearrange_dice
 
 PHOTOS = DEMO / "000003"
-NAMES = ("camera60", "camera180", "camera300")
 
 
 def photos(*names):
@@ -29,9 +29,9 @@ def photos(*names):
 
 def write_changed(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> list[str]:
     """Write the photos as changed images; return their names."""
-    for name in NAMES:
+    for name in CAMERAS:
         cv2.imwrite(str(folder / f"{name}.png"), change(cv2.imread(str(PHOTOS / f"{name}.jpg"))))
-    return [f"{name}.png" for name in NAMES]
+    return [f"{name}.png" for name in CAMERAS]
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_detect_prints_one_json_object_for_programs_and_draws_it(detect, tmp_pat
     assert 0 < found["pose"]["confidence"] <= 1
     assert found["timing_ms"]["total"] > 0
     assert cv2.imread(str(tmp_path / "out.png")).shape[1] == 3 * 540 + 2 * 6
-    first, _, third = photos(*NAMES)
+    first, _, third = photos(*CAMERAS)
     _, without = detect("--calibration", DEMO, first, "none", third)
     np.testing.assert_allclose(without["pose"]["position"], found["pose"]["position"], atol=2e-3)
 
@@ -79,17 +79,17 @@ def test_nothing_found_is_an_answer_and_no_error(detect, tmp_path, run_here):
     [
         [DEMO, "--frame", "3"],
         ["folder.png", "--frame", "3"],
-        ["--calibration", DEMO, *photos(*sorted(NAMES))],
+        ["--calibration", DEMO, *photos(*sorted(CAMERAS))],
         ["--calibration", DEMO, "a.jpg", "b.jpg", "c.jpg"],
-        [*(f"--calibration={DEMO}/{name}.yml" for name in NAMES[::-1]), "c.jpg", "b.jpg", "a.jpg"],
+        [*(f"--calibration={DEMO}/{name}.yml" for name in CAMERAS[::-1]), "c.jpg", "b.jpg", "a.jpg"],
     ],
     ids=["a folder's frame", "of an image's name", "in another order", "without names", "by calibrations"],
 )
 def test_pictures_are_those_of_their_cameras_however_they_are_given(given, detect, tmp_path):
     (tmp_path / "folder.png").symlink_to(DEMO)
-    for name, letter in zip(NAMES, "abc", strict=True):
+    for name, letter in zip(CAMERAS, "abc", strict=True):
         shutil.copy(PHOTOS / f"{name}.jpg", tmp_path / f"{letter}.jpg")
-    _, expected = detect("--calibration", DEMO, *photos(*NAMES))
+    _, expected = detect("--calibration", DEMO, *photos(*CAMERAS))
     result, found = detect(*given)
     np.testing.assert_allclose(found["pose"]["position"], expected["pose"]["position"], atol=1e-3)
     assert result.stderr == ""
@@ -116,7 +116,7 @@ def test_files_go_to_the_cameras_that_they_or_their_folders_are_named_after(path
 def test_swapped_pictures_are_reported_and_taken_as_they_are(detect, tmp_path, run_here):
     for frame in ("000000", "000001", "000002", "000003"):
         shutil.copytree(DEMO / frame, tmp_path / "log" / frame)
-        for name, other in (NAMES[:2], NAMES[1::-1]):
+        for name, other in (CAMERAS[:2], CAMERAS[1::-1]):
             shutil.copy(DEMO / frame / f"{other}.jpg", tmp_path / "log" / frame / f"{name}.jpg")
     result, found = detect("--calibration", DEMO, tmp_path / "log")
     warning = "the images of camera60 and camera180 look swapped"
@@ -128,7 +128,7 @@ def test_swapped_pictures_are_reported_and_taken_as_they_are(detect, tmp_path, r
 
 
 def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect, tmp_path):
-    _, small = detect("--calibration", DEMO, *photos(*NAMES))
+    _, small = detect("--calibration", DEMO, *photos(*CAMERAS))
     large = write_changed(tmp_path, lambda one: cv2.resize(one, (540, 540), interpolation=cv2.INTER_CUBIC))
     given = ["--calibration", DEMO, *large]
     words = "540×540 px", "its calibration is for 270×270", "--resize-calibration"
@@ -144,7 +144,7 @@ def test_the_likely_cause_is_printed_and_drawn(detect, tmp_path):
     assert found["pose"] is None
     (line,) = result.stderr.splitlines()
     assert line.startswith("tracker: warning: camera60: blurred by ")
-    result, _ = detect("--calibration", DEMO, *photos(*NAMES), "--overlay", "good.png")
+    result, _ = detect("--calibration", DEMO, *photos(*CAMERAS), "--overlay", "good.png")
     assert result.stderr == ""
     heights = [len(cv2.imread(str(tmp_path / name))) for name in ("drawn.png", "good.png")]
     assert heights[0] > 540 + 100
@@ -179,10 +179,10 @@ def test_images_without_colours_are_named(detect, tmp_path):
 def test_cameras_that_contradict_each_other_get_a_warning_beside_the_pose(detect, tmp_path):
     rig = tracker.CameraRig.load(DEMO)
     nudged(rig, 0, shift=[8e-3, 0.0, 0.0]).save(tmp_path / "moved")
-    result, found = detect("--calibration", tmp_path / "moved", *photos(*NAMES))
+    result, found = detect("--calibration", tmp_path / "moved", *photos(*CAMERAS))
     assert found["pose"] is not None
     assert "tracker calibrate check" in result.stderr
-    assert detect("--calibration", DEMO, *photos(*NAMES))[0].stderr == ""
+    assert detect("--calibration", DEMO, *photos(*CAMERAS))[0].stderr == ""
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_cameras_that_cannot_have_the_arena_in_view_get_a_warning(wrong, detect,
         pose[3, 3] = 1.0
     cameras = [dataclasses.replace(c, camera_from_world=pose) for c, pose in zip(rig, poses, strict=True)]
     tracker.CameraRig(tuple(cameras)).save(tmp_path / "wrong")
-    result, _ = detect("--calibration", tmp_path / "wrong", *photos(*NAMES))
+    result, _ = detect("--calibration", tmp_path / "wrong", *photos(*CAMERAS))
     assert "the arena in few or no images" in result.stderr
 
 
@@ -235,7 +235,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def dice_arguments(scene: Path, *more: object, **replaced: object) -> list[object]:
     """Arguments of a good `tracker dice`, with the images of some cameras replaced."""
-    images = [replaced.get(name, scene / f"{name}.png") for name in NAMES]
+    images = [replaced.get(name, scene / f"{name}.png") for name in CAMERAS]
     return ["dice", "--calibration", scene, *more, *images]
 
 
@@ -267,7 +267,7 @@ def truth(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_dice_prints_one_json_object_for_programs(scene, dice):
     found = dice("--goal", scene / "goal.json")
     assert list(found) == ["error", "error_per_camera", "reward", "dice", "assignment", "timing_ms"]
-    assert list(found["error_per_camera"]) == list(NAMES)
+    assert list(found["error_per_camera"]) == list(CAMERAS)
     assert found["error"] == sum(found["error_per_camera"].values()) == -found["reward"]
     # A die has 150 to 350 pixels; those that are not in their places are seen outside the goal.
     assert 3 * 100 * MISPLACED < found["error"] < 3 * 500 * MISPLACED
@@ -286,7 +286,7 @@ def test_dice_prints_one_json_object_for_programs(scene, dice):
 def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(scene, dice, run_here):
     found, pattern = (dice("--goal", scene / f"goal.{suffix}") for suffix in ("json", "txt"))
     exact = dice("--goal", scene / "goal.json", "--exact")
-    masks = [rearrange_dice.segment_dice(cv2.imread(str(scene / f"{name}.png"))) for name in NAMES]
+    masks = [rearrange_dice.segment_dice(cv2.imread(str(scene / f"{name}.png"))) for name in CAMERAS]
     expected = rearrange_dice.error_per_camera(rearrange_dice.goal_masks(RIG, GOAL), masks)
     assert list(found["error_per_camera"].values()) == list(expected)
     assert found["error"] == sum(expected)
@@ -298,7 +298,7 @@ def test_the_error_is_the_tasks_and_placed_dice_are_assigned_to_their_places(sce
     text = run_here(*dice_arguments(scene, "--goal", scene / "goal.json")).stdout
     first, second, third = text.splitlines()[:3]
     assert first.startswith("error [px]")
-    assert all(name in first for name in NAMES)
+    assert all(name in first for name in CAMERAS)
     assert f"25 found, {25 - MISPLACED} within 4 mm" in second
     assert third.startswith("time [ms]")
     header, *rows = text.split("\n\n")[1].splitlines()
@@ -337,9 +337,9 @@ def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
     well(run_here(*dice_arguments(scene, "--goal", scene / "goal.json", *written, camera300="none")))
     assert cv2.imread(str(tmp_path / "out.png")).shape[1] == 3 * 540 + 2 * 6
     names = {path.name for path in (tmp_path / "new" / "masks").iterdir()}
-    assert names == {*(f"goal_{name}.png" for name in NAMES), "dice_camera60.png", "dice_camera180.png"}
+    assert names == {*(f"goal_{name}.png" for name in CAMERAS), "dice_camera60.png", "dice_camera180.png"}
     goals = rearrange_dice.goal_masks(RIG, GOAL)
-    for name, expected in zip(NAMES, goals, strict=True):
+    for name, expected in zip(CAMERAS, goals, strict=True):
         path = tmp_path / "new" / "masks" / f"goal_{name}.png"
         np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), expected)
     assert run_here(*dice_arguments(scene, "--overlay", tmp_path / "plain.jpg")).returncode == 0

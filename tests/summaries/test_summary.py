@@ -12,6 +12,7 @@ import tracker
 from tests.helpers import RIG, look_at, nudged
 from tests.helpers.filmed import on_wood
 from tests.helpers.kept_stills import bare
+from tests.helpers.log_writers import CAMERAS
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
 from tracker.cli.demo import DATA as DEMO
@@ -169,7 +170,6 @@ def test_what_lies_between_two_episodes_is_no_path(tmp_path):
 
 
 STRAIGHT = (0, 1, 2)
-NAMES = ("camera60", "camera180", "camera300")
 
 
 @pytest.fixture(scope="module")
@@ -184,8 +184,8 @@ def test_the_order_that_fits_is_found(demo, order):
     one, sets = demo
     given = [[images[k] for k in order] for images in sets]
     back = tuple(map(order.index, STRAIGHT))
-    assert remarks.swapped(one, given[0]) == remarks.swap_message(back, NAMES)
-    assert remarks.lasting_remark(one, [[None] * 3, *given]) == remarks.swap_message(back, NAMES)
+    assert remarks.swapped(one, given[0]) == remarks.swap_message(back, CAMERAS)
+    assert remarks.lasting_remark(one, [[None] * 3, *given]) == remarks.swap_message(back, CAMERAS)
 
 
 def test_images_are_tried_only_with_cameras_of_their_size(demo):
@@ -193,7 +193,7 @@ def test_images_are_tried_only_with_cameras_of_their_size(demo):
     rig = tracker.CameraRig((one.rig[0], one.rig[1].resized(540, 540), one.rig[2]))
     given = [images[2], cv2.resize(images[1], (540, 540)), images[0]]
     found = remarks.swapped(tracker.ObjectTracker("cube_v2", rig), given)
-    assert found == remarks.swap_message((2, 1, 0), NAMES)
+    assert found == remarks.swap_message((2, 1, 0), CAMERAS)
 
 
 def test_there_is_no_warning_of_pictures_that_fit_or_that_are_wrong(demo):
@@ -269,7 +269,7 @@ def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
     places = [(0.4 * np.cos(a), 0.4 * np.sin(a), 0.4) for a in np.radians([60.0, 180.0, 300.0])]
     cameras = tuple(
         dataclasses.replace(rig[0], name=name, camera_from_world=look_at(place))
-        for name, place in zip(NAMES, places, strict=True)
+        for name, place in zip(CAMERAS, places, strict=True)
     )
     images = bare("cube_v2", cameras, 3).images
     one = tracker.ObjectTracker("cube_v2", tracker.CameraRig(cameras))
@@ -322,8 +322,8 @@ def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path, order,
     log = tmp_path / "log"
     shutil.copytree(DEMO, log)
     for folder in log.glob("0*"):
-        for k, name in zip(order, NAMES, strict=True):
-            shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
+        for k, name in zip(order, CAMERAS, strict=True):
+            shutil.copy(DEMO / folder.name / f"{CAMERAS[k]}.jpg", folder / f"{name}.jpg")
     job = Job(log, tmp_path / "poses.h5", Recipe.of(Options(sought, stop=8)))
     tracked = run(job)
     remark = remarks.remark_on_recording(job, tracked.poses)

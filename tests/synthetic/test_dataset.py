@@ -21,6 +21,7 @@ from synthetic.export.dataset import DatasetOptions, make_dataset
 from synthetic.frames import DatasetError, FrameOptions
 from tests.helpers import contents, nudged, opencv_pixels, run_python
 from tests.helpers.command import begin, until, well, workers_of
+from tests.helpers.log_writers import CAMERAS
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import CameraRig, load_object, open_log
 from tracker.errors import CalibrationError
@@ -29,7 +30,6 @@ from tracker.geometry.cuboid import corners
 from tracker.logs.pictures import from_bayer
 
 skip_without_platform()
-CAMERAS = ("camera60", "camera180", "camera300")
 
 
 @pytest.fixture(scope="module")

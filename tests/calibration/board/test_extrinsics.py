@@ -6,6 +6,7 @@ import pytest
 
 from tests.helpers import look_at, numerical_jacobian
 from tests.helpers.boards import BOARD, LENS, photo, pose_towards, sighting
+from tests.helpers.log_writers import CAMERAS
 from tracker.calibration.board import extrinsics
 from tracker.calibration.board.board import Board
 from tracker.calibration.board.extrinsics import _slopes, _step, place_cameras
@@ -181,11 +182,10 @@ def test_no_corner_is_dropped_without_which_the_board_has_no_pose():
 
 @pytest.mark.parametrize("folders", [1, 2])
 def test_the_platforms_board_in_the_arena_is_met_by_every_camera(folders, real):
-    names = ("camera60", "camera180", "camera300")
-    known = [read_calibrated(real / "calibration" / "simulation" / f"{name}_full.yml") for name in names]
+    known = [read_calibrated(real / "calibration" / "simulation" / f"{name}_full.yml") for name in CAMERAS]
     seen = {}
     for place, folder in enumerate(("position_centered_5x7_board", "corner_in_center_3x3_board")[:folders]):
-        for number, name in enumerate(names):
+        for number, name in enumerate(CAMERAS):
             image = cv2.imread(str(real / "charuco" / folder / f"{name}.png"))
             seen[number, place] = find_board(f"{folder}/{name}", image, BOARD)
     placed = place_cameras(known, seen, np.eye(4))
