@@ -18,7 +18,7 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
-from tracker.segmentation.labels import REFERENCE_SIZE, keep_strongest, labels_by_color
+from tracker.segmentation.labels import MIN_AREA, REFERENCE_SIZE, labels_by_color
 from tracker.segmentation.light import apply_gains
 
 Images = tuple[Image | None, ...]
@@ -186,10 +186,21 @@ def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors:
         even, light, labels = labels_by_color(image, colors)  # without clean-up
         neutral = apply_gains(even, light.gains)
         use = (covered > 0) | ~around
-        # Without evidence no patch is weaker than another: only specks are removed.
-        patches = keep_strongest(labels, np.zeros(labels.shape)) > 0
-        parts.append((neutral[use], covered[use], labels[use], (patches & ~around)[use]))
+        parts.append((neutral[use], covered[use], labels[use], (_patches(labels) & ~around)[use]))
     return Lesson(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _patches(labels: Image) -> Array:
+    """Return (H, W) bool: whether a pixel belongs to a patch of one face colour that is not a speck."""
+    least = MIN_AREA * (min(labels.shape) / REFERENCE_SIZE) ** 2
+    result = np.zeros(labels.shape, dtype=bool)
+    for label in np.unique(labels[labels > 0]):
+        mask = cv2.medianBlur((labels == label).astype(np.uint8), 3)
+        _, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+        large = stats[:, cv2.CC_STAT_AREA] >= least
+        large[0] = False
+        result |= large[parts]
+    return result
 
 
 def owners(lessons: Sequence[Lesson]) -> Array:
