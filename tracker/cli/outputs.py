@@ -133,11 +133,12 @@ def refuse_overwriting(
         other = seen.setdefault(os.path.realpath(path), name)
         if other != name:
             raise click.UsageError(f"{name} {path}: found the same file as for {other}")
-    existing = {name: path for name, path in files.items() if path.exists()}
+    existing: dict[object, str] = {
+        identity: name for name, path in files.items() if (identity := _identity(path))
+    }
     for kind, path in _inputs(recordings, others) if existing else ():
-        for name, output in existing.items():
-            if path.exists() and output.samefile(path):
-                raise click.UsageError(f"{name} {output}: that is {kind}")
+        if hit := existing.get(_identity(path)):
+            raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
     # The next run would read these as an input folder's recording, or as images of it.
     opened = {os.path.realpath(recording): recording for recording in recordings if recording.is_dir()}
     folders = {real for real, one in opened.items() if not any((one / name).exists() for name in JOB_LOGS)}
@@ -184,3 +185,11 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
     for path in (Path(other) for other in others if other):
         for file in path.iterdir() if path.is_dir() else [path]:
             yield "an input", file
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return a file's device and inode, the same for all links to it; None if there is no file."""
+    with suppress(OSError):
+        about = path.stat()
+        return about.st_dev, about.st_ino
+    return None
