@@ -14,8 +14,8 @@ EXPECTED = 20
 pixels in its colours, over all label maps, to begin a search, and of those that show a long box's end."""
 
 ASTRAY = 0.15
-"""A camera sees the object elsewhere if so many pixels in its colours, relative to those expected, lie
-where the fit has none."""
+"""A camera sees the object elsewhere if so many pixels in its colours, relative to those expected, and at
+least EXPECTED, lie where the fit has none."""
 
 MIN_VIEW = 8.0
 """Smallest weight of matched pieces of edge for a camera to count as seeing the object."""
@@ -80,7 +80,7 @@ def contradicting(fit: Fit) -> tuple[bool, ...]:
     result = []
     for one in fit.counts:
         predicted, outside = one.predicted, one.extra + one.elsewhere + one.wrong
-        astray = outside >= ASTRAY * predicted or one.broken > 0.5
+        astray = outside >= max(EXPECTED, ASTRAY * predicted) or one.broken > 0.5
         result.append(predicted >= EXPECTED and one.shows <= 0.5 and astray)
     return tuple(result)
 
