@@ -39,7 +39,7 @@ NONE_PRIOR = 0.5
 class Numbers(NamedTuple):
     """Weights of the evidence, fitted by scripts/fit_confidence.py to right and wrong fits.
 
-    `end`, `resized` and `whole` were chosen on development scenes; `pixel`, `hidden`, `broken`, `body`,
+    `end`, `resized` and `whole` were chosen on development scenes; `pixel`, `hidden`, `broken`, `body`
     and `nothing` were refitted when pixels on outlines stopped counting (benchmarks/development.md).
     """
 

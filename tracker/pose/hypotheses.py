@@ -33,7 +33,7 @@ ALIGNED = 10
 ENOUGH = 2
 """Minimum number of cameras that must support a pose found with another camera left out."""
 
-SAME = 0.12
+SAME_POSE = 0.12
 """Hypotheses closer than this in position [radii of the object] and rotation [rad] are the same pose."""
 
 SUNK = 2e-3
@@ -74,10 +74,10 @@ class Hypothesis(NamedTuple):
 def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool:
     """Whether two poses differ by more than the error alignment leaves; radius: of the object [m]."""
     # The trace of R R2ᵀ is 1 + 2 cos of the angle between them.
-    if np.vdot(one.rotation, other.rotation) < 1 + 2 * math.cos(SAME):
+    if np.vdot(one.rotation, other.rotation) < 1 + 2 * math.cos(SAME_POSE):
         return True
     moved = one.position - other.position
-    return math.sqrt(moved @ moved) > SAME * radius
+    return math.sqrt(moved @ moved) > SAME_POSE * radius
 
 
 class Search:

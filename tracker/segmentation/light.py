@@ -32,7 +32,7 @@ BRIGHTNESS_RANK = 0.7
 MIN_GREYS = 20
 """Smallest number of grey samples; with fewer, no grey is found."""
 
-ROUNDS = 2
+STAGE_ROUNDS = 2
 """Rounds in each stage of the fit: without a slope of the chromaticity, with one, and the last."""
 
 MIN_TILT = 0.05
@@ -203,9 +203,9 @@ def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
     plane[0, 0], plane[1, 0] = _mode(points, count)
     middle, inside, flat = (plane[0, 0], plane[1, 0]), 0, True
     # The last rounds keep the slope unless it is slight.
-    for turn in range(3 * ROUNDS):
-        sloping = turn // ROUNDS == 1
-        if turn == 2 * ROUNDS:
+    for turn in range(3 * STAGE_ROUNDS):
+        sloping = turn // STAGE_ROUNDS == 1
+        if turn == 2 * STAGE_ROUNDS:
             tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
             flat = tilt < MIN_TILT
             if flat:
