@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tracker.pose import sizes
-from tracker.pose.sizes import ALIKE, FEET, MOVING_SHARE, SHARES, SHARES_PRIOR, WEAR, WEAR_PRIOR
+from tracker.pose.sizes import ALIKE, FEET, SHARES, SHARES_PRIOR, WEAR, WEAR_PRIOR
 from tracker.pose.solution import CAMERA, EDGE, EXPONENT, KNOWN, OWN, PULL, RIM, ROW, SOLUTION, UNKNOWNS
 from tracker.pose.solve import DEVIATION_STD, with_edges
 
@@ -39,7 +39,7 @@ class Problem:
             self.residuals[c] = self.rows[c] @ moved + own + NOISE * rng.normal(size=EDGES * PIECES)
 
     def sizes(self, own=0.0):
-        """Both shares, and the variances of edges' own offsets and of feet."""
+        """The share, and the variances of edges' own offsets and of feet."""
         weight = 1.0 / NOISE**2
         solution, cameras = np.zeros(1, SOLUTION)[0], np.zeros(self.count, CAMERA)
         solution["feet"], solution["own"] = self.feet, own
@@ -50,11 +50,11 @@ class Problem:
         cameras["force"] = weight * np.einsum("cri,cr->ci", self.rows, self.residuals)
         cameras["edges"] = [sums(*one, weight) for one in zip(self.rows, self.residuals, strict=True)]
         cameras["weights"] = np.einsum("cki,ckj->cij", self.roots, self.roots)[:, :6, :6]
-        return *sizes.sizes(solution, cameras, True, own == 0.0), solution["own"], solution["foot"]
+        return sizes.sizes(solution, cameras, True, own == 0.0), solution["own"], solution["foot"]
 
 
 def found(rng, *problem, count=60, **more):
-    """Sizes (4, count) of so many problems."""
+    """Sizes (3, count) of so many problems."""
     return np.transpose([Problem(rng, *problem, **more).sizes() for _ in range(count)])
 
 
@@ -87,7 +87,7 @@ def test_edges_offsets_are_integrated_out_as_if_their_pieces_were_correlated(rng
 
 
 def test_share_is_high_where_cameras_disagree_and_low_where_they_agree(rng):
-    disagreeing, agreeing = (found(rng, share)[1] for share in (1.0, 0.001))
+    disagreeing, agreeing = (found(rng, share)[0] for share in (1.0, 0.001))
     assert np.median(disagreeing) > 0.8
     assert np.median(agreeing) < 0.02
     assert np.quantile(agreeing, 0.95) < np.quantile(disagreeing, 0.05)
@@ -96,11 +96,11 @@ def test_share_is_high_where_cameras_disagree_and_low_where_they_agree(rng):
 @pytest.mark.parametrize("share", [0.001, 1.0])
 def test_worn_edges_are_distinguished_from_cameras_that_are_off_and_what_is_known_is_kept(rng, share):
     sharp, worn = (found(rng, share, wear) for wear in (0.0, 0.2**2))
-    assert np.median(worn[2]) == pytest.approx(np.interp(0.2**2, WEAR, COUNTED), rel=0.4)
-    assert np.quantile(sharp[2], 0.95) < np.quantile(worn[2], 0.05)
-    low, high = np.quantile(worn[1], [0.25, 0.75])
+    assert np.median(worn[1]) == pytest.approx(np.interp(0.2**2, WEAR, COUNTED), rel=0.4)
+    assert np.quantile(sharp[1], 0.95) < np.quantile(worn[1], 0.05)
+    low, high = np.quantile(worn[0], [0.25, 0.75])
     assert low / 10 < share < 10 * high
-    assert Problem(rng, share, 0.2**2).sizes(own=0.03**2)[2] == pytest.approx(0.03**2)
+    assert Problem(rng, share, 0.2**2).sizes(own=0.03**2)[1] == pytest.approx(0.03**2)
 
 
 def test_sizes_are_unbiased_over_their_prior(rng):
@@ -108,7 +108,7 @@ def test_sizes_are_unbiased_over_their_prior(rng):
     shares = rng.choice(SHARES, p=SHARES_PRIOR, size=1500)
     wears = rng.choice(len(WEAR), p=WEAR_PRIOR, size=1500)
     results = [Problem(rng, *truth).sizes() for truth in zip(shares, WEAR[wears], strict=True)]
-    _, means, own, _ = np.transpose(results)
+    means, own, _ = np.transpose(results)
     assert ((means >= SHARES.min()) & (means <= SHARES.max())).all()
     for truth, mean in ((shares, means), (COUNTED[wears], own)):
         for test in (np.ones_like(mean), mean, np.log(mean)):
@@ -117,28 +117,23 @@ def test_sizes_are_unbiased_over_their_prior(rng):
 
 
 def test_what_edges_are_off_by_counts_more_often_where_more_cameras_share_it(rng):
-    one, two, four = (np.median(found(rng, 1.0, 0.4**2, cameras, count=20)[2]) for cameras in (1, 2, 4))
+    one, two, four = (np.median(found(rng, 1.0, 0.4**2, cameras, count=20)[1]) for cameras in (1, 2, 4))
     assert one < two < four
 
 
-def test_a_pose_moves_under_no_share_that_is_larger_and_one_camera_does_not_tell_its_own(rng):
-    for share in (100.0, 1.0, 0.001):
-        moving, mean, *_ = Problem(rng, share).sizes()
-        assert SHARES.min() <= moving <= min(SHARES[MOVING_SHARE], mean + 1e-12)
-    moving, mean, *_ = Problem(rng, 0.01, cameras=1).sizes()
-    assert mean == pytest.approx(SHARES @ SHARES_PRIOR)
-    assert moving == pytest.approx(np.average(SHARES[MOVING_SHARE:], weights=SHARES_PRIOR[MOVING_SHARE:]))
+def test_one_camera_does_not_tell_its_share(rng):
+    assert Problem(rng, 0.01, cameras=1).sizes()[0] == pytest.approx(SHARES @ SHARES_PRIOR)
     # Equations that cannot be solved say nothing.
     problem = Problem(rng, 1.0)
     problem.rows[1, :, :5], problem.roots[1] = 0, 0
-    assert problem.sizes() == (1.0, 1.0, WEAR[0], 0.0)
+    assert problem.sizes() == (1.0, WEAR[0], 0.0)
 
 
 def test_feet_are_found_where_colours_end_above_the_table_and_kept_where_they_do_not(rng):
-    shaded, sharp = (found(rng, 0.001, foot=foot)[3] for foot in (3e-3**2, 0.0))
+    shaded, sharp = (found(rng, 0.001, foot=foot)[2] for foot in (3e-3**2, 0.0))
     assert np.median(shaded) > 0.7 * FEET[-1]
     assert np.quantile(sharp, 0.9) < 0.1 * FEET[-1]
-    assert Problem(rng, 0.001).sizes()[3] == 0.0
+    assert Problem(rng, 0.001).sizes()[2] == 0.0
 
 
 def test_probabilities_sum_to_one():

@@ -279,7 +279,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
     """
     doubtful = begin(model, pictures, solution, cameras, start)
     radius = math.sqrt(model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2)
-    share, stated, step, stray, late = 1.0, 1.0, 0, True, False
+    share, step, stray, late = 1.0, 0, True, False
     while step < len(schedule.blur) and not solution.converged:
         if stray:
             _lay_strips(model, solution, cameras, schedule, step, work)
@@ -297,7 +297,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
             _pull(solution, start)
             _weigh(solution, cameras, schedule.tukey[step], scatter, work, seen)
             if turn == 0 and not rough:
-                share, stated = sizes(solution, cameras, doubtful, late)
+                share = sizes(solution, cameras, doubtful, late)
             if not _solved(model, solution, cameras, share, late):
                 return
             own_changes(solution, cameras)
@@ -305,9 +305,6 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
         solution.converged = late and _length(solution) < schedule.negligible[step]
         step += 1
         stray = rough or (not solution.converged and _moved_out(cameras, work))
-        if solution.converged:
-            _weigh(solution, cameras, schedule.tukey[step - 1], scatter, work, seen)
-            _solved(model, solution, cameras, stated, late)
     if not (schedule.moves and marginal(solution)):
         solution.converged = False
     elif model.table.known and late:

@@ -8,20 +8,16 @@ from tracker.compiled import compiled
 from tracker.geometry.linear import smallest, sum_from
 from tracker.pose.solve import solve, with_edges
 
-SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
+SHARES = np.array([30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
 """Candidate shares of the stated calibration variance; above 1 the cameras disagree more than their files
 state."""
 
 STATED = SHARES.tolist().index(1.0)
 """Index of the stated variance."""
 
-SHARES_PRIOR = np.array([0.02, 0.04, 0.06, 0.12, 0.28, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05])
+SHARES_PRIOR = np.array([0.04, 0.06, 0.12, 0.3, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05])
 """Prior probability of each. Three cameras agree by chance far more often than files overstate errors; with
 more weight on small shares, generated scenes with errors of all kinds fall outside their covariances."""
-
-MOVING_SHARE = 3
-"""Index of the largest share with which a pose moves: with looser cameras, an object that differs a little
-from its model would look like displaced cameras. The covariance may use larger shares."""
 
 WEAR = np.array([0.006, 0.03, 0.08, 0.18, 0.4]) ** 2
 """Candidate variances of edges' own offsets [px² for an object of reference size]."""
@@ -110,8 +106,7 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
     doubtful: whether the calibration states errors; ask: whether to estimate the edges' errors, too, and set
     the solution's variances `own` and `foot` to their posterior means.
 
-    Return the mean share of the stated calibration variance among those with which a pose moves, and the mean
-    among all.
+    Return the mean share of the stated calibration variance.
     """
     count, alike = seeing(cameras)
     several, standing = doubtful and count > 1, sum_from(solution.feet, 0) > 0.0
@@ -135,10 +130,10 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
             if share == 1.0:
                 break
     if not math.isfinite(shares[smallest(shares)]):
-        return 1.0, 1.0
+        return 1.0
     if ask:
         weight = ALIKE[0] * (1.0 - ALIKE[1] / max(count, 1)) * max(1.0, alike / ALIKE[2]) ** 2
         solution.own = _mean(WEAR, wears) + weight * _mean(WORN, wears)
         if standing:
             solution.foot = _mean(FEET, feet)
-    return _mean(SHARES[MOVING_SHARE:], shares[MOVING_SHARE:]), _mean(SHARES, shares)
+    return _mean(SHARES, shares)
