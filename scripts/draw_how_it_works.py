@@ -246,7 +246,7 @@ def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: St
 def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
     """Return strips at the best hypothesis after alignment on the label maps, and at its refined pose."""
     estimator, sight = scene.estimator, scene.sight
-    best = estimator.search.rounds(sight)(Round(places=1, first=2, others=0))[0]
+    best = estimator.search.rounds(sight)(Round(places=1, rotations=2))[0]
     fit = estimator.refiner(sight, best.rotation, best.position)
     return edges_at(scene, best.rotation, best.position, fit.end), edges_at(
         scene, fit.rotation, fit.position, fit.end

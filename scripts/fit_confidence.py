@@ -41,7 +41,7 @@ SEED = 101
 WEIGHTS = {"swapped": 0.5, "other calibration": 0.25}
 """Weights of workloads that are rarer in practice than here, or that no evidence can recognise."""
 
-PROBABILITIES = ("wrong", "misread", "hidden", "broken", "more", "alike", "colored")
+PROBABILITIES = ("wrong", "misread", "hidden", "broken", "alike", "colored")
 ODDS = ("body", "resized", "nothing")
 """Search variables: log odds for probabilities and odds, the logarithm for all others."""
 

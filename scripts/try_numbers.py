@@ -70,7 +70,7 @@ LAYOUT = {
     "BEFORE", "BITS", "BLOCK", "CELLS", "CLASSES", "EDGE", "EXPONENT", "FACE", "FAR", "FLAT", "GAUSSIAN",
     "IMPOSSIBLE", "KNOWN", "LEAST_PIVOT", "LIFTED", "MAX_PIXELS", "MAX_STRIPS", "MEASURING", "MIXED",
     "MOST_ODDS", "MOST_POINTS", "MOVING", "NODES", "NO_MOSAIC", "OWN", "PIECES", "PIXELS", "PLACES",
-    "REFERENCE_SIZE", "ROUNDING", "ROWS", "SHARES", "STATE", "STATED", "TILE", "UNKNOWNS", "WORN",
+    "REFERENCE_SIZE", "ROUNDING", "ROWS", "SHARES", "STATE", "TILE", "UNKNOWNS", "WORN",
 }  # fmt: skip
 """Constants that follow from others, name columns, or bound buffers and rounding errors."""
 

@@ -150,7 +150,7 @@ def test_any_run_may_be_the_baseline_and_is_looked_for_before_a_minute_is_spent(
 def measured():
     """Measures a part of the gate's scenes, as often as it is called."""
     skip_without_platform()
-    plan = dataclasses.replace(gate.plan(CACHE), scenes=4, workers=1)
+    plan = dataclasses.replace(gate.plan(CACHE), scenes=6, workers=1)
     workloads = [w for w in gate.WORKLOADS if w.base == "realistic"]
 
     def run() -> Results:

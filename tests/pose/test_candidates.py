@@ -43,7 +43,7 @@ def test_rounds_begin_each_hypothesis_once_whatever_the_rounds_before(estimator,
             assert scores == sorted(scores, reverse=True)
         assert len(begun) == len(set(begun))
         first = begun[0][0]
-        assert sum(place == first and not left for place, _, left in begun) == order[-1].first
+        assert sum(place == first and not left for place, _, left in begun) == order[-1].rotations
         ends.append(set(begun))
     assert ends[1] == ends[2]
     # A clear view needs one.

@@ -26,8 +26,10 @@ HIDDEN = 0.4
 FEWEST_PIECES = 4
 """Minimum number of pieces of edge to align a pose, and of those that show an image's blur to measure it."""
 
-FEW = 30.0
-"""A camera that shows far fewer pixels of the object than this counts little."""
+EXPECTED = 20
+"""Number of pixels that the object should fill in a camera's label map for the camera to count: with fewer it
+counts little here, and not at all when a fit is judged. So many pixels in the object's colours, over all
+label maps, begin a search, and so many show a long box's end."""
 
 IMPOSSIBLE = -1e9
 """Score of a hypothesis none of whose edges are found."""
@@ -149,7 +151,7 @@ def explanation_score(seen, pictures):  # type: ignore[no-untyped-def]
         one = seen[c]
         explained = one.agree - HIDDEN * one.missing - 1.5 * one.wrong - 0.7 * one.extra
         if pictures[c].used:
-            score += max(0.0, HIDDEN + explained / (one.predicted + FEW))
+            score += max(0.0, HIDDEN + explained / (one.predicted + EXPECTED))
     return score
 
 

@@ -1,6 +1,5 @@
 """From one set of images to a pose, without memory: search, align, compete, refine, choose."""
 
-import math
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -12,10 +11,20 @@ from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
 from tracker.objects.model import Box
 from tracker.pose.agreement import disagreement
+from tracker.pose.align import EXPECTED
 from tracker.pose.fit import Fit, Lag, OwnViews
-from tracker.pose.hypotheses import ENOUGH, EVERYWHERE, LIKELIEST, NEARBY, TURNS, Hypothesis, Search, apart
+from tracker.pose.hypotheses import (
+    ENOUGH,
+    EVERYWHERE,
+    LIKELIEST,
+    NEARBY,
+    SAME_POSE,
+    TURNS,
+    Hypothesis,
+    Search,
+    apart,
+)
 from tracker.pose.judge import (
-    EXPECTED,
     MIN_VIEW,
     alone,
     confidence,
@@ -43,16 +52,10 @@ PLAUSIBLE = 0.5
 """Explanation of the label maps per camera above which a hypothesis is refined before others are sought: 84 %
 of 970 that led to the object scored higher, 94 % of 234 others lower."""
 
-ODD = 1.2
-"""Pixels of the label map in the object's colours beside it or on the wrong face, per expected piece of edge,
-above which a camera may see the object elsewhere."""
-
 BETTER = 0.1
-"""Share of the expected pixels by which a camera's own pose must explain its label map better: many poses
-explain a single label map slightly better."""
-
-TURNED = math.radians(12)
-"""A camera's own pose that is rotated by more than this is a different optimum [rad]."""
+"""A camera is asked for a pose of its own if so many pixels, relative to those expected, lie beside the
+object or on a wrong face; that pose counts if it explains so many more: many explain a single label map a
+little better."""
 
 
 class PoseEstimator:
@@ -236,7 +239,7 @@ class PoseEstimator:
         views = fit.own
         assert views is not None
         for c, seen in enumerate(fit.counts):
-            astray = c in fit.left_out or seen.extra + seen.wrong > ODD * seen.expected
+            astray = c in fit.left_out or seen.extra + seen.wrong > BETTER * seen.predicted
             asked = astray and seen.predicted >= EXPECTED and c in sight.used
             if asked and (other := self._own_search(sight, fit, c, lag)) is not None:
                 views = OwnViews(*(column.copy() for column in views))
@@ -260,7 +263,8 @@ class PoseEstimator:
             return None
         other = self.refiner(only, near.rotation, near.position, start=fit.end, lag=lag)
         turned = so3.log(other.rotation @ fit.rotation.T)
-        if other.own is None or other.own.inliers[c] < MIN_VIEW or np.linalg.norm(turned) > TURNED:
+        # A pose that is turned is a different optimum.
+        if other.own is None or other.own.inliers[c] < MIN_VIEW or np.linalg.norm(turned) > SAME_POSE:
             return None
         if not _explains_better(other.cameras[c], before):
             return None

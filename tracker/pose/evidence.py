@@ -15,8 +15,8 @@ HIDDEN_SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
 HIDDEN_PRIOR = np.array([0.45, 0.15, 0.12, 0.1, 0.08, 0.05, 0.05])
 """Prior probability of each."""
 
-BACKGROUND, MISSED = 0.97, 0.06
-"""Probability that a hidden pixel shows no face colour, and that a visible pixel of a face shows none."""
+BACKGROUND = 0.97
+"""Probability that a hidden pixel shows no face colour, and that a visible pixel of a face shows one."""
 
 LEAST_RMS, WIDTH = 0.1, 6.0
 """Smallest RMS residual of matched pieces of edge, and range of unmatched ones [px]."""
@@ -54,9 +54,8 @@ class Numbers(NamedTuple):
     hidden: float
     """Probability that the object is hidden from a camera."""
     broken: float
-    """Odds that an image is broken: taken at another moment, mirrored, tinted."""
-    more: float
-    """Factor on these odds for each further image: what breaks one camera seldom breaks another."""
+    """Odds that an image is broken: taken at another moment, mirrored, tinted; their square for each further
+    image: what breaks one camera seldom breaks another."""
     alike: float
     """Probability that a camera shows something similar where the object is not."""
     colored: float
@@ -82,7 +81,7 @@ class Numbers(NamedTuple):
 
 
 NUMBERS = Numbers(
-    pixel=0.153, whole=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0315, broken=0.0208, more=0.00897,
+    pixel=0.153, whole=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0315, broken=0.0208,
     alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, end=1.5,
     stands=0.337, temper=0.706, body=-5.63, resized=-4.0, nothing=2.89,
 )  # fmt: skip
@@ -100,11 +99,11 @@ def _prices(numbers, prices):  # type: ignore[no-untyped-def]
     Columns: a pixel without colour, in the face's colour, in another one, in any colour if the face has all;
     and the log prior of the share.
     """
-    wrong, right = numbers.wrong / 5.0, 1.0 - MISSED - numbers.wrong
-    mixed, other = (1.0 - MISSED) / 6.0, (1.0 - BACKGROUND) / 6.0
+    wrong, right = numbers.wrong / 5.0, BACKGROUND - numbers.wrong
+    missed, mixed, other = 1.0 - BACKGROUND, BACKGROUND / 6.0, (1.0 - BACKGROUND) / 6.0
     for h in range(len(HIDDEN_SHARES)):
         seen, hidden = 1.0 - HIDDEN_SHARES[h], HIDDEN_SHARES[h]
-        prices[h, 0] = math.log((seen * MISSED + hidden * BACKGROUND) / BACKGROUND)
+        prices[h, 0] = math.log((seen * missed + hidden * BACKGROUND) / BACKGROUND)
         prices[h, 1] = math.log((seen * right + hidden * other) / other)
         prices[h, 2] = math.log((seen * wrong + hidden * other) / other)
         prices[h, 3] = math.log((seen * mixed + hidden * other) / other)
@@ -184,7 +183,7 @@ def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
             ways[k] = np.logaddexp(ways[k] + whole[c], ways[k - 1] + broken[c] if k > 0 else none)
     total = ways[0]
     for k in range(1, count + 1):
-        odds = math.log(numbers.broken) + (k - 1) * math.log(numbers.broken * numbers.more)
+        odds = (2 * k - 1) * math.log(numbers.broken)
         total = np.logaddexp(total, ways[k] + odds)
     return total
 

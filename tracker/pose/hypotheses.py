@@ -14,13 +14,14 @@ from tracker.pose.align import IMPOSSIBLE, count_labels, try_hypotheses
 from tracker.pose.evidence import NUMBERS, resized
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.rotations import likely_rotations, rotation_grid
+from tracker.pose.sizes import FOOT_STD
 from tracker.pose.views import Reader, Sight
 from tracker.pose.votes import PositionSearch
 
 REACHES = np.array([5, 4, 3])
 """Reach of the search for label transitions in each alignment step [px of the label map]."""
 
-FAR_REACHES = np.array([8, 6, 4, 3])
+FAR_REACHES = np.array([8, *REACHES])
 """The same, starting from a predicted pose."""
 
 AROUND = 6.0 * np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4])
@@ -36,24 +37,19 @@ ENOUGH = 2
 SAME_POSE = 0.12
 """Hypotheses closer than this in position [radii of the object] and rotation [rad] are the same pose."""
 
-SUNK = 2e-3
-"""How far another body may reach below the table, or below the pose if that is lower [m]."""
-
 
 class Round(NamedTuple):
     """How many hypotheses have been started by the end of a round."""
 
     places: int
     """Number of positions, the likeliest ones."""
-    first: int
-    """Rotations at the first position."""
-    others: int
-    """Rotations at each other position."""
-    without: int = 0
-    """Rotations at the first position that is found with each camera left out in turn."""
+    rotations: int
+    """Number of rotations at each of them."""
+    without: bool = False
+    """Whether the likeliest position that is found with each camera left out in turn counts, too."""
 
 
-LIKELIEST, NEARBY, EVERYWHERE, TURNS = Round(1, 1, 0), Round(4, 4, 1), Round(7, 10, 5, 5), Round(1, 10, 0)
+LIKELIEST, NEARBY, EVERYWHERE, TURNS = Round(1, 1), Round(4, 2), Round(7, 6, True), Round(1, 10)
 """Of 391 scenes that the first hypothesis did not settle, 72 % reached the right pose within NEARBY, 3 % only
 from a position found without one camera, none from a position beyond the seventh."""
 
@@ -102,7 +98,7 @@ class Search:
         """Log odds of a body with one edge shorter or longer than the object of a fit."""
         place = fit.rotation, fit.position, self._still if fit.shifts is None else fit.shifts
         maps = self.lenses, sight.labels, sight.pictures
-        room = max(self._box.lowest(fit.position, fit.rotation) - self._table, 0.0) + SUNK
+        room = max(self._box.lowest(fit.position, fit.rotation) - self._table, 0.0) + FOOT_STD
         return float(resized(*maps, self.faces, place, room, fit.cameras, NUMBERS))
 
     def begun(
@@ -129,13 +125,12 @@ class Search:
             tried.extend([0] * (len(places) - len(tried)))
             found: list[Hypothesis] = []
             for k, place in enumerate(places[: wide.places]):
-                most = wide.others if k else wide.first
-                found += self.begun(sight, place, range(tried[k], most))
-                tried[k] = most
+                found += self.begun(sight, place, range(tried[k], wide.rotations))
+                tried[k] = wide.rotations
             used = sight.used if wide.without else []
             for c in used if len(used) > ENOUGH else ():
                 for place in self.positions(views, sight.labels, sight.without(c).pictures, 1):
-                    found += self.begun(sight, place, range(wide.without), (c,))
+                    found += self.begun(sight, place, range(wide.rotations), (c,))
             if len(found) <= ALIGNED:
                 return self._aligned(sight, found, REACHES)
             return self._aligned(sight, self._aligned(sight, found, REACHES[:1])[:ALIGNED], REACHES[1:])

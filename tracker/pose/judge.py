@@ -6,12 +6,9 @@ import math
 from tracker.conventions import FloatArray
 from tracker.geometry.probability import probability_within
 from tracker.pose.agreement import NEAR_DISTANCE, probably_fits
+from tracker.pose.align import EXPECTED
 from tracker.pose.fit import Fit
 from tracker.pose.result import Status
-
-EXPECTED = 20
-"""Minimum number of pixels that the object should fill in a camera's label map for the camera to count, of
-pixels in its colours, over all label maps, to begin a search, and of those that show a long box's end."""
 
 ASTRAY = 0.15
 """A camera sees the object elsewhere if so many pixels in its colours, relative to those expected, and at

@@ -21,13 +21,11 @@ from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNO
 from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import Table, table_of
 from tracker.pose.views import Reader, Sight
+from tracker.segmentation.color_model import SHADE
 
 SHOWN_RIM_STD = 1e-4
 """Smallest standard deviation of a rim estimated from images [m], unless the object's file states a smaller
 one: the rim differs from side to side."""
-
-SHADE = 2.0
-"""Log odds that a body of other colours gains where faces are taken to be in shade."""
 
 _NUMBERS = SOLUTION[["blur", "rim", "stands", "converged"]]
 

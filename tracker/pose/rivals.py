@@ -8,9 +8,10 @@ import numpy as np
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.objects.model import Box
+from tracker.pose.align import EXPECTED
 from tracker.pose.fit import Fit
 from tracker.pose.hypotheses import apart
-from tracker.pose.judge import EXPECTED, rank
+from tracker.pose.judge import rank
 
 ONE_FACE = 0.5
 """Visible area of all other faces, relative to the largest, below which a camera may see only that one."""

@@ -12,9 +12,6 @@ SHARES = np.array([30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
 """Candidate shares of the stated calibration variance; above 1 the cameras disagree more than their files
 state."""
 
-STATED = SHARES.tolist().index(1.0)
-"""Index of the stated variance."""
-
 SHARES_PRIOR = np.array([0.04, 0.06, 0.12, 0.3, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05])
 """Prior probability of each. Three cameras agree by chance far more often than files overstate errors; with
 more weight on small shares, generated scenes with errors of all kinds fall outside their covariances."""
@@ -44,10 +41,6 @@ ALIKE = 16.0, 0.8, 2.0
 n × (length of the mean of their viewing directions)² / third if that is above 1; n: number of cameras that
 show edges. Chosen on generated scenes, so that worn boxes lie within their covariances as sharp ones do."""
 
-NEGLIGIBLE = 30.0
-"""Twice the log odds behind the likeliest share so far beyond which a share no longer counts: even the
-largest then changes the mean by less than 1e-4."""
-
 
 @compiled
 def _likely(solution, cameras, share, sizes, prior, feet, costs):  # type: ignore[no-untyped-def]
@@ -57,19 +50,6 @@ def _likely(solution, cameras, share, sizes, prior, feet, costs):  # type: ignor
         costs[w] = with_edges(cameras, solution.feet, own, foot) - 2.0 * math.log(prior[w])
         costs[w] += solve(solution, cameras, share)
     return sizes[smallest(costs)]
-
-
-@compiled
-def _likely_shares(solution, cameras, costs):  # type: ignore[no-untyped-def]
-    """Add to costs (S,) of SHARES what the measurements say, in both directions from the stated one."""
-    least = np.inf
-    for first, last, way in ((STATED, -1, -1), (STATED + 1, len(SHARES), 1)):
-        behind = 0.0
-        for k in range(first, last, way):
-            # Those after a negligible one are negligible, too.
-            costs[k] += solve(solution, cameras, SHARES[k]) if behind < NEGLIGIBLE else np.inf
-            least = min(least, costs[k])
-            behind = max(behind, costs[k] - least)
 
 
 @compiled
@@ -125,7 +105,8 @@ def sizes(solution, cameras, doubtful, ask):  # type: ignore[no-untyped-def]
                 solution.own = _likely(solution, cameras, share, WEAR, WEAR_PRIOR, False, wears)
         if turn == 0 and several:
             with_edges(cameras, solution.feet, solution.own, solution.foot)
-            _likely_shares(solution, cameras, shares)
+            for k in range(len(SHARES)):
+                shares[k] += solve(solution, cameras, SHARES[k])
             share = SHARES[smallest(shares)]
             if share == 1.0:
                 break

@@ -24,7 +24,7 @@ FLAT = np.array(
 LEANING = 0.15, 1e-3, math.radians(3.0)
 """The same for standing on an edge: probability, standard deviation of its height [m], of its slope [rad]."""
 
-FREE = 0.3 / (4 * math.pi * 0.15)
+FREE = (1.0 - FLAT[:, 0].sum() - LEANING[0]) / (4 * math.pi * 0.15)
 """Density of anything else: any rotation, up to 0.15 m above the table [1/(m sr)]."""
 
 FACE_WAYS, EDGE_WAYS = 6.0, 6 * math.pi

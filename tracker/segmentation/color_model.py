@@ -25,8 +25,9 @@ from tracker.objects.labels import COLOR_NAMES
 CLASSES = len(COLOR_NAMES)
 NODES = 32
 CELLS = 64
-MORE_LIGHT, CLEARER = (1.5, 2.0, 3.0, 4.5), 2.0
-"""Factors on the light at which a colour is compared, and log odds that make it another face's in shade."""
+MORE_LIGHT, SHADE = (1.5, 2.0, 3.0, 4.5), 2.0
+"""Factors on the light at which a colour is compared, and log odds that make it another face's in shade; a
+body of other colours gains as much where faces are taken to be in shade."""
 
 _SHAPE = (CLASSES, NODES, NODES, NODES)
 _LOG_STEP = 1 / 16
@@ -110,7 +111,7 @@ class ColorModel(Frozen):
             dark, brighter = table[: len(lit), : len(lit), : len(lit)], plain[np.ix_(lit, lit, lit)]
             b, g, r = np.nonzero((dark > 0) & (brighter > 0) & (brighter != dark))
             odds = np.sort(self._dense[:, lit[b], lit[g], lit[r]], axis=0)
-            clear = odds[-1] - odds[-2] > CLEARER
+            clear = odds[-1] - odds[-2] > SHADE
             cells = b[clear], g[clear], r[clear]
             dark[cells] = brighter[cells]
         return np.ravel(table, "F")

@@ -25,8 +25,9 @@ from tracker.geometry.cuboid import corners
 from tracker.logs.log import evenly
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import SAMPLE, ObjectTracker, another_shown
+from tracker.pose.align import EXPECTED
 from tracker.pose.fit import Fit
-from tracker.pose.judge import ASTRAY, EXPECTED, MIN_VIEW, apparent
+from tracker.pose.judge import ASTRAY, MIN_VIEW, apparent
 from tracker.segmentation.color_model import ColorModel
 
 FOCAL = 295.0
