@@ -18,8 +18,8 @@ from tracker.geometry.linear import solve_positive
 from tracker.objects.labels import UNKNOWN
 from tracker.objects.model import Box
 
-RELATIVE_VOTE = 0.35
-"""Smallest vote of a position, relative to the best."""
+MIN_VOTE, RELATIVE_VOTE = 0.15, 0.35
+"""Smallest vote of a position: absolute, and relative to the best."""
 
 DOUBT = 2.0
 """Number of imaginary cameras that see nothing at a point, added to those that view it. With fewer, points
@@ -289,7 +289,7 @@ class PositionSearch:
         Best first; each is computed when it is asked for.
         """
         votes = np.empty(len(self.points), np.float32)
-        least = RELATIVE_VOTE * vote(views, pictures, votes)
+        least = max(MIN_VOTE, RELATIVE_VOTE * vote(views, pictures, votes))
         separation = SEPARATION * self.radius
         found: list[FloatArray] = []
         while len(found) < most:
