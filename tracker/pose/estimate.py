@@ -52,10 +52,13 @@ PLAUSIBLE = 0.5
 """Explanation of the label maps per camera above which a hypothesis is refined before others are sought: 84 %
 of 970 that led to the object scored higher, 94 % of 234 others lower."""
 
+ODD = 1.2
+"""Pixels of the label map in the object's colours beside it or on the wrong face, per expected piece of edge,
+above which a camera may see the object elsewhere."""
+
 BETTER = 0.1
-"""A camera is asked for a pose of its own if so many pixels, relative to those expected, lie beside the
-object or on a wrong face; that pose counts if it explains so many more: many explain a single label map a
-little better."""
+"""Share of the expected pixels by which a camera's own pose must explain its label map better: many poses
+explain a single label map slightly better."""
 
 
 class PoseEstimator:
@@ -239,7 +242,7 @@ class PoseEstimator:
         views = fit.own
         assert views is not None
         for c, seen in enumerate(fit.counts):
-            astray = c in fit.left_out or seen.extra + seen.wrong > BETTER * seen.predicted
+            astray = c in fit.left_out or seen.extra + seen.wrong > ODD * seen.expected
             asked = astray and seen.predicted >= EXPECTED and c in sight.used
             if asked and (other := self._own_search(sight, fit, c, lag)) is not None:
                 views = OwnViews(*(column.copy() for column in views))
