@@ -1,5 +1,6 @@
 """From one set of images to a pose, without memory: search, align, compete, refine, choose."""
 
+import math
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -13,17 +14,7 @@ from tracker.objects.model import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import EXPECTED
 from tracker.pose.fit import Fit, Lag, OwnViews
-from tracker.pose.hypotheses import (
-    ENOUGH,
-    EVERYWHERE,
-    LIKELIEST,
-    NEARBY,
-    SAME_POSE,
-    TURNS,
-    Hypothesis,
-    Search,
-    apart,
-)
+from tracker.pose.hypotheses import ENOUGH, EVERYWHERE, LIKELIEST, NEARBY, TURNS, Hypothesis, Search, apart
 from tracker.pose.judge import (
     MIN_VIEW,
     alone,
@@ -59,6 +50,9 @@ above which a camera may see the object elsewhere."""
 BETTER = 0.1
 """Share of the expected pixels by which a camera's own pose must explain its label map better: many poses
 explain a single label map slightly better."""
+
+TURNED = math.radians(12)
+"""A camera's own pose that is rotated by more than this is a different optimum [rad]."""
 
 
 class PoseEstimator:
@@ -266,8 +260,7 @@ class PoseEstimator:
             return None
         other = self.refiner(only, near.rotation, near.position, start=fit.end, lag=lag)
         turned = so3.log(other.rotation @ fit.rotation.T)
-        # A pose that is turned is a different optimum.
-        if other.own is None or other.own.inliers[c] < MIN_VIEW or np.linalg.norm(turned) > SAME_POSE:
+        if other.own is None or other.own.inliers[c] < MIN_VIEW or np.linalg.norm(turned) > TURNED:
             return None
         if not _explains_better(other.cameras[c], before):
             return None

@@ -28,7 +28,7 @@ class Schedule(NamedTuple):
 SCHEDULE = Schedule(
     blur=np.array([1.2] + [0.0] * 7),
     piece=np.array([6.0] + [5.0] * 7),
-    tukey=np.maximum(4.0 * 0.5 ** np.arange(8), LEAST_LIMIT),
+    tukey=np.array([4.0, 3.0, 1.0] + [LEAST_LIMIT] * 5),
     every=np.array([2] + [1] * 7),
     # Each step is about a twentieth of the one before (squared). If few pixels decide, pieces come and go
     # from step to step, and the pose keeps moving.
