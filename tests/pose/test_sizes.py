@@ -87,7 +87,8 @@ def test_edges_offsets_are_integrated_out_as_if_their_pieces_were_correlated(rng
 
 
 def test_share_is_high_where_cameras_disagree_and_low_where_they_agree(rng):
-    disagreeing, agreeing = (found(rng, share)[0] for share in (1.0, 0.001))
+    far, disagreeing, agreeing = (found(rng, share)[0] for share in (100.0, 1.0, 0.001))
+    assert np.median(far) > 10.0
     assert np.median(disagreeing) > 0.8
     assert np.median(agreeing) < 0.02
     assert np.quantile(agreeing, 0.95) < np.quantile(disagreeing, 0.05)
