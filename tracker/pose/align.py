@@ -177,8 +177,6 @@ def _transition(labels, width, height, strip, reach):  # type: ignore[no-untyped
         elif label == outside:
             score -= 1.0
             support += 1
-        else:
-            score -= 0.2
         if score > best:
             best, offset, best_seen = score, k + 0.5, seen_inside
     return offset, best_seen >= 2 and offset < reach and (outside == 0 or support >= 2)
