@@ -8,7 +8,7 @@ import pytest
 
 from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker.pose import edge_fit, support
+from tracker.pose import align, edge_fit, judge, sizes, solve, support
 
 DOCUMENT = ROOT / "docs" / "how-it-works.md"
 TEXT = DOCUMENT.read_text(encoding="utf-8")
@@ -72,8 +72,22 @@ def test_code_and_document_name_each_other_at_every_equation():
     assert referred == set(HOLDERS)
 
 
-def test_the_gradient_beside_an_edge_is_that_of_the_code():
-    assert f"$0 \\pm {edge_fit.SLOPE:g}$ levels/px (less if $b < {edge_fit.SOFT:g}$ px)" in TEXT
+@pytest.mark.parametrize(
+    "shown",
+    [
+        f"0,\\,{align.HIDDEN:g} + \\frac{{\\mathrm{{agree}} - {align.HIDDEN:g}\\,\\mathrm{{missing}}",
+        f"{{\\mathrm{{predicted}} + {align.EXPECTED}}}",
+        f"$0 \\pm {edge_fit.SLOPE:g}$ levels/px (less if $b < {edge_fit.SOFT:g}$ px)",
+        f"{solve.TUKEY:g}\\,\\mathrm{{scatter}}",
+        f"\\max({solve.FLOOR:g},",
+        f"1 / {solve.DEVIATION_STD:g}^2",
+        f"increase $\\alpha$, up to {sizes.SHARES.max():g}",
+        f"+ 10^{{{2 * math.log10(solve.MODEL_STD):g}}}\\,",
+        f"odds are multiplied by {judge.SINGLE:g}",
+    ],
+)
+def test_numbers_in_the_text_are_those_of_the_code(shown):
+    assert shown in TEXT
 
 
 def test_the_ways_to_be_placed_on_the_table_are_those_of_the_code():
