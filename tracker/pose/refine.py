@@ -259,18 +259,6 @@ def _moved_out(cameras, work):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _solved(model, solution, cameras, share, late):  # type: ignore[no-untyped-def]
-    """Solve for a step, with the table's prior if `late`; False if there is no solution."""
-    with_edges(cameras, solution.feet, solution.own, solution.foot)
-    if not np.isfinite(solve(solution, cameras, share)):
-        return False
-    finish(solution)
-    if model.table.known and late:
-        solution.stands = apply_table(model.table, model.half, solution)
-    return True
-
-
-@compiled
 def _approach(model, pictures, schedule, start, solution, cameras, seen, work):  # type: ignore[no-untyped-def]
     """Move the pose of a solution in place; arguments as in `refine`.
 
@@ -298,8 +286,12 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
             _weigh(solution, cameras, schedule.tukey[step], scatter, work, seen)
             if turn == 0 and not rough:
                 share = sizes(solution, cameras, doubtful, late)
-            if not _solved(model, solution, cameras, share, late):
+            with_edges(cameras, solution.feet, solution.own, solution.foot)
+            if not np.isfinite(solve(solution, cameras, share)):
                 return
+            finish(solution)
+            if model.table.known and late:
+                solution.stands = apply_table(model.table, model.half, solution)
             own_changes(solution, cameras)
             _move(solution, cameras, radius)
         solution.converged = late and _length(solution) < schedule.negligible[step]

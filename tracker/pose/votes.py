@@ -184,7 +184,7 @@ def gather(lenses, labels, pictures, position, radius, stats):  # type: ignore[n
 def _toward(lenses, stats, radius, face, position):  # type: ignore[no-untyped-def]
     """Move a position (3,) [m] in place so that it projects to the centroids of stats (C, 7, 3).
 
-    face: the most of the object that a colour can show [m²];
+    It moves by at most 0.8 radii along each axis. face: the most of the object that a colour can show [m²];
     one that shows more counts less, since something else has it, too.
     """
     jacobian, matrix = np.empty((2, 3)), np.zeros((3, 3))
@@ -212,7 +212,7 @@ def _toward(lenses, stats, radius, face, position):  # type: ignore[no-untyped-d
                 matrix[i, k] += weight * (jacobian[0, i] * jacobian[0, k] + jacobian[1, i] * jacobian[1, k])
     solve_positive(matrix, vector, step)
     for i in range(3):
-        position[i] += step[i]
+        position[i] += min(0.8 * radius, max(-0.8 * radius, step[i]))
 
 
 @compiled
